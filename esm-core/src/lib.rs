@@ -1,0 +1,2 @@
+#![no_std]
+//! Extended state machines for microcontrollers.

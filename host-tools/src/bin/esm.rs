@@ -1,0 +1,7 @@
+//! The `esm` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::SUCCESS
+}

@@ -1,0 +1,19 @@
+//! The library behind the `esm` command.
+
+pub mod cli;
+pub mod compile;
+pub mod host_board;
+pub mod inspect;
+pub mod lang;
+pub mod link_client;
+pub mod model;
+pub mod pictures;
+pub mod plant;
+pub mod qemu;
+pub mod run;
+pub mod scenario;
+pub mod schedule;
+pub mod serial;
+pub mod sim;
+pub mod trace;
+pub mod world;

@@ -1,0 +1,2 @@
+#![cfg_attr(not(test), no_std)]
+//! The runtime that a board is made of.
