@@ -1,7 +1,7 @@
-//! The `esm` command.
+//! The `esm` command. All of it lives in [`host_tools::cli`], where tests can reach it.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    ExitCode::SUCCESS
+    host_tools::cli::main()
 }

@@ -1,1 +1,142 @@
-//! (to be written)
+//! The `esm` command: one file a subcommand.
+//!
+//! A subcommand's file holds its arguments as a plain struct with public fields, the help text that a person reads, and a function
+//! `execute` that does the work through the library. Nothing here decides what a machine means; that is asked of the rooms behind.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`exit`] | what a command can end with: [`exit::ExitStatus`] and [`exit::CommandError`] |
+//! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
+//! | [`argument`] | values that several commands take: times, ports |
+
+pub mod argument;
+pub mod board;
+pub mod build;
+pub mod check;
+pub mod console;
+pub mod exit;
+pub mod inspect;
+pub mod log;
+pub mod run;
+pub mod schedule;
+pub mod sim;
+pub mod start;
+pub mod status;
+pub mod stop;
+pub mod tasks;
+pub mod upload;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use console::Console;
+use exit::CommandError;
+
+/// Describe what a robot does as state machines, check it, try it, and upload it while the robot stays on.
+#[derive(Debug, Parser)]
+#[command(
+    name = "esm",
+    version,
+    arg_required_else_help = true,
+    propagate_version = true,
+    subcommand_required = true,
+    after_help = "\
+A first tour:
+  esm check missions/patrol.esm                  what is wrong with a mission, if anything
+  esm sim patrol.esm patrol.scenario             step through the machine alone, no robot needed
+  esm run missions/patrol.esm --until '60 s'     drive it: an emulated board, a simulated robot body
+  esm upload missions/patrol.esm --port /dev/ttyUSB0
+
+Exit status: 0 done; 1 the input has errors or an expectation failed; 2 wrong usage; 3 the outside world failed \
+(no port, no emulator, link lost). Colours are used on a terminal only, and never where NO_COLOR is set."
+)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The subcommands, in the order in which a mission meets them.
+#[derive(Debug, Subcommand)]
+#[allow(
+    missing_docs,
+    reason = "each variant carries the documentation of its arguments"
+)]
+pub enum Command {
+    Check(check::CheckArgs),
+    Build(build::BuildArgs),
+    Inspect(inspect::InspectArgs),
+    Schedule(schedule::ScheduleArgs),
+    Sim(sim::SimArgs),
+    Run(run::RunArgs),
+    Board(board::BoardArgs),
+    Upload(upload::UploadArgs),
+    Log(log::LogArgs),
+    Status(status::StatusArgs),
+    Stop(stop::StopArgs),
+    Start(start::StartArgs),
+    Tasks(tasks::TasksArgs),
+}
+
+/// Runs the command with the arguments and the streams of this process.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(refusal) => {
+            // Help that nobody reads any more is not a failure: `esm --help | head -1`.
+            let _ = refusal.print();
+            return if refusal.use_stderr() {
+                exit::ExitStatus::WrongUsage
+            } else {
+                exit::ExitStatus::Done
+            }
+            .into();
+        }
+    };
+    let mut console = Console::of_this_process();
+    let ended = execute(&cli.command, &mut console)
+        .and_then(|()| console.flush().map_err(CommandError::from));
+    match ended {
+        Ok(()) => exit::ExitStatus::Done.into(),
+        Err(error) => {
+            // What the command said before it failed stands before the reason.
+            let _ = console.flush();
+            console.report(&error);
+            error.status().into()
+        }
+    }
+}
+
+/// Runs one subcommand.
+///
+/// # Errors
+/// Whatever kept the command from ending well, with the exit status that it stands for.
+pub fn execute(command: &Command, console: &mut Console) -> Result<(), CommandError> {
+    match command {
+        Command::Check(args) => check::execute(args, console),
+        Command::Build(args) => build::execute(args, console),
+        Command::Inspect(args) => inspect::execute(args, console),
+        Command::Schedule(args) => schedule::execute(args, console),
+        Command::Sim(args) => sim::execute(args, console),
+        Command::Run(args) => run::execute(args, console),
+        Command::Board(args) => board::execute(args, console),
+        Command::Upload(args) => upload::execute(args, console),
+        Command::Log(args) => log::execute(args, console),
+        Command::Status(args) => status::execute(args, console),
+        Command::Stop(args) => stop::execute(args, console),
+        Command::Start(args) => start::execute(args, console),
+        Command::Tasks(args) => tasks::execute(args, console),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+}

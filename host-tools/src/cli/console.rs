@@ -1,0 +1,155 @@
+//! Standard output and standard error, as a person or a program sees them.
+//!
+//! Results go to standard output through a buffer; words for people go to standard error. A command never uses `println!`, which
+//! panics when the reader has gone: it writes to [`Console::out`] and passes the error on, which ends the command quietly.
+
+use std::ffi::OsStr;
+use std::io::{self, BufWriter, IsTerminal, Stdout, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+use super::exit::CommandError;
+
+const OUTPUT_BUFFER_BYTES: usize = 64 * 1024;
+const SPINNER_TICK: Duration = Duration::from_millis(100);
+
+/// The streams of the process and how they may be used.
+pub struct Console {
+    out: BufWriter<Stdout>,
+    out_is_terminal: bool,
+    error_is_terminal: bool,
+    colour_allowed: bool,
+}
+
+impl Console {
+    /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or `TERM` is `dumb`.
+    pub fn of_this_process() -> Self {
+        Console {
+            out: BufWriter::with_capacity(OUTPUT_BUFFER_BYTES, io::stdout()),
+            out_is_terminal: io::stdout().is_terminal(),
+            error_is_terminal: io::stderr().is_terminal(),
+            colour_allowed: colour_allowed(
+                std::env::var_os("NO_COLOR").as_deref(),
+                std::env::var_os("TERM").as_deref(),
+            ),
+        }
+    }
+
+    /// Standard output, buffered. It is flushed when the command ends and by [`Console::flush`].
+    pub fn out(&mut self) -> &mut impl Write {
+        &mut self.out
+    }
+
+    /// Writes one JSON object as a line of its own to standard output.
+    ///
+    /// # Errors
+    /// When standard output cannot be written to.
+    pub fn json_line(&mut self, value: &impl Serialize) -> Result<(), CommandError> {
+        // Encoding plain data fails only where the writer does.
+        serde_json::to_writer(&mut self.out, value).map_err(io::Error::from)?;
+        self.out.write_all(b"\n")?;
+        Ok(())
+    }
+
+    /// Hands what was written so far to whoever reads it.
+    ///
+    /// # Errors
+    /// When standard output cannot be written to.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
+    /// Whether standard output may carry colours.
+    pub fn colour_out(&self) -> bool {
+        self.out_is_terminal && self.colour_allowed
+    }
+
+    /// Whether standard error may carry colours.
+    pub fn colour_error(&self) -> bool {
+        self.error_is_terminal && self.colour_allowed
+    }
+
+    /// Whether standard output is a terminal, so that a person watches what is written.
+    pub fn out_is_terminal(&self) -> bool {
+        self.out_is_terminal
+    }
+
+    /// A word for the person on standard error. Output written before comes before it, where both end on one screen.
+    pub fn note(&mut self, text: &str) {
+        let _ = self.flush();
+        // There is no better place to tell that standard error is closed.
+        let _ = writeln!(io::stderr(), "{text}");
+    }
+
+    /// Tells why the command failed, where it has not said so itself.
+    pub fn report(&self, error: &CommandError) {
+        if let Some(reason) = error.message() {
+            let (red, plain) = if self.colour_error() {
+                ("\x1b[1;31m", "\x1b[0m")
+            } else {
+                ("", "")
+            };
+            let _ = writeln!(io::stderr(), "{red}error{plain}: {reason:#}");
+        }
+    }
+
+    /// A progress bar on standard error over `length` units of work. Hidden where standard error is no terminal.
+    pub fn progress(&self, label: &str, length: u64) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(Some(length), self.progress_target());
+        bar.set_style(bar_style("{msg} [{bar:32}] {percent:>3} % {elapsed}"));
+        bar.set_message(label.to_owned());
+        bar
+    }
+
+    /// A sign of life on standard error for work of unknown length. Hidden where standard error is no terminal.
+    pub fn spinner(&self, label: &str) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, self.progress_target());
+        bar.set_style(bar_style("{spinner} {msg} {elapsed}"));
+        bar.set_message(label.to_owned());
+        if self.error_is_terminal {
+            bar.enable_steady_tick(SPINNER_TICK);
+        }
+        bar
+    }
+
+    fn progress_target(&self) -> ProgressDrawTarget {
+        if self.error_is_terminal {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        }
+    }
+}
+
+/// A style for a bar; the plain one should the template not parse, since a bar is never worth a failure.
+fn bar_style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// Whether the environment lets a terminal be coloured. An empty `NO_COLOR` counts as not set (no-color.org).
+fn colour_allowed(no_color: Option<&OsStr>, term: Option<&OsStr>) -> bool {
+    no_color.is_none_or(OsStr::is_empty) && term != Some(OsStr::new("dumb"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colour_follows_the_environment() {
+        let cases: [(Option<&str>, Option<&str>, bool); 6] = [
+            (None, None, true),
+            (None, Some("xterm-256color"), true),
+            (None, Some("dumb"), false),
+            (Some(""), Some("xterm"), true),
+            (Some("1"), Some("xterm"), false),
+            (Some("0"), None, false),
+        ];
+        for (no_color, term, expected) in cases {
+            let allowed = colour_allowed(no_color.map(OsStr::new), term.map(OsStr::new));
+            assert_eq!(allowed, expected, "NO_COLOR={no_color:?} TERM={term:?}");
+        }
+    }
+}
