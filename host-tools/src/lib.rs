@@ -7,6 +7,7 @@ pub mod inspect;
 pub mod lang;
 pub mod link_client;
 pub mod model;
+pub mod nearest;
 pub mod pictures;
 pub mod plant;
 pub mod qemu;
