@@ -1,0 +1,476 @@
+//! The pin image and the HAL objects that are borrowed from it.
+//!
+//! Every pin is an atomic of its own that is only loaded and stored, so that the image works on cores without
+//! compare-and-swap and needs no critical section. One side writes a pin, the other reads it.
+
+#[cfg(test)]
+use core::array;
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
+
+use embedded_hal::digital::{self, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+
+use crate::drivers::{AnalogIn, EchoTimer, EncoderCounter};
+
+/// Number of sonars in the ring.
+pub const SONARS: usize = 8;
+
+/// Number of analogue inputs: the battery and three for the user's own drivers.
+pub const ANALOG_CHANNELS: usize = 4;
+
+/// The analogue input that measures the battery.
+pub const BATTERY_CHANNEL: usize = 0;
+
+/// Number of digital outputs for the user's own drivers.
+pub const AUX_OUTPUTS: usize = 4;
+
+/// PWM duty that means "always on".
+pub const FULL_DUTY: u16 = 1_000;
+
+/// ADC counts at the reference voltage (12 bits).
+pub const ADC_FULL_SCALE: u16 = 4_095;
+
+/// Motors that no task has written for longer than this are switched off, in microseconds.
+///
+/// Long enough for a swap of missions to go unnoticed, short enough that a robot at walking pace goes on for a hand's breadth.
+pub const DEADMAN_US: u64 = 250_000;
+
+/// What the board drives: a snapshot of its output pins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Actuators {
+    /// Duty of the left motor, `-FULL_DUTY..=FULL_DUTY`; positive is forwards.
+    pub left_duty: i16,
+    /// Duty of the right motor, `-FULL_DUTY..=FULL_DUTY`; positive is forwards.
+    pub right_duty: i16,
+    /// Bit *i* is set if sonar *i* was triggered since the last snapshot.
+    pub sonar_triggers: u8,
+    /// Bit *i* is the level of auxiliary output *i*.
+    pub aux_outputs: u8,
+}
+
+/// What the board measures: a snapshot of its input pins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sensors {
+    /// Count of the left wheel's encoder; wraps.
+    pub left_count: u16,
+    /// Count of the right wheel's encoder; wraps.
+    pub right_count: u16,
+    /// Time from trigger to echo of each sonar's last finished ping, in microseconds; 0 if there was no echo.
+    pub echo_us: [u16; SONARS],
+    /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery.
+    pub adc_counts: [u16; ANALOG_CHANNELS],
+}
+
+/// The pins of one motor driver.
+#[derive(Debug)]
+struct MotorPins {
+    duty: AtomicU16,
+    backwards: AtomicBool,
+}
+
+impl MotorPins {
+    const fn new() -> Self {
+        Self {
+            duty: AtomicU16::new(0),
+            backwards: AtomicBool::new(false),
+        }
+    }
+
+    fn signed_duty(&self) -> i16 {
+        // The cast is exact: no duty above FULL_DUTY is ever stored.
+        let duty = self.duty.load(Relaxed) as i16;
+        if self.backwards.load(Relaxed) {
+            -duty
+        } else {
+            duty
+        }
+    }
+
+    fn off(&self) {
+        self.duty.store(0, Relaxed);
+    }
+}
+
+/// All pins between the board and the robot's body.
+///
+/// Tasks reach it through [`PinImage::parts`]; the board's slot code carries it to the plant with a
+/// [`PlantExchange`](super::PlantExchange).
+#[derive(Debug)]
+pub struct PinImage {
+    left: MotorPins,
+    right: MotorPins,
+    /// Set by each write of a duty, taken by the deadman check.
+    motors_written: AtomicBool,
+    /// A trigger pulse is shorter than a slot, so the image latches it until the next snapshot.
+    sonar_triggers: [AtomicBool; SONARS],
+    aux_outputs: [AtomicBool; AUX_OUTPUTS],
+    left_count: AtomicU16,
+    right_count: AtomicU16,
+    echo_us: [AtomicU16; SONARS],
+    adc_counts: [AtomicU16; ANALOG_CHANNELS],
+}
+
+impl Default for PinImage {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl PinImage {
+    /// All outputs low, all inputs 0.
+    pub const fn new() -> Self {
+        Self {
+            left: MotorPins::new(),
+            right: MotorPins::new(),
+            motors_written: AtomicBool::new(false),
+            sonar_triggers: [const { AtomicBool::new(false) }; SONARS],
+            aux_outputs: [const { AtomicBool::new(false) }; AUX_OUTPUTS],
+            left_count: AtomicU16::new(0),
+            right_count: AtomicU16::new(0),
+            echo_us: [const { AtomicU16::new(0) }; SONARS],
+            adc_counts: [const { AtomicU16::new(0) }; ANALOG_CHANNELS],
+        }
+    }
+
+    /// The HAL objects of all pins, for the drivers. Meant to be called once: two objects of one output would write over each other.
+    pub fn parts(&self) -> Parts<'_> {
+        Parts {
+            left_pwm: MotorPwm {
+                motor: &self.left,
+                written: &self.motors_written,
+            },
+            left_direction: DirectionPin { motor: &self.left },
+            right_pwm: MotorPwm {
+                motor: &self.right,
+                written: &self.motors_written,
+            },
+            right_direction: DirectionPin { motor: &self.right },
+            left_encoder: EncoderCount {
+                count: &self.left_count,
+            },
+            right_encoder: EncoderCount {
+                count: &self.right_count,
+            },
+            sonar_triggers: self
+                .sonar_triggers
+                .each_ref()
+                .map(|latch| TriggerPin { latch }),
+            echo_timers: self
+                .echo_us
+                .each_ref()
+                .map(|echo_us| EchoCapture { echo_us }),
+            analog: self
+                .adc_counts
+                .each_ref()
+                .map(|counts| AnalogChannel { counts }),
+            aux_outputs: self.aux_outputs.each_ref().map(|level| AuxOutput { level }),
+        }
+    }
+
+    /// Brings the body to its safe state: motors off, auxiliary outputs low. Can be called from any context, a panic handler included.
+    pub fn safe(&self) {
+        self.motors_off();
+        for output in &self.aux_outputs {
+            output.store(false, Relaxed);
+        }
+    }
+
+    /// Switches both motors off and leaves everything else as it is.
+    pub fn motors_off(&self) {
+        self.left.off();
+        self.right.off();
+    }
+
+    /// The levels of the outputs now. Takes the latched sonar triggers: the next snapshot has only those that come after this one.
+    pub fn take_actuators(&self) -> Actuators {
+        let actuators = Actuators {
+            left_duty: self.left.signed_duty(),
+            right_duty: self.right.signed_duty(),
+            sonar_triggers: bits(&self.sonar_triggers),
+            aux_outputs: bits(&self.aux_outputs),
+        };
+        for latch in &self.sonar_triggers {
+            latch.store(false, Relaxed);
+        }
+        actuators
+    }
+
+    /// Whether a motor's duty was written since the last call.
+    pub fn take_motors_written(&self) -> bool {
+        let written = self.motors_written.load(Relaxed);
+        self.motors_written.store(false, Relaxed);
+        written
+    }
+
+    /// Puts new values on the inputs.
+    pub fn set_sensors(&self, sensors: &Sensors) {
+        self.left_count.store(sensors.left_count, Relaxed);
+        self.right_count.store(sensors.right_count, Relaxed);
+        store_all(&self.echo_us, &sensors.echo_us);
+        store_all(&self.adc_counts, &sensors.adc_counts);
+    }
+
+    /// The values on the inputs now.
+    pub fn sensors(&self) -> Sensors {
+        Sensors {
+            left_count: self.left_count.load(Relaxed),
+            right_count: self.right_count.load(Relaxed),
+            echo_us: self.echo_us.each_ref().map(|echo_us| echo_us.load(Relaxed)),
+            adc_counts: self
+                .adc_counts
+                .each_ref()
+                .map(|counts| counts.load(Relaxed)),
+        }
+    }
+}
+
+fn bits(pins: &[AtomicBool]) -> u8 {
+    pins.iter()
+        .rev()
+        .fold(0, |bits, pin| bits << 1 | u8::from(pin.load(Relaxed)))
+}
+
+fn store_all<const N: usize>(pins: &[AtomicU16; N], values: &[u16; N]) {
+    for (pin, value) in pins.iter().zip(values) {
+        pin.store(*value, Relaxed);
+    }
+}
+
+/// The HAL objects of a [`PinImage`], one field a pin, to be moved into drivers.
+#[derive(Debug)]
+pub struct Parts<'a> {
+    /// Duty of the left motor.
+    pub left_pwm: MotorPwm<'a>,
+    /// Direction of the left motor; high is backwards.
+    pub left_direction: DirectionPin<'a>,
+    /// Duty of the right motor.
+    pub right_pwm: MotorPwm<'a>,
+    /// Direction of the right motor; high is backwards.
+    pub right_direction: DirectionPin<'a>,
+    /// Encoder of the left wheel.
+    pub left_encoder: EncoderCount<'a>,
+    /// Encoder of the right wheel.
+    pub right_encoder: EncoderCount<'a>,
+    /// Trigger inputs of the sonars, counter-clockwise from the one that looks ahead.
+    pub sonar_triggers: [TriggerPin<'a>; SONARS],
+    /// Echo timers of the sonars, in the same order.
+    pub echo_timers: [EchoCapture<'a>; SONARS],
+    /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery.
+    pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS],
+    /// Digital outputs for the user's own drivers.
+    pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],
+}
+
+/// PWM output of one motor.
+#[derive(Debug)]
+pub struct MotorPwm<'a> {
+    motor: &'a MotorPins,
+    written: &'a AtomicBool,
+}
+
+impl pwm::ErrorType for MotorPwm<'_> {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for MotorPwm<'_> {
+    fn max_duty_cycle(&self) -> u16 {
+        FULL_DUTY
+    }
+
+    /// A duty above [`FULL_DUTY`] counts as full.
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.motor.duty.store(duty.min(FULL_DUTY), Relaxed);
+        self.written.store(true, Relaxed);
+        Ok(())
+    }
+}
+
+/// Direction output of one motor; high is backwards.
+#[derive(Debug)]
+pub struct DirectionPin<'a> {
+    motor: &'a MotorPins,
+}
+
+impl digital::ErrorType for DirectionPin<'_> {
+    type Error = Infallible;
+}
+
+impl OutputPin for DirectionPin<'_> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.motor.backwards.store(false, Relaxed);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.motor.backwards.store(true, Relaxed);
+        Ok(())
+    }
+}
+
+/// Trigger input of one sonar: going high starts a ping.
+#[derive(Debug)]
+pub struct TriggerPin<'a> {
+    latch: &'a AtomicBool,
+}
+
+impl digital::ErrorType for TriggerPin<'_> {
+    type Error = Infallible;
+}
+
+impl OutputPin for TriggerPin<'_> {
+    /// Changes nothing: the falling edge means nothing to a sonar, and the pulse must outlast it until the next snapshot.
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.latch.store(true, Relaxed);
+        Ok(())
+    }
+}
+
+/// One digital output for the user's own driver.
+#[derive(Debug)]
+pub struct AuxOutput<'a> {
+    level: &'a AtomicBool,
+}
+
+impl digital::ErrorType for AuxOutput<'_> {
+    type Error = Infallible;
+}
+
+impl OutputPin for AuxOutput<'_> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.level.store(false, Relaxed);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.level.store(true, Relaxed);
+        Ok(())
+    }
+}
+
+/// Counter of one wheel's encoder.
+#[derive(Debug)]
+pub struct EncoderCount<'a> {
+    count: &'a AtomicU16,
+}
+
+impl EncoderCounter for EncoderCount<'_> {
+    fn count(&mut self) -> u16 {
+        self.count.load(Relaxed)
+    }
+}
+
+/// Echo timer of one sonar.
+#[derive(Debug)]
+pub struct EchoCapture<'a> {
+    echo_us: &'a AtomicU16,
+}
+
+impl EchoTimer for EchoCapture<'_> {
+    fn echo_us(&mut self) -> Option<u16> {
+        match self.echo_us.load(Relaxed) {
+            0 => None,
+            echo_us => Some(echo_us),
+        }
+    }
+}
+
+/// One analogue input.
+#[derive(Debug)]
+pub struct AnalogChannel<'a> {
+    counts: &'a AtomicU16,
+}
+
+impl AnalogIn for AnalogChannel<'_> {
+    fn counts(&mut self) -> u16 {
+        self.counts.load(Relaxed)
+    }
+
+    fn full_scale(&self) -> u16 {
+        ADC_FULL_SCALE
+    }
+}
+
+/// Values for tests in which every field differs.
+#[cfg(test)]
+pub(super) fn distinct_sensors() -> Sensors {
+    Sensors {
+        left_count: 0x0102,
+        right_count: 0xFEFD,
+        echo_us: array::from_fn(|i| 1_000 + i as u16),
+        adc_counts: array::from_fn(|i| 2_000 + i as u16),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn duty_and_direction_make_a_signed_duty() {
+        for (duty, backwards, expected) in [
+            (0, false, 0),
+            (250, false, 250),
+            (250, true, -250),
+            (FULL_DUTY, true, -1_000),
+            (u16::MAX, false, 1_000),
+        ] {
+            let pins = PinImage::new();
+            let mut parts = pins.parts();
+            parts.left_pwm.set_duty_cycle(duty).unwrap();
+            parts.left_direction.set_state(backwards.into()).unwrap();
+            let actuators = pins.take_actuators();
+            assert_eq!(actuators.left_duty, expected, "{duty} {backwards}");
+            assert_eq!(actuators.right_duty, 0);
+        }
+    }
+
+    #[test]
+    fn a_trigger_pulse_is_seen_by_exactly_one_snapshot() {
+        let pins = PinImage::new();
+        let mut parts = pins.parts();
+        for sonar in [0, 5] {
+            parts.sonar_triggers[sonar].set_high().unwrap();
+            parts.sonar_triggers[sonar].set_low().unwrap();
+        }
+        assert_eq!(pins.take_actuators().sonar_triggers, 0b0010_0001);
+        assert_eq!(pins.take_actuators().sonar_triggers, 0);
+    }
+
+    #[test]
+    fn safe_switches_off_motors_and_auxiliary_outputs() {
+        let pins = PinImage::new();
+        let mut parts = pins.parts();
+        parts.left_pwm.set_duty_cycle(10).unwrap();
+        parts.right_pwm.set_duty_cycle(10).unwrap();
+        parts.aux_outputs[3].set_high().unwrap();
+        assert_eq!(pins.take_actuators().aux_outputs, 0b1000);
+        pins.safe();
+        assert_eq!(pins.take_actuators(), Actuators::default());
+    }
+
+    #[test]
+    fn drivers_read_what_the_plant_put_on_the_inputs() {
+        let pins = PinImage::new();
+        let sensors = distinct_sensors();
+        pins.set_sensors(&sensors);
+        let mut parts = pins.parts();
+        assert_eq!(parts.left_encoder.count(), sensors.left_count);
+        assert_eq!(parts.right_encoder.count(), sensors.right_count);
+        assert_eq!(
+            parts.echo_timers.each_mut().map(|echo| echo.echo_us()),
+            sensors.echo_us.map(Some)
+        );
+        assert_eq!(
+            parts.analog.each_mut().map(|channel| channel.counts()),
+            sensors.adc_counts
+        );
+        assert_eq!(pins.sensors(), sensors);
+        pins.set_sensors(&Sensors::default());
+        assert_eq!(parts.echo_timers[0].echo_us(), None);
+    }
+}
