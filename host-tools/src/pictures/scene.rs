@@ -1,0 +1,197 @@
+//! What a picture shows: shapes and words at places, in the order in which they are painted.
+//!
+//! Lengths are in units of a hundredth of an inch or so: a pixel where the picture is shown at its own size. x grows to the right,
+//! y downwards.
+
+use super::font::Weight;
+
+/// A colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Colour {
+    /// Red, green and blue, 0 to 255 each.
+    pub rgb: [u8; 3],
+    /// 255 hides what is below.
+    pub alpha: u8,
+}
+
+impl Colour {
+    /// A colour that hides what is below: `0xRRGGBB`.
+    pub const fn opaque(rgb: u32) -> Self {
+        let [_, red, green, blue] = rgb.to_be_bytes();
+        Colour {
+            rgb: [red, green, blue],
+            alpha: 255,
+        }
+    }
+
+    /// The colour with another alpha.
+    pub const fn with_alpha(self, alpha: u8) -> Self {
+        Colour { alpha, ..self }
+    }
+}
+
+/// A point: x and y.
+pub type Point = [f32; 2];
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// Colour.
+    pub colour: Colour,
+    /// Width.
+    pub width: f32,
+    /// Length of the dashes and of the gaps between them; `None` for a solid line.
+    pub dash: Option<[f32; 2]>,
+}
+
+impl Stroke {
+    /// A solid line.
+    pub const fn solid(colour: Colour, width: f32) -> Self {
+        Stroke {
+            colour,
+            width,
+            dash: None,
+        }
+    }
+}
+
+/// Which part of a text stands at its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Anchor {
+    /// Its start.
+    Start,
+    /// Its middle.
+    Middle,
+    /// Its end.
+    End,
+}
+
+/// A line of words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Text {
+    /// Where the anchor's end of the base line is.
+    pub at: Point,
+    /// The words.
+    pub words: String,
+    /// Height of the letters' em.
+    pub size: f32,
+    /// Weight.
+    pub weight: Weight,
+    /// Colour.
+    pub colour: Colour,
+    /// What stands at `at`.
+    pub anchor: Anchor,
+}
+
+/// Something painted.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A polygon: closed, filled, with or without an outline.
+    Polygon {
+        /// Its corners.
+        corners: Vec<Point>,
+        /// What it is filled with.
+        fill: Option<Colour>,
+        /// Its outline.
+        stroke: Option<Stroke>,
+    },
+    /// Lines through points, open.
+    Line {
+        /// The points.
+        points: Vec<Point>,
+        /// How it is drawn; ends and corners are round.
+        stroke: Stroke,
+    },
+    /// A circle.
+    Circle {
+        /// Its centre.
+        centre: Point,
+        /// Its radius.
+        radius: f32,
+        /// What it is filled with.
+        fill: Option<Colour>,
+        /// Its outline.
+        stroke: Option<Stroke>,
+    },
+    /// A line of words.
+    Text(Text),
+    /// What a pointer that rests on the next shape is told (SVG only).
+    Tooltip(String),
+}
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Width.
+    pub width: f32,
+    /// Height.
+    pub height: f32,
+    /// What the picture is, for those who cannot see it and for the window's title.
+    pub title: String,
+    /// The shapes, first painted first.
+    pub shapes: Vec<Shape>,
+}
+
+impl Scene {
+    /// An empty, white picture.
+    pub fn new(width: f32, height: f32, title: &str) -> Self {
+        Scene {
+            width,
+            height,
+            title: title.into(),
+            shapes: Vec::new(),
+        }
+    }
+
+    /// Adds a line through points.
+    pub fn line(&mut self, points: impl Into<Vec<Point>>, stroke: Stroke) {
+        self.shapes.push(Shape::Line {
+            points: points.into(),
+            stroke,
+        });
+    }
+
+    /// Adds a filled rectangle; `corner` is its upper left one.
+    pub fn rectangle(
+        &mut self,
+        corner: Point,
+        size: [f32; 2],
+        fill: Colour,
+        stroke: Option<Stroke>,
+    ) {
+        let [left, top] = corner;
+        let (right, bottom) = (left + size[0], top + size[1]);
+        let corners = vec![[left, top], [right, top], [right, bottom], [left, bottom]];
+        self.shapes.push(Shape::Polygon {
+            corners,
+            fill: Some(fill),
+            stroke,
+        });
+    }
+
+    /// Adds a circle.
+    pub fn circle(
+        &mut self,
+        centre: Point,
+        radius: f32,
+        fill: Option<Colour>,
+        stroke: Option<Stroke>,
+    ) {
+        self.shapes.push(Shape::Circle {
+            centre,
+            radius,
+            fill,
+            stroke,
+        });
+    }
+
+    /// Adds a line of words.
+    pub fn text(&mut self, text: Text) {
+        self.shapes.push(Shape::Text(text));
+    }
+
+    /// Says what the next shape is, to a pointer that rests on it.
+    pub fn tooltip(&mut self, words: impl Into<String>) {
+        self.shapes.push(Shape::Tooltip(words.into()));
+    }
+}
