@@ -6,6 +6,7 @@ pub mod host_board;
 pub mod inspect;
 pub mod lang;
 pub mod link_client;
+pub mod lockstep;
 pub mod model;
 pub mod nearest;
 pub mod pictures;

@@ -1,1 +1,253 @@
-//! (to be written)
+//! The emulated board: a QEMU process that runs the firmware, its serial line, and the pipes to the plant.
+//!
+//! Everything of one run lives in a folder of its own under the system's temporary folder, and ends with the [`Emulator`]: on drop,
+//! on Ctrl-C (a handler that makes the main loop return), and, where `setpriv` is installed, even if this process is killed.
+
+pub mod firmware;
+pub mod pipes;
+
+use std::fs::File;
+use std::io;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use rt_firmware::body::{Reply, Request};
+use tempfile::TempDir;
+use thiserror::Error;
+
+use pipes::PipeServer;
+
+/// The emulator's command.
+pub const QEMU: &str = "qemu-system-arm";
+
+/// QEMU's name of the board.
+const MACHINE: &str = "lm3s6965evb";
+
+/// One instruction takes 2^6 ns of virtual time, and idle time passes at once: two runs are equal to the tick.
+const INSTRUCTION_COUNTING: &str = "shift=6,sleep=off";
+
+/// Name of the socket that is the board's UART0, in the run's folder.
+const UART_SOCKET: &str = "uart0";
+
+/// Name of the file that takes what the emulator prints.
+const CONSOLE_FILE: &str = "console";
+
+/// How long the emulator may take to connect its serial line.
+const START_LIMIT: Duration = Duration::from_secs(20);
+
+/// Lines of the emulator's own output that an error message repeats.
+const CONSOLE_LINES_TOLD: usize = 8;
+
+/// Why the emulated board does not run.
+#[derive(Debug, Error)]
+pub enum EmulatorError {
+    /// The emulator is not installed.
+    #[error(
+        "the emulator `{QEMU}` is not installed; on Debian and Ubuntu: apt-get install qemu-system-arm (or let `cargo xtask demo` do it)"
+    )]
+    NotInstalled,
+    /// The firmware's file is not there.
+    #[error("there is no firmware at {}; build it with `cargo xtask firmware`", path.display())]
+    NoFirmware {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// The emulator ended by itself.
+    #[error("the emulator ended before its time ({status}){}", told(console))]
+    Ended {
+        /// How it ended.
+        status: ExitStatus,
+        /// The last that it printed.
+        console: String,
+    },
+    /// The emulator did not connect its serial line.
+    #[error("the emulator did not start within {} s{}", START_LIMIT.as_secs(), told(console))]
+    NotStarted {
+        /// The last that it printed.
+        console: String,
+    },
+    /// A folder, pipe, socket or process could not be made.
+    #[error("cannot {what}: {cause}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// What the system says.
+        cause: io::Error,
+    },
+}
+
+fn told(console: &str) -> String {
+    if console.is_empty() {
+        String::new()
+    } else {
+        format!("; it said:\n{console}")
+    }
+}
+
+/// A running emulator. Dropping it ends the process and removes its folder.
+///
+/// To be started by a thread that outlives it: the system ends the emulator with the thread that started it.
+pub struct Emulator {
+    process: Child,
+    plant: PipeServer,
+    folder: TempDir,
+    uart: Option<UnixStream>,
+}
+
+impl Emulator {
+    /// Starts the firmware at `firmware`, with `plant` behind its pins.
+    ///
+    /// # Errors
+    /// [`EmulatorError`]: what is missing, and what to do.
+    pub fn start(
+        firmware: &Path,
+        plant: impl FnMut(&Request) -> Reply + Send + 'static,
+    ) -> Result<Self, EmulatorError> {
+        let system = |what| move |cause| EmulatorError::System { what, cause };
+        let firmware = firmware
+            .canonicalize()
+            .map_err(|_| EmulatorError::NoFirmware {
+                path: firmware.to_owned(),
+            })?;
+        let folder = tempfile::Builder::new()
+            .prefix("esm-")
+            .tempdir()
+            .map_err(system("make a folder for the run"))?;
+        pipes::make(folder.path()).map_err(system("make the pipes to the plant"))?;
+        let listener = UnixListener::bind(folder.path().join(UART_SOCKET))
+            .map_err(system("make the socket of the serial line"))?;
+        let plant = PipeServer::start(folder.path(), plant)
+            .map_err(system("open the pipes to the plant"))?;
+        let process = spawn(&firmware, folder.path())?;
+        let mut emulator = Emulator {
+            process,
+            plant,
+            folder,
+            uart: None,
+        };
+        emulator.uart = Some(emulator.accept_uart(&listener)?);
+        Ok(emulator)
+    }
+
+    /// The board's UART0; `None` after the first call.
+    pub fn take_uart(&mut self) -> Option<UnixStream> {
+        self.uart.take()
+    }
+
+    /// Looks whether the emulator still runs.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Ended`] with what it said last.
+    pub fn check_alive(&mut self) -> Result<(), EmulatorError> {
+        match self.process.try_wait() {
+            Ok(None) => Ok(()),
+            Ok(Some(status)) => Err(EmulatorError::Ended {
+                status,
+                console: self.console(),
+            }),
+            Err(cause) => Err(EmulatorError::System {
+                what: "ask for the emulator's state",
+                cause,
+            }),
+        }
+    }
+
+    /// The last lines that the emulator and the firmware's semihosting printed.
+    pub fn console(&self) -> String {
+        let text = std::fs::read(self.folder.path().join(CONSOLE_FILE)).unwrap_or_default();
+        let text = String::from_utf8_lossy(&text);
+        let lines: Vec<&str> = text.lines().collect();
+        lines[lines.len().saturating_sub(CONSOLE_LINES_TOLD)..].join("\n")
+    }
+
+    /// The process's id, for tests that look whether it has ended.
+    pub fn process_id(&self) -> u32 {
+        self.process.id()
+    }
+
+    fn accept_uart(&mut self, listener: &UnixListener) -> Result<UnixStream, EmulatorError> {
+        let system = |cause| EmulatorError::System {
+            what: "connect the serial line",
+            cause,
+        };
+        listener.set_nonblocking(true).map_err(system)?;
+        let deadline = Instant::now() + START_LIMIT;
+        loop {
+            match listener.accept() {
+                Ok((uart, _)) => {
+                    uart.set_nonblocking(false).map_err(system)?;
+                    return Ok(uart);
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.check_alive()?;
+                    if Instant::now() > deadline {
+                        return Err(EmulatorError::NotStarted {
+                            console: self.console(),
+                        });
+                    }
+                    std::thread::sleep(Duration::from_millis(2));
+                }
+                Err(error) => return Err(system(error)),
+            }
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        // Killed, not asked: while the firmware waits in a pipe, QEMU listens to nobody.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+        self.plant.stop();
+    }
+}
+
+fn spawn(firmware: &Path, folder: &Path) -> Result<Child, EmulatorError> {
+    let system = |cause| EmulatorError::System {
+        what: "start the emulator",
+        cause,
+    };
+    let console = File::create(folder.join(CONSOLE_FILE)).map_err(system)?;
+    let start = |mut command: Command| -> io::Result<Child> {
+        command
+            .args(["-machine", MACHINE, "-icount", INSTRUCTION_COUNTING])
+            .args(["-nographic", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args([
+                "-chardev",
+                &format!("socket,id=uart0,path={UART_SOCKET},server=off"),
+            ])
+            .args(["-serial", "chardev:uart0"])
+            .arg("-kernel")
+            .arg(firmware)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(console.try_clone()?)
+            .stderr(console.try_clone()?)
+            // Ctrl-C is for this process, which then ends the emulator in order.
+            .process_group(0)
+            .spawn()
+    };
+    // `setpriv` (util-linux) has the system kill the emulator should this process be killed itself.
+    let mut guarded = Command::new("setpriv");
+    guarded.args(["--pdeathsig", "KILL", QEMU]);
+    let process = if is_installed("setpriv") && is_installed(QEMU) {
+        start(guarded)
+    } else {
+        start(Command::new(QEMU))
+    };
+    process.map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => EmulatorError::NotInstalled,
+        _ => system(error),
+    })
+}
+
+/// Whether `program` is found on the search path.
+fn is_installed(program: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| {
+        std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
+    })
+}

@@ -246,7 +246,8 @@ mod tests {
         let gone = folder.path().join("gone");
         let orphan = folder.path().join("orphan");
         drop(std::os::unix::net::UnixListener::bind(&orphan).unwrap());
-        let cases: [(String, fn(&OpenError) -> bool); 4] = [
+        type Expected = fn(&OpenError) -> bool;
+        let cases: [(String, Expected); 4] = [
             (gone.display().to_string(), |e| {
                 matches!(e, OpenError::Missing { .. })
             }),

@@ -1,0 +1,207 @@
+//! The two named pipes between the emulated board and the plant, and the thread that serves them.
+//!
+//! The firmware opens both by semihosting and blocks in them, which stops its virtual time: board and plant run in lock step. The
+//! thread never waits for the link client, nor the client for it.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::stat::Mode;
+use std::os::fd::AsFd;
+
+use rt_firmware::body::{REQUEST_BYTES, Reply, Request};
+
+/// Name of the pipe that carries requests from the board, in the emulator's working directory.
+pub const REQUEST_PIPE: &str = "plant-request";
+
+/// Name of the pipe that carries replies to the board.
+pub const REPLY_PIPE: &str = "plant-reply";
+
+/// How often a wait looks whether the emulator has ended.
+const LOOK_INTERVAL_MS: u16 = 20;
+
+/// Makes both pipes in `folder`.
+///
+/// # Errors
+/// What the system says.
+pub fn make(folder: &Path) -> io::Result<()> {
+    for name in [REQUEST_PIPE, REPLY_PIPE] {
+        nix::unistd::mkfifo(&folder.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
+    }
+    Ok(())
+}
+
+/// Answers the board's exchanges in a thread until the board has closed its pipes.
+pub struct PipeServer {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<io::Result<()>>>,
+}
+
+impl PipeServer {
+    /// Starts to serve the pipes in `folder`; `answer` is the plant.
+    ///
+    /// # Errors
+    /// What the system says of the pipe of requests or of the thread.
+    pub fn start(
+        folder: &Path,
+        answer: impl FnMut(&Request) -> Reply + Send + 'static,
+    ) -> io::Result<Self> {
+        // Opened before the board starts, so that its own opening never waits.
+        let requests = OpenOptions::new()
+            .read(true)
+            .custom_flags(OFlag::O_NONBLOCK.bits())
+            .open(folder.join(REQUEST_PIPE))?;
+        let reply_path = folder.join(REPLY_PIPE);
+        let stop = Arc::new(AtomicBool::new(false));
+        let thread = std::thread::Builder::new().name("plant".into()).spawn({
+            let stop = Arc::clone(&stop);
+            move || match open_replies(&reply_path, &stop)? {
+                Some(replies) if wait_for_request(&requests, &stop)? => {
+                    serve(requests, replies, answer)
+                }
+                _ => Ok(()),
+            }
+        })?;
+        Ok(PipeServer {
+            stop,
+            thread: Some(thread),
+        })
+    }
+
+    /// Ends the thread; to be called when the emulator has ended, since a board that lives keeps the pipes open.
+    pub fn stop(&mut self) {
+        self.stop.store(true, Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A broken pipe is how every run ends.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for PipeServer {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Opens the pipe of replies as soon as the board reads from it; `None` where the emulator ended before.
+fn open_replies(path: &Path, stop: &AtomicBool) -> io::Result<Option<File>> {
+    while !stop.load(Relaxed) {
+        let opened = OpenOptions::new()
+            .write(true)
+            .custom_flags(OFlag::O_NONBLOCK.bits())
+            .open(path);
+        match opened {
+            Ok(replies) => {
+                set_blocking(&replies)?;
+                return Ok(Some(replies));
+            }
+            // Nobody has it open for reading yet.
+            Err(error) if error.raw_os_error() == Some(nix::errno::Errno::ENXIO as i32) => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(None)
+}
+
+/// Waits for the first request: before the board has opened its end, a read would see the end of the file.
+fn wait_for_request(requests: &File, stop: &AtomicBool) -> io::Result<bool> {
+    while !stop.load(Relaxed) {
+        let mut watched = [PollFd::new(requests.as_fd(), PollFlags::POLLIN)];
+        poll(&mut watched, PollTimeout::from(LOOK_INTERVAL_MS))?;
+        if watched[0]
+            .revents()
+            .is_some_and(|seen| seen.contains(PollFlags::POLLIN))
+        {
+            set_blocking(requests)?;
+            return Ok(true);
+        }
+        if watched[0]
+            .revents()
+            .is_some_and(|seen| seen.contains(PollFlags::POLLHUP))
+        {
+            // The board has closed it again without a word; the poll does not wait any more.
+            std::thread::sleep(Duration::from_millis(u64::from(LOOK_INTERVAL_MS)));
+        }
+    }
+    Ok(false)
+}
+
+fn set_blocking(file: &File) -> io::Result<()> {
+    let flags = OFlag::from_bits_retain(fcntl(file, FcntlArg::F_GETFL)?);
+    fcntl(file, FcntlArg::F_SETFL(flags - OFlag::O_NONBLOCK))?;
+    Ok(())
+}
+
+fn serve(
+    mut requests: File,
+    mut replies: File,
+    mut answer: impl FnMut(&Request) -> Reply,
+) -> io::Result<()> {
+    let mut message = [0; REQUEST_BYTES];
+    loop {
+        match requests.read_exact(&mut message) {
+            Ok(()) => replies.write_all(&answer(&Request::decode(&message)).encode())?,
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rt_firmware::body::{REPLY_BYTES, Sensors};
+
+    #[test]
+    fn a_board_gets_an_answer_to_each_request() {
+        let folder = tempfile::tempdir().unwrap();
+        make(folder.path()).unwrap();
+        let mut server = PipeServer::start(folder.path(), |request| Reply {
+            sequence: request.sequence,
+            sensors: Sensors {
+                left_count: request.start_us as u16,
+                ..Sensors::default()
+            },
+        })
+        .unwrap();
+        let mut to_plant = OpenOptions::new()
+            .write(true)
+            .open(folder.path().join(REQUEST_PIPE))
+            .unwrap();
+        let mut from_plant = File::open(folder.path().join(REPLY_PIPE)).unwrap();
+        for sequence in 0..100 {
+            let request = Request {
+                sequence,
+                start_us: u64::from(sequence) * 7,
+                ..Request::default()
+            };
+            to_plant.write_all(&request.encode()).unwrap();
+            let mut reply = [0; REPLY_BYTES];
+            from_plant.read_exact(&mut reply).unwrap();
+            let reply = Reply::decode(&reply);
+            assert_eq!(reply.sequence, sequence);
+            assert_eq!(u32::from(reply.sensors.left_count), sequence * 7);
+        }
+        drop(to_plant);
+        server.stop();
+    }
+
+    #[test]
+    fn a_board_that_never_opens_its_pipes_keeps_nobody_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        make(folder.path()).unwrap();
+        let mut server = PipeServer::start(folder.path(), |_| Reply::default()).unwrap();
+        server.stop();
+    }
+}
