@@ -1,0 +1,194 @@
+//! Motors, wheels, battery, and the body that they push over the floor and into walls.
+
+use crate::world::{Point, Segment};
+
+use super::noise::{Noise, Source};
+use super::parameters::{BodyParameters, MotorParameters, SLIP_WINDOW_MS};
+
+/// Length of one integration step, in microseconds. Steps begin at its multiples, so cutting a run into calls changes nothing.
+pub(super) const STEP_US: u64 = 1_000;
+
+/// The same in seconds.
+const STEP_S: f64 = STEP_US as f64 / 1e6;
+
+/// A touch ends when the body is this far from all walls, in metres; less would count one scrape many times.
+const CONTACT_END_M: f64 = 0.005;
+
+/// Where the body is and which way it looks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BodyPose {
+    /// The body's centre.
+    pub position: Point,
+    /// Counter-clockwise from x, in radians, not wrapped.
+    pub heading_rad: f64,
+}
+
+/// One motor with its wheel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Wheel {
+    /// Part of the battery's voltage that the motor sees, -1 to 1.
+    pub duty: f64,
+    /// Turning speed.
+    speed_rad_per_s: f64,
+    /// Turned since the start.
+    angle_rad: f64,
+    /// Speed of the floor under the wheel.
+    ground_m_per_s: f64,
+}
+
+impl Wheel {
+    /// Turns the wheel for one step and returns the current that the motor takes from the battery, in amperes.
+    fn turn(
+        &mut self,
+        motor: &MotorParameters,
+        strength: f64,
+        battery_v: f64,
+        approach: f64,
+    ) -> f64 {
+        let voltage_v = self.duty * battery_v;
+        let driving_v = (voltage_v.abs() - motor.dead_v).max(0.0);
+        let goal_rad_per_s = motor.speed_rad_per_s_v * strength * driving_v.copysign(voltage_v);
+        let lack_rad_per_s = goal_rad_per_s - self.speed_rad_per_s;
+        self.speed_rad_per_s += lack_rad_per_s * approach;
+        self.angle_rad += self.speed_rad_per_s * STEP_S;
+        let back_emf_v = self.speed_rad_per_s / motor.speed_rad_per_s_v;
+        // The switch passes current for `duty` of the time, and none back.
+        ((voltage_v - back_emf_v) * self.duty / motor.winding_ohm).max(0.0)
+    }
+
+    /// Lets the floor follow the wheel's rim as fast as the grip allows.
+    fn grip(&mut self, wheel_radius_m: f64, slip: f64, acceleration_m_per_s2: f64) {
+        let rim_m_per_s = self.speed_rad_per_s * wheel_radius_m * (1.0 - slip);
+        let most_m_per_s = acceleration_m_per_s2 * STEP_S;
+        let change_m_per_s = rim_m_per_s - self.ground_m_per_s;
+        self.ground_m_per_s += change_m_per_s.clamp(-most_m_per_s, most_m_per_s);
+    }
+}
+
+/// The moving part of the plant.
+#[derive(Clone, Debug)]
+pub(super) struct Drive {
+    body: BodyParameters,
+    walls: Vec<Segment>,
+    pub pose: BodyPose,
+    pub left: Wheel,
+    pub right: Wheel,
+    charge_as: f64,
+    pub current_a: f64,
+    pub battery_v: f64,
+    /// Part of the way to its goal that a motor's speed goes in one step.
+    approach: f64,
+    /// No wall is nearer to the centre than this, in metres. Saves looking at all walls in most steps.
+    clearance_m: f64,
+    pub in_contact: bool,
+    pub collisions: u32,
+    pub distance_m: f64,
+}
+
+impl Drive {
+    pub fn new(body: BodyParameters, walls: Vec<Segment>, pose: BodyPose) -> Self {
+        Self {
+            body,
+            walls,
+            pose,
+            left: Wheel::default(),
+            right: Wheel::default(),
+            charge_as: body.battery.capacity_as,
+            current_a: body.battery.idle_a,
+            battery_v: body.battery.full_v,
+            approach: 1.0 - libm::exp(-STEP_S / body.motor.lag_s),
+            clearance_m: 0.0,
+            in_contact: false,
+            collisions: 0,
+            distance_m: 0.0,
+        }
+    }
+
+    /// Distance from `point` to the nearest wall, in metres.
+    pub fn distance_to_walls_m(&self, point: Point) -> f64 {
+        let squared_m2 = self
+            .walls
+            .iter()
+            .map(|wall| wall.squared_distance_m2(point))
+            .fold(f64::INFINITY, f64::min);
+        libm::sqrt(squared_m2)
+    }
+
+    /// One step of [`STEP_US`]; `index` counts them from 0.
+    pub fn step(&mut self, index: u64, noise: &Noise) {
+        self.turn_wheels();
+        let window = index * STEP_US / 1_000 / SLIP_WINDOW_MS;
+        let grip = &self.body.grip;
+        for (wheel, source) in [
+            (&mut self.left, Source::LeftSlip),
+            (&mut self.right, Source::RightSlip),
+        ] {
+            let slip = grip.slip * noise.uniform(source, window);
+            wheel.grip(self.body.wheel_radius_m, slip, grip.acceleration_m_per_s2);
+        }
+        self.move_body();
+    }
+
+    fn turn_wheels(&mut self) {
+        let BodyParameters { motor, battery, .. } = &self.body;
+        let charge = self.charge_as / battery.capacity_as;
+        let open_v = battery.empty_v + (battery.full_v - battery.empty_v) * charge;
+        self.battery_v = open_v - battery.inner_ohm * self.current_a;
+        let right_strength = 1.0 - motor.right_weaker;
+        self.current_a = battery.idle_a
+            + self.left.turn(motor, 1.0, self.battery_v, self.approach)
+            + (self.right).turn(motor, right_strength, self.battery_v, self.approach);
+        self.charge_as = (self.charge_as - self.current_a * STEP_S).max(0.0);
+    }
+
+    fn move_body(&mut self) {
+        let (left, right) = (self.left.ground_m_per_s, self.right.ground_m_per_s);
+        let way_m = (left + right) / 2.0 * STEP_S;
+        let turn_rad = (right - left) / self.body.wheel_base_m * STEP_S;
+        let (sin, cos) = libm::sincos(self.pose.heading_rad + turn_rad / 2.0);
+        self.pose.heading_rad += turn_rad;
+        let goal = Point::new(
+            self.pose.position.x_m + way_m * cos,
+            self.pose.position.y_m + way_m * sin,
+        );
+        // The body is round: turning on the spot touches nothing.
+        if self.is_free(goal, way_m.abs()) {
+            self.pose.position = goal;
+            self.distance_m += way_m.abs();
+        } else {
+            self.left.ground_m_per_s = 0.0;
+            self.right.ground_m_per_s = 0.0;
+            if !self.in_contact {
+                self.in_contact = true;
+                self.collisions += 1;
+            }
+        }
+    }
+
+    /// Whether the body fits at `goal`, which is `way_m` away. One step is far shorter than the body's radius, so no wall
+    /// fits in between.
+    fn is_free(&mut self, goal: Point, way_m: f64) -> bool {
+        let radius_m = self.body.radius_m;
+        let clearance_m = self.clearance_m - way_m;
+        if clearance_m > radius_m + CONTACT_END_M {
+            self.clearance_m = clearance_m;
+            return true;
+        }
+        let distance_m = self.distance_to_walls_m(goal);
+        if distance_m < radius_m {
+            return false;
+        }
+        self.clearance_m = distance_m;
+        if distance_m > radius_m + CONTACT_END_M {
+            self.in_contact = false;
+        }
+        true
+    }
+
+    /// What the encoder of `wheel` counts.
+    pub fn encoder_count(&self, wheel: &Wheel) -> u16 {
+        let counts = wheel.angle_rad / core::f64::consts::TAU * self.body.counts_per_revolution;
+        // Two casts: the first keeps the sign, the second wraps as a 16-bit counter does.
+        libm::floor(counts) as i64 as u16
+    }
+}
