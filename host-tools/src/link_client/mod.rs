@@ -1,1 +1,3 @@
-//! (to be written)
+//! The host's end of the link to a robot.
+
+pub mod log_lines;

@@ -1,0 +1,167 @@
+//! A robot's log as people read it.
+//!
+//! The firmware sends `defmt` frames, which hold numbers for the texts; the texts themselves stand in the firmware's ELF file and never
+//! travel. The host board has no ELF file: it logs plain lines.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use defmt_decoder::{DecodeError, Encoding, Table};
+use thiserror::Error;
+
+/// Longest frame that is waited for. Longer ones are noise.
+const FRAME_LIMIT_BYTES: usize = 4096;
+
+/// Ends each frame in the encoding that the firmware uses.
+const FRAME_END: u8 = 0;
+
+/// How grave a line is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// For whoever debugs the firmware.
+    Trace,
+    /// For whoever debugs a task.
+    Debug,
+    /// What the robot does.
+    Info,
+    /// What should not be.
+    Warn,
+    /// What must not be.
+    Error,
+}
+
+impl fmt::Display for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Level::Trace => "trace",
+            Level::Debug => "debug",
+            Level::Info => "info",
+            Level::Warn => "warn",
+            Level::Error => "error",
+        })
+    }
+}
+
+/// One line of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LogLine {
+    /// How grave it is; `None` for a line that is printed whatever the level.
+    pub level: Option<Level>,
+    /// The robot's own time, where it says one.
+    pub timestamp: Option<String>,
+    /// The text.
+    pub text: String,
+}
+
+impl fmt::Display for LogLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(timestamp) = &self.timestamp {
+            write!(f, "{timestamp} ")?;
+        }
+        if let Some(level) = self.level {
+            write!(f, "{level:<5} ")?;
+        }
+        f.write_str(&self.text)
+    }
+}
+
+/// Why a firmware's file cannot decode a log.
+#[derive(Debug, Error)]
+pub enum LogTableError {
+    /// It cannot be read.
+    #[error("cannot read the firmware at {}: {cause}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// It is no ELF file, or one of another version of `defmt`.
+    #[error("{} holds no log texts that can be read: {cause:#}", path.display())]
+    BadElf {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder says.
+        cause: anyhow::Error,
+    },
+    /// It has no `defmt` section, or one in an encoding that cannot find its way back after lost bytes.
+    #[error("{} holds no log texts; is it the firmware that the robot runs?", path.display())]
+    NoTexts {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Makes lines of `defmt` frames, with the texts of one firmware.
+pub struct LogDecoder {
+    table: Table,
+    /// What came after the last end of a frame.
+    pending: Vec<u8>,
+    bad_frames: u64,
+}
+
+impl LogDecoder {
+    /// Takes the texts of the firmware at `path`.
+    ///
+    /// # Errors
+    /// [`LogTableError`]: what is wrong with the file.
+    pub fn from_firmware(path: &Path) -> Result<Self, LogTableError> {
+        let elf = std::fs::read(path).map_err(|cause| LogTableError::Unreadable {
+            path: path.to_owned(),
+            cause,
+        })?;
+        let table = Table::parse(&elf).map_err(|cause| LogTableError::BadElf {
+            path: path.to_owned(),
+            cause,
+        })?;
+        match table {
+            Some(table) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
+                table,
+                pending: Vec::new(),
+                bad_frames: 0,
+            }),
+            _ => Err(LogTableError::NoTexts {
+                path: path.to_owned(),
+            }),
+        }
+    }
+
+    /// Takes bytes as they come and answers the lines that are complete. What is no frame is counted and passed over.
+    pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
+        self.pending.extend_from_slice(bytes);
+        let Some(last_end) = self.pending.iter().rposition(|&byte| byte == FRAME_END) else {
+            if self.pending.len() > FRAME_LIMIT_BYTES {
+                self.pending.clear();
+                self.bad_frames += 1;
+            }
+            return Vec::new();
+        };
+        let rest = self.pending.split_off(last_end + 1);
+        let complete = std::mem::replace(&mut self.pending, rest);
+        let mut decoder = self.table.new_stream_decoder();
+        decoder.received(&complete);
+        let mut lines = Vec::new();
+        loop {
+            match decoder.decode() {
+                Ok(frame) => lines.push(LogLine {
+                    level: frame.level().map(|level| match level.as_str() {
+                        "trace" => Level::Trace,
+                        "debug" => Level::Debug,
+                        "info" => Level::Info,
+                        "warn" => Level::Warn,
+                        _ => Level::Error,
+                    }),
+                    timestamp: frame.display_timestamp().map(|time| time.to_string()),
+                    text: frame.display_message().to_string(),
+                }),
+                Err(DecodeError::UnexpectedEof) => return lines,
+                Err(DecodeError::Malformed) => self.bad_frames += 1,
+            }
+        }
+    }
+
+    /// Frames that could not be read: lost bytes, or the texts of another firmware.
+    pub fn bad_frames(&self) -> u64 {
+        self.bad_frames
+    }
+}
