@@ -1,4 +1,4 @@
-//! Pictures of a run: the path over the map, and the states over time.
+//! Pictures: the path of a run over the map, its states over time, and the slots of a schedule.
 //!
 //! What a picture shows is worked out once, as a [`scene::Scene`]: shapes and words at places. From that one description come the SVG
 //! and the PNG, so that both say the same. The PNG's letters are drawn from an embedded font, the SVG's from the reader's, which
@@ -24,11 +24,13 @@ pub mod font;
 mod path;
 mod png;
 pub mod scene;
+mod slots;
 mod svg;
 mod timeline;
 
 pub use path::{Leg, PathPicture, PathSample, Room};
 pub use png::PngError;
+pub use slots::{SlotPicture, SlotRow};
 pub use timeline::{Mark, MissionStates, RegionStates, StateSpan, Timeline};
 
 #[cfg(test)]
@@ -67,6 +69,28 @@ mod tests {
         let scene = samples::two_minutes().scene();
         assert_golden("states.svg", scene.to_svg().as_bytes());
         assert_golden("states.png", &scene.to_png().unwrap());
+    }
+
+    #[test]
+    fn a_schedule_looks_as_it_did() {
+        let scene = samples::four_slots().scene();
+        assert_golden("slots.svg", scene.to_svg().as_bytes());
+        assert_golden("slots.png", &scene.to_png().unwrap());
+    }
+
+    #[test]
+    fn a_schedule_of_countless_occurrences_stays_a_small_picture() {
+        let slot = SlotRow {
+            period_us: 1,
+            duration_us: 1,
+            ..SlotRow::default()
+        };
+        let picture = SlotPicture {
+            slots: vec![slot],
+            hyperperiod_us: u64::MAX,
+            ..SlotPicture::default()
+        };
+        assert!(picture.scene().shapes.len() < 2_000);
     }
 
     #[test]

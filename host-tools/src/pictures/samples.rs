@@ -1,7 +1,8 @@
 //! Made-up runs that the tests draw.
 
 use super::{
-    Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, StateSpan, Timeline,
+    Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, SlotPicture, SlotRow,
+    StateSpan, Timeline,
 };
 
 /// Two missions in a flat of four rooms, with a collision.
@@ -144,5 +145,25 @@ pub(super) fn two_minutes() -> Timeline {
                 label: "collision".into(),
             },
         ],
+    }
+}
+
+/// Four slots, one of which wraps around the end of the hyperperiod.
+pub(super) fn four_slots() -> SlotPicture {
+    let slot = |name: &str, start_us, period_us, duration_us| SlotRow {
+        name: name.into(),
+        start_us,
+        period_us,
+        duration_us,
+    };
+    SlotPicture {
+        title: "Slots of patrol.esm".into(),
+        slots: vec![
+            slot("slot 1", 500, 10_000, 500),
+            slot("slot 2", 1_000, 10_000, 2_000),
+            slot("slot 3", 3_000, 20_000, 4_000),
+            slot("slot 4", 36_500, 40_000, 3_900),
+        ],
+        hyperperiod_us: 40_000,
     }
 }

@@ -13,6 +13,7 @@
 //! until 200 ms
 //! ```
 
+pub mod bind;
 pub mod time;
 
 use std::fmt;
