@@ -3,5 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`pace`] | how fast robot time may run against the wall clock |
+//! | [`plant_side`] | the plant, shared by the board that drives it and whoever watches |
 
 pub mod pace;
+pub mod plant_side;

@@ -1,1 +1,3 @@
-//! (to be written)
+//! The main job: a mission on a board, in a world, from the compiler to the summary.
+
+pub mod recording;
