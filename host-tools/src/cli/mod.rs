@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`exit`] | what a command can end with: [`exit::ExitStatus`] and [`exit::CommandError`] |
 //! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
+//! | [`file`] | files read and written, whole or not at all |
 //! | [`argument`] | values that several commands take: times, ports |
 
 pub mod argument;
@@ -15,6 +16,7 @@ pub mod build;
 pub mod check;
 pub mod console;
 pub mod exit;
+pub mod file;
 pub mod inspect;
 pub mod log;
 pub mod run;
