@@ -1,5 +1,36 @@
-#![cfg_attr(not(test), no_std)]
 //! The runtime that a board is made of.
+//!
+//! A robot's program is a set of tasks, written once in Rust. Which of them run, when, and how their data flows is decided by the
+//! mission: a blob that is uploaded while the robot stays on. This crate holds what is the same on every board: the task registry, the
+//! nets between tasks, the real-time side that executes slots, the background side for what has no deadline, the link to the host, and
+//! the drivers and tasks that ship. It names no chip and no pin: a board gives a timer, a byte link and embedded-hal parts. It builds
+//! on the host too, where the very same code runs against simulated parts.
+//!
+//! What it is not: a scheduler that preempts real-time tasks, an allocator of anything, or a second interpreter. What a mission means is
+//! decided in `esm-core` alone.
+//!
+//! [`task`] shows how a task is written.
+#![cfg_attr(not(test), no_std)]
 
+#[cfg(all(feature = "std", not(test)))]
+extern crate std;
+
+#[doc(hidden)]
+pub use pastey;
+
+#[cfg(any(test, feature = "std"))]
+pub mod bench;
 pub mod body;
-pub mod drivers;
+pub mod link;
+pub mod ports;
+pub mod registry;
+pub mod task;
+
+#[cfg(any(test, feature = "std"))]
+pub use bench::TaskBench;
+pub use ports::{Bank, Executor, Io, Net, Registry, RegistryFault, TaskBank, assemble};
+pub use registry::nets;
+pub use task::{
+    Declaration, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step, Task,
+    declaration_of,
+};

@@ -1,0 +1,1292 @@
+//! Where values live and how tasks reach them: banks of tasks, port buffers, nets. The only `unsafe` of this crate is here.
+//!
+//! A value is stored once, in a buffer of the output port that wrote it, and is never copied on its way to its readers. An output port
+//! has three buffers: one that its net refers to, one that a slot-0 run may have pinned, one to write the next value into.
+//!
+//! # Invariants
+//! The `unsafe` below rests on these, each kept by this file alone:
+//!
+//! 1. **One owner.** [`assemble`] borrows every [`Bank`] mutably for as long as its [`Executor`] lives, and an executor cannot be cloned:
+//!    all access to the tasks and buffers of a bank goes through one executor and the one [`Job`] that it has lent.
+//! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write into a buffer that the job refers to,
+//!    nor hand out a second job.
+//! 3. **Published or pinned is constant.** A buffer that a net refers to (`publications > 0`) or that a job reads (`pinned`) is never
+//!    given to a task for writing. The one exception is `inout`: a value is changed in place if no job reads it and the same task does
+//!    not read it through another port; nobody else can be reading it, since real-time tasks never preempt each other.
+//! 4. **Types are known.** Each value carries the `TypeId` of what is in its buffer, compared at each access.
+
+#![allow(unsafe_code)]
+
+use core::any::TypeId;
+use core::cell::{Cell, UnsafeCell};
+use core::ptr::NonNull;
+
+use crate::task::{
+    Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
+    OutFlag, Param, ParamType, PortType, Step, Task,
+};
+
+/// Buffers of one output port: published, pinned by a slot-0 run, being written.
+const BUFFERS_PER_PORT: usize = 3;
+
+/// What is known of a buffer's use. Only the executor looks at it.
+struct Head {
+    /// Number of nets that refer to the buffer.
+    publications: Cell<u16>,
+    /// Whether the lent job reads the buffer.
+    pinned: Cell<bool>,
+}
+
+/// A value and what is known of its use. The head comes first, so that a pointer to it is a pointer to the whole.
+#[repr(C)]
+struct Buffer<V> {
+    head: Head,
+    value: UnsafeCell<V>,
+}
+
+/// A buffer whose type is known by its `TypeId` only. The pointer's provenance is that of the whole [`Buffer`].
+#[derive(Clone, Copy)]
+struct ErasedBuffer {
+    head: NonNull<Head>,
+    type_id: &'static TypeId,
+}
+
+impl ErasedBuffer {
+    fn head(&self) -> &Head {
+        // SAFETY: `head` points into a bank that outlives the executor or job that holds this (invariant 1; nets are emptied when an
+        // executor is made). Only `Cell`s are behind it, and only the executor's thread reaches them.
+        unsafe { self.head.as_ref() }
+    }
+
+    fn is_free(&self) -> bool {
+        let head = self.head();
+        head.publications.get() == 0 && !head.pinned.get()
+    }
+
+    /// Pointer to the value, if `V` is its type.
+    fn value<V: PortType>(&self) -> Option<NonNull<V>> {
+        if TypeId::of::<V>() != *self.type_id {
+            return None;
+        }
+        let buffer = self.head.cast::<Buffer<V>>();
+        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type with this `type_id`, with provenance over all of it;
+        // the projection stays inside, and `UnsafeCell::raw_get` makes no reference.
+        let value = unsafe { UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value) };
+        NonNull::new(value)
+    }
+}
+
+/// The buffers of an output port, whatever their type.
+#[doc(hidden)]
+#[allow(private_interfaces)]
+pub trait PortBuffers {
+    /// Type of the values.
+    fn type_id(&self) -> TypeId;
+    /// One of the three buffers; the last for a number too great.
+    fn buffer(&self, number: usize) -> ErasedBuffer;
+    /// Copies a value of this port's type from one buffer into another.
+    ///
+    /// # Safety
+    /// Nobody may be writing `from` or hold a reference to the value in `to`.
+    unsafe fn copy(&self, from: ErasedBuffer, to: ErasedBuffer);
+}
+
+impl dyn PortBuffers + '_ {
+    fn free_buffer(&self) -> Option<ErasedBuffer> {
+        (0..BUFFERS_PER_PORT)
+            .map(|number| self.buffer(number))
+            .find(ErasedBuffer::is_free)
+    }
+}
+
+/// Buffers of a port that the task writes.
+#[doc(hidden)]
+pub struct Buffered<V> {
+    buffers: [Buffer<V>; BUFFERS_PER_PORT],
+}
+
+impl<V: PortType> Buffered<V> {
+    pub(crate) const EMPTY: Self = Buffered {
+        buffers: [const {
+            Buffer {
+                head: Head {
+                    publications: Cell::new(0),
+                    pinned: Cell::new(false),
+                },
+                value: UnsafeCell::new(V::INIT),
+            }
+        }; BUFFERS_PER_PORT],
+    };
+}
+
+#[allow(private_interfaces)]
+impl<V: PortType> PortBuffers for Buffered<V> {
+    fn type_id(&self) -> TypeId {
+        TypeId::of::<V>()
+    }
+
+    fn buffer(&self, number: usize) -> ErasedBuffer {
+        let [first, second, third] = &self.buffers;
+        let buffer = match number {
+            0 => first,
+            1 => second,
+            _ => third,
+        };
+        ErasedBuffer {
+            head: NonNull::from(buffer).cast(),
+            type_id: const { &TypeId::of::<V>() },
+        }
+    }
+
+    unsafe fn copy(&self, from: ErasedBuffer, to: ErasedBuffer) {
+        if let (Some(from), Some(to)) = (from.value::<V>(), to.value::<V>()) {
+            // SAFETY: the caller promises that nobody writes `from` or looks at `to`; both point to live values of type `V`, which is `Copy`.
+            // They may be one and the same.
+            unsafe { core::ptr::copy(from.as_ptr(), to.as_ptr(), 1) };
+        }
+    }
+}
+
+/// A port that the task only reads: it has no buffers.
+#[doc(hidden)]
+pub struct Unbuffered;
+
+mod sealed {
+    pub trait Sealed {}
+}
+
+/// The buffers of one port, in a list of them.
+#[doc(hidden)]
+pub trait PortSlot: sealed::Sealed {
+    /// The port before anything was written.
+    const EMPTY: Self;
+    /// Its buffers, if it has some.
+    fn buffers(&self) -> Option<&dyn PortBuffers>;
+}
+
+impl sealed::Sealed for Unbuffered {}
+impl PortSlot for Unbuffered {
+    const EMPTY: Self = Unbuffered;
+    fn buffers(&self) -> Option<&dyn PortBuffers> {
+        None
+    }
+}
+
+impl<V: PortType> sealed::Sealed for Buffered<V> {}
+impl<V: PortType> PortSlot for Buffered<V> {
+    const EMPTY: Self = Self::EMPTY;
+    fn buffers(&self) -> Option<&dyn PortBuffers> {
+        Some(self)
+    }
+}
+
+/// The buffers of a task's data ports: a list of [`Buffered`] and [`Unbuffered`] in port order, `(first, (second, ()))`.
+pub trait OutputPorts: sealed::Sealed {
+    /// The buffers before anything was written.
+    #[doc(hidden)]
+    const EMPTY: Self;
+    /// The buffers of a port, if it is one that the task writes.
+    #[doc(hidden)]
+    fn port(&self, index: usize) -> Option<&dyn PortBuffers>;
+}
+
+impl sealed::Sealed for () {}
+impl OutputPorts for () {
+    const EMPTY: Self = ();
+    fn port(&self, _index: usize) -> Option<&dyn PortBuffers> {
+        None
+    }
+}
+
+impl<P: PortSlot, R: OutputPorts> sealed::Sealed for (P, R) {}
+impl<P: PortSlot, R: OutputPorts> OutputPorts for (P, R) {
+    const EMPTY: Self = (P::EMPTY, R::EMPTY);
+    fn port(&self, index: usize) -> Option<&dyn PortBuffers> {
+        match index.checked_sub(1) {
+            None => self.0.buffers(),
+            Some(index) => self.1.port(index),
+        }
+    }
+}
+
+/// One task with the buffers of its output ports.
+struct Place<T: Task> {
+    task: UnsafeCell<T>,
+    outputs: T::Outputs,
+}
+
+/// The tasks of one type that a robot has: as many task states of that type can a mission have.
+pub struct Bank<T: Task, const N: usize> {
+    places: [Place<T>; N],
+    /// Gives a bank of tasks without state a size, so that no two banks have the same address.
+    _address: u8,
+}
+
+impl<T: Task, const N: usize> Bank<T, N> {
+    /// A bank of these tasks.
+    pub fn new(tasks: [T; N]) -> Self {
+        Bank {
+            places: tasks.map(|task| Place {
+                task: UnsafeCell::new(task),
+                outputs: <T::Outputs as OutputPorts>::EMPTY,
+            }),
+            _address: 0,
+        }
+    }
+}
+
+// SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of `TaskBank`, whose callers, the executor and the
+// job, keep to one thread at a time for each task and each buffer (invariants 1 to 3). `Task` requires `Send`, `PortType` `Send` and `Sync`.
+unsafe impl<T: Task, const N: usize> Sync for Bank<T, N> {}
+
+/// A [`Bank`] of tasks of any type.
+pub trait TaskBank: Sync + sealed::Sealed {
+    /// What the tasks declare.
+    fn declaration(&self) -> &'static Declaration;
+
+    /// Number of tasks.
+    fn capacity(&self) -> usize;
+
+    /// Buffers of a port, if there is that task and it writes that port.
+    #[doc(hidden)]
+    fn output(&self, place: usize, port: usize) -> Option<&dyn PortBuffers>;
+
+    /// Makes a task forget everything.
+    ///
+    /// # Safety
+    /// Nobody else may be using this task.
+    #[doc(hidden)]
+    unsafe fn reset(&self, place: usize);
+
+    /// Executes a task once; `enter` says whether an activation begins.
+    ///
+    /// # Safety
+    /// Nobody else may be using this task.
+    #[doc(hidden)]
+    unsafe fn step(&self, place: usize, enter: bool, io: &mut Io<'_>) -> Step;
+}
+
+impl<T: Task, const N: usize> sealed::Sealed for Bank<T, N> {}
+impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
+    fn declaration(&self) -> &'static Declaration {
+        crate::task::declaration_of::<T>()
+    }
+
+    fn capacity(&self) -> usize {
+        N
+    }
+
+    fn output(&self, place: usize, port: usize) -> Option<&dyn PortBuffers> {
+        self.places.get(place)?.outputs.port(port)
+    }
+
+    unsafe fn reset(&self, place: usize) {
+        if let Some(place) = self.places.get(place) {
+            // SAFETY: the caller promises that nobody else uses this task.
+            let task = unsafe { &mut *place.task.get() };
+            task.reset();
+        }
+    }
+
+    unsafe fn step(&self, place: usize, enter: bool, io: &mut Io<'_>) -> Step {
+        let Some(place) = self.places.get(place) else {
+            return Step::Finished;
+        };
+        // SAFETY: the caller promises that nobody else uses this task.
+        let task = unsafe { &mut *place.task.get() };
+        if enter {
+            task.enter();
+        }
+        task.step(io)
+    }
+}
+
+/// What a task sees while it is executed: the values on its ports, its flags and parameters.
+///
+/// All access is by the handles that [`task!`](crate::task!) makes. A handle of another task type is a defect of the program and panics.
+pub struct Io<'a> {
+    state: &'a mut IoState,
+}
+
+/// What is known of one execution.
+struct IoState {
+    /// The value of each data port: to read for `in`, to write for `out` and `inout`.
+    values: [Option<ErasedBuffer>; MAX_DATA_PORTS],
+    /// Bit n: data port n may be written.
+    writable: u8,
+    /// Bit n: data port n was written.
+    written: u8,
+    inputs: Inputs,
+    flags: FlagChanges,
+}
+
+/// What enters an execution beside the values on nets.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Inputs {
+    /// Bit n: control flag n of the declaration is set.
+    pub flags: u16,
+    /// Bits of each parameter.
+    pub params: [u32; MAX_PARAMS],
+    /// Nominal start of the slot's occurrence, in microseconds since the mission started.
+    pub now_us: u64,
+    /// Period of the slot in microseconds; 0 in slot 0.
+    pub period_us: u32,
+}
+
+/// The control flags that an execution wrote.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FlagChanges {
+    /// Bit n: flag n was written.
+    pub written: u16,
+    /// Bit n: flag n was set last; 0 where not written.
+    pub values: u16,
+}
+
+const WRONG_HANDLE: &str = "this handle belongs to another task type";
+
+impl<'a> Io<'a> {
+    fn readable<V: PortType>(&self, index: u8) -> Option<&'a V> {
+        let index = usize::from(index);
+        assert!(self.state.writable & bit8(index) == 0, "{}", WRONG_HANDLE);
+        let buffer = self.state.values.get(index).copied().flatten()?;
+        let Some(value) = buffer.value::<V>() else {
+            panic!("{}", WRONG_HANDLE)
+        };
+        // SAFETY: the value is published or pinned and not written during this execution (invariant 3), which 'a does not outlive.
+        Some(unsafe { value.as_ref() })
+    }
+
+    fn writable<V: PortType>(&mut self, index: u8) -> Option<&mut V> {
+        let index = usize::from(index);
+        assert!(self.state.writable & bit8(index) != 0, "{}", WRONG_HANDLE);
+        let buffer = self.state.values.get(index).copied().flatten()?;
+        let Some(mut value) = buffer.value::<V>() else {
+            panic!("{}", WRONG_HANDLE)
+        };
+        self.state.written |= bit8(index);
+        // SAFETY: `writable` marks buffers that are free, or `inout` values that nobody reads (invariant 3). Two ports of a task may be
+        // given one `inout` value, but the mutable borrow of `self` allows one reference at a time.
+        Some(unsafe { value.as_mut() })
+    }
+
+    /// The value on an input.
+    pub fn read<V: PortType>(&self, port: In<V>) -> &'a V {
+        let Some(value) = self.readable(port.index) else {
+            panic!("{}", WRONG_HANDLE)
+        };
+        value
+    }
+
+    /// The value on an optional input, if its net holds one.
+    pub fn try_read<V: PortType>(&self, port: OptIn<V>) -> Option<&'a V> {
+        self.readable(port.index)
+    }
+
+    /// The place for a new value of an output, which is published when the step ends. It holds some older value: assign all of it.
+    /// An output that is not written keeps its last value on the net.
+    pub fn write<V: PortType>(&mut self, port: Out<V>) -> &mut V {
+        let Some(value) = self.writable(port.index) else {
+            panic!("{}", WRONG_HANDLE)
+        };
+        value
+    }
+
+    /// The value on an `inout` port, to be changed and, when the step ends, published again.
+    pub fn update<V: PortType>(&mut self, port: InOut<V>) -> &mut V {
+        let Some(value) = self.writable(port.index) else {
+            panic!("{}", WRONG_HANDLE)
+        };
+        value
+    }
+
+    /// The value on an optional `inout` port, if its net holds one.
+    pub fn try_update<V: PortType>(&mut self, port: OptInOut<V>) -> Option<&mut V> {
+        self.writable(port.index)
+    }
+
+    /// Whether a control flag was set by a transition into the task's state.
+    pub fn flag(&self, flag: InFlag) -> bool {
+        self.state.inputs.flags & bit16(flag.index) != 0
+    }
+
+    /// Sets or clears a control flag, seen by the next macro step.
+    pub fn set(&mut self, flag: OutFlag, value: bool) {
+        let bit = bit16(flag.index);
+        let changes = &mut self.state.flags;
+        changes.written |= bit;
+        changes.values = if value {
+            changes.values | bit
+        } else {
+            changes.values & !bit
+        };
+    }
+
+    /// The value of a parameter.
+    pub fn param<P: ParamType>(&self, param: Param<P>) -> P {
+        P::from_bits(
+            self.state
+                .inputs
+                .params
+                .get(usize::from(param.index))
+                .copied()
+                .unwrap_or(0),
+        )
+    }
+
+    /// Nominal start of the slot's occurrence (of the one that started the run, in slot 0), in microseconds since the mission started.
+    pub fn now_us(&self) -> u64 {
+        self.state.inputs.now_us
+    }
+
+    /// Period of the task's slot in microseconds; 0 in slot 0.
+    pub fn period_us(&self) -> u32 {
+        self.state.inputs.period_us
+    }
+}
+
+fn bit8(index: usize) -> u8 {
+    1u8.checked_shl(index as u32).unwrap_or(0)
+}
+
+fn bit16(index: u8) -> u16 {
+    1u16.checked_shl(u32::from(index)).unwrap_or(0)
+}
+
+/// Why a set of banks is no robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RegistryFault {
+    /// Two banks have tasks of the same name: give one task type another name.
+    TaskNameTwice {
+        /// The name.
+        task: &'static str,
+    },
+    /// One port type name stands for two Rust types: give one of them another `PortType::NAME`.
+    TypeNameTwice {
+        /// The name.
+        type_name: &'static str,
+    },
+    /// One Rust type goes by two port type names.
+    TypeUnderTwoNames {
+        /// One name.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+    },
+    /// A declaration that was not made by `task!` contradicts the task's buffers.
+    Inconsistent {
+        /// The task's name.
+        task: &'static str,
+    },
+    /// More banks than a registry can number.
+    TooManyBanks,
+}
+
+/// What a robot's tasks declare: a view that can be shared.
+#[derive(Clone, Copy)]
+pub struct Registry<'m> {
+    banks: &'m [&'m mut (dyn TaskBank + 'm)],
+}
+
+impl<'m> Registry<'m> {
+    fn bank(&self, index: usize) -> Option<&'m dyn TaskBank> {
+        self.banks.get(index).map(|bank| &**bank)
+    }
+
+    /// Number of task types.
+    pub fn len(&self) -> usize {
+        self.banks.len()
+    }
+
+    /// Whether the robot has no tasks at all.
+    pub fn is_empty(&self) -> bool {
+        self.banks.is_empty()
+    }
+
+    /// Declaration of a task type.
+    pub fn declaration(&self, index: usize) -> Option<&'static Declaration> {
+        self.bank(index).map(|bank| bank.declaration())
+    }
+
+    /// Number of task states of this type that a mission can have.
+    pub fn capacity(&self, index: usize) -> usize {
+        self.bank(index).map_or(0, |bank| bank.capacity())
+    }
+
+    /// All declarations, in the order of the registry.
+    pub fn declarations(self) -> impl Iterator<Item = &'static Declaration> + use<'m> {
+        self.banks.iter().map(|bank| bank.declaration())
+    }
+
+    fn check(self) -> Result<(), RegistryFault> {
+        if self.banks.len() > usize::from(u8::MAX) {
+            return Err(RegistryFault::TooManyBanks);
+        }
+        for (index, bank) in self.banks.iter().enumerate() {
+            let declaration = bank.declaration();
+            if self
+                .declarations()
+                .take(index)
+                .any(|other| other.name == declaration.name)
+            {
+                return Err(RegistryFault::TaskNameTwice {
+                    task: declaration.name,
+                });
+            }
+            for (port, declared) in declaration.ports.iter().enumerate() {
+                let buffered = bank.output(0, port).map(|buffers| buffers.type_id());
+                let expected = (declared.direction != Direction::In && bank.capacity() > 0)
+                    .then_some(declared.type_id);
+                if buffered != expected {
+                    return Err(RegistryFault::Inconsistent {
+                        task: declaration.name,
+                    });
+                }
+                for other in self
+                    .declarations()
+                    .take(index + 1)
+                    .flat_map(|other| other.ports)
+                {
+                    match (
+                        other.type_name == declared.type_name,
+                        other.type_id == declared.type_id,
+                    ) {
+                        (true, false) => {
+                            return Err(RegistryFault::TypeNameTwice {
+                                type_name: declared.type_name,
+                            });
+                        }
+                        (false, true) => {
+                            return Err(RegistryFault::TypeUnderTwoNames {
+                                first: other.type_name,
+                                second: declared.type_name,
+                            });
+                        }
+                        _ => {}
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A net: refers to the value that was published on it last.
+#[derive(Clone, Copy)]
+pub struct Net {
+    value: Option<ErasedBuffer>,
+}
+
+impl Net {
+    /// A net without a value.
+    pub const EMPTY: Net = Net { value: None };
+
+    fn publish(&mut self, value: Option<ErasedBuffer>) {
+        if let Some(new) = value {
+            let publications = &new.head().publications;
+            publications.set(publications.get().saturating_add(1));
+        }
+        if let Some(old) = core::mem::replace(&mut self.value, value) {
+            let publications = &old.head().publications;
+            // A count that saturated is never taken back: such a buffer stays out of use rather than being written while referred to.
+            if publications.get() != u16::MAX {
+                publications.set(publications.get().saturating_sub(1));
+            }
+        }
+    }
+}
+
+// SAFETY: a net's reference is only followed by the executor that owns the net (invariant 1), which moves as a whole.
+unsafe impl Send for Net {}
+
+/// Which task: a bank of the registry and a place in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskPlace {
+    /// The bank's index in the registry.
+    pub bank: u8,
+    /// The task's place in its bank.
+    pub place: u8,
+}
+
+/// How an execution ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// What the task said.
+    pub step: Step,
+    /// The control flags that it wrote.
+    pub flags: FlagChanges,
+}
+
+/// What became of a job that came back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Harvest {
+    /// The run ended, its outputs are published.
+    Ended(Outcome),
+    /// The run ended, but its mission is over: nothing of it is kept.
+    Stale,
+    /// The job is not one that this executor lent.
+    Foreign,
+}
+
+/// Executes tasks: the one owner of a robot's banks and nets.
+pub struct Executor<'m> {
+    registry: Registry<'m>,
+    nets: &'m mut [Net],
+    lent: Option<TaskPlace>,
+    /// The lent job belongs to a mission that is over.
+    lent_is_stale: bool,
+}
+
+// SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers lead to is reached by it alone or by
+// the job it lent, which share only values that neither writes (invariants 1 to 3).
+unsafe impl Send for Executor<'_> {}
+
+/// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a mission.
+///
+/// # Errors
+/// What is wrong with the declarations; to be told at start-up, before any mission.
+pub fn assemble<'m>(
+    banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
+    nets: &'m mut [Net],
+) -> Result<(Executor<'m>, Registry<'m>), RegistryFault> {
+    let registry = Registry { banks };
+    registry.check()?;
+    nets.fill(Net::EMPTY);
+    Ok((
+        Executor {
+            registry,
+            nets,
+            lent: None,
+            lent_is_stale: false,
+        },
+        registry,
+    ))
+}
+
+impl<'m> Executor<'m> {
+    /// The declarations of the tasks.
+    pub fn registry(&self) -> Registry<'m> {
+        self.registry
+    }
+
+    /// Greatest number of nets.
+    pub fn net_capacity(&self) -> usize {
+        self.nets.len()
+    }
+
+    /// The task that is lent, if there is one.
+    pub fn lent(&self) -> Option<TaskPlace> {
+        self.lent
+    }
+
+    /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so when it comes back.
+    pub fn clear(&mut self) {
+        for net in self.nets.iter_mut() {
+            net.publish(None);
+        }
+        self.lent_is_stale = self.lent.is_some();
+        for (index, bank) in self.registry.banks.iter().enumerate() {
+            for place in 0..bank.capacity() {
+                if self.lent.is_some_and(|lent| {
+                    usize::from(lent.bank) == index && usize::from(lent.place) == place
+                }) {
+                    continue;
+                }
+                // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which was left out.
+                unsafe { bank.reset(place) };
+            }
+        }
+    }
+
+    /// Executes a task once and publishes what it wrote. `net_of` tells the net of each data port. `enter` says whether an activation
+    /// begins. `None`, and nothing is done, if a required input has no value or the task is lent.
+    pub fn execute(
+        &mut self,
+        task: TaskPlace,
+        net_of: impl Fn(usize) -> Option<usize>,
+        inputs: &Inputs,
+        enter: bool,
+    ) -> Option<Outcome> {
+        let bank = self.registry.bank(usize::from(task.bank))?;
+        if self.lent == Some(task) {
+            return None;
+        }
+        let mut state = self.connect(bank, task, &net_of, inputs, true)?;
+        // SAFETY: the executor owns the task (invariant 1), and it is not lent.
+        let step = unsafe {
+            bank.step(
+                usize::from(task.place),
+                enter,
+                &mut Io { state: &mut state },
+            )
+        };
+        self.publish(&state, &net_of);
+        Some(Outcome {
+            step,
+            flags: state.flags,
+        })
+    }
+
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
+    /// no value or a task is lent already.
+    pub fn lend(
+        &mut self,
+        task: TaskPlace,
+        net_of: impl Fn(usize) -> Option<usize>,
+        inputs: &Inputs,
+    ) -> Option<Job<'m>> {
+        if self.lent.is_some() {
+            return None;
+        }
+        let bank = self.registry.bank(usize::from(task.bank))?;
+        let state = self.connect(bank, task, &net_of, inputs, false)?;
+        for (index, value) in state.values.iter().enumerate() {
+            if let Some(value) = value
+                && state.writable & bit8(index) == 0
+            {
+                value.head().pinned.set(true);
+            }
+        }
+        self.lent = Some(task);
+        self.lent_is_stale = false;
+        Some(Job {
+            bank,
+            task,
+            state,
+            entered: false,
+            step: Step::Run,
+        })
+    }
+
+    /// Takes a job back and publishes what its run wrote. `net_of` is asked only if the job's mission still runs.
+    pub fn harvest(&mut self, job: Job<'m>, net_of: impl Fn(usize) -> Option<usize>) -> Harvest {
+        let own = self
+            .registry
+            .bank(usize::from(job.task.bank))
+            .is_some_and(|bank| core::ptr::addr_eq(bank, job.bank));
+        if !own || self.lent != Some(job.task) {
+            return Harvest::Foreign;
+        }
+        for (index, value) in job.state.values.iter().enumerate() {
+            if let Some(value) = value
+                && job.state.writable & bit8(index) == 0
+            {
+                value.head().pinned.set(false);
+            }
+        }
+        self.lent = None;
+        if core::mem::take(&mut self.lent_is_stale) {
+            // SAFETY: the job is back, so that the executor owns the task again.
+            unsafe { job.bank.reset(usize::from(job.task.place)) };
+            return Harvest::Stale;
+        }
+        self.publish(&job.state, net_of);
+        Harvest::Ended(Outcome {
+            step: job.step,
+            flags: job.state.flags,
+        })
+    }
+
+    /// Publishes a value from outside on a net: how a [`TaskBench`](crate::TaskBench) gives inputs.
+    #[cfg(any(test, feature = "std"))]
+    pub(crate) fn inject<V: PortType>(
+        &mut self,
+        net: usize,
+        value: V,
+        storage: &'m mut Buffered<V>,
+    ) {
+        let [buffer, ..] = &mut storage.buffers;
+        *buffer.value.get_mut() = value;
+        let storage: &'m Buffered<V> = storage;
+        if let Some(net) = self.nets.get_mut(net) {
+            net.publish(Some(storage.buffer(0)));
+        }
+    }
+
+    /// The value on a net, if there is one and it has this type.
+    pub fn value_on<V: PortType>(&self, net: usize) -> Option<V> {
+        let value = self.nets.get(net)?.value?.value::<V>()?;
+        // SAFETY: a published value is not written except while a task is executed, which borrows the executor mutably (invariant 3).
+        Some(unsafe { value.read() })
+    }
+
+    /// Finds the buffer of each data port. `None` if a required input has no value.
+    fn connect(
+        &self,
+        bank: &dyn TaskBank,
+        task: TaskPlace,
+        net_of: &impl Fn(usize) -> Option<usize>,
+        inputs: &Inputs,
+        in_place: bool,
+    ) -> Option<IoState> {
+        let mut state = IoState {
+            values: [None; MAX_DATA_PORTS],
+            writable: 0,
+            written: 0,
+            inputs: *inputs,
+            flags: FlagChanges::default(),
+        };
+        let ports = bank.declaration().ports;
+        let on_net = |index: usize| {
+            net_of(index)
+                .and_then(|net| self.nets.get(net))
+                .and_then(|net| net.value)
+        };
+        for (index, (port, value)) in ports.iter().zip(&mut state.values).enumerate() {
+            if port.direction == Direction::In {
+                *value = on_net(index);
+                if value.is_none() && !port.optional {
+                    return None;
+                }
+            }
+        }
+        for (index, port) in ports.iter().enumerate().take(MAX_DATA_PORTS) {
+            if port.direction == Direction::In {
+                continue;
+            }
+            state.writable |= bit8(index);
+            let buffers = bank.output(usize::from(task.place), index)?;
+            let value = if port.direction == Direction::Out {
+                Some(buffers.free_buffer()?)
+            } else if let Some(current) = on_net(index) {
+                let read_too = ports.iter().zip(&state.values).any(|(port, value)| {
+                    port.direction == Direction::In
+                        && value.is_some_and(|value| value.head == current.head)
+                });
+                if in_place && !read_too && !current.head().pinned.get() {
+                    Some(current)
+                } else {
+                    let own = buffers.free_buffer()?;
+                    // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
+                    unsafe { buffers.copy(current, own) };
+                    Some(own)
+                }
+            } else if port.optional {
+                None
+            } else {
+                return None;
+            };
+            if let Some(place) = state.values.get_mut(index) {
+                *place = value;
+            }
+        }
+        Some(state)
+    }
+
+    fn publish(&mut self, state: &IoState, net_of: impl Fn(usize) -> Option<usize>) {
+        for (index, value) in state.values.iter().enumerate() {
+            if state.written & bit8(index) == 0 {
+                continue;
+            }
+            if let Some(net) = net_of(index).and_then(|net| self.nets.get_mut(net)) {
+                net.publish(*value);
+            }
+        }
+    }
+}
+
+/// One run of a task in slot 0. It owns the task and what it reads and writes until it is given back to the executor.
+pub struct Job<'m> {
+    bank: &'m dyn TaskBank,
+    task: TaskPlace,
+    state: IoState,
+    entered: bool,
+    step: Step,
+}
+
+// SAFETY: tasks are `Send`, values `Send` and `Sync`. What a job points to is not written by anyone else while it is out (invariants 2, 3),
+// and it never touches the heads of its buffers.
+unsafe impl Send for Job<'_> {}
+
+impl Job<'_> {
+    /// Which task runs.
+    pub fn task(&self) -> TaskPlace {
+        self.task
+    }
+
+    /// Executes the task once more. The run ends with [`Step::Finished`]; after that this does nothing.
+    pub fn step(&mut self) -> Step {
+        if self.step == Step::Run {
+            // SAFETY: the task is lent to this job (invariant 2), of which there is one.
+            self.step = unsafe {
+                self.bank.step(
+                    usize::from(self.task.place),
+                    !self.entered,
+                    &mut Io {
+                        state: &mut self.state,
+                    },
+                )
+            };
+            self.entered = true;
+        }
+        self.step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registry::nets;
+    use crate::task;
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    struct Count(u32);
+    impl PortType for Count {
+        const NAME: &'static str = "Count";
+        const INIT: Self = Count(0);
+    }
+
+    /// Counts its executions and publishes the number.
+    struct Source {
+        count: u32,
+    }
+    task! { impl Source { data { out count: Count; } } }
+    impl Task for Source {
+        fn reset(&mut self) {
+            self.count = 0;
+        }
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            self.count += 1;
+            *io.write(Self::COUNT) = Count(self.count);
+            Step::Run
+        }
+    }
+
+    /// Adds 100 to what it finds.
+    struct Adder;
+    task! { impl Adder { data { in also: Count optional; inout count: Count; } } }
+    impl Task for Adder {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            let also = io.try_read(Self::ALSO);
+            let before = also.copied();
+            io.update(Self::COUNT).0 += 100;
+            assert_eq!(
+                also.copied(),
+                before,
+                "what a task reads is constant while it is executed"
+            );
+            Step::Run
+        }
+    }
+
+    /// Remembers what it reads, and runs for several steps.
+    struct Reader {
+        seen: [u32; 3],
+        steps: usize,
+    }
+    task! { impl Reader { data { in count: Count; out sum: Count; } } }
+    impl Task for Reader {
+        fn reset(&mut self) {
+            self.steps = 0;
+        }
+        fn enter(&mut self) {
+            self.steps = 0;
+        }
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            self.seen[self.steps] = io.read(Self::COUNT).0;
+            self.steps += 1;
+            if self.steps < 3 {
+                return Step::Run;
+            }
+            *io.write(Self::SUM) = Count(self.seen.iter().sum());
+            Step::Finished
+        }
+    }
+
+    struct Robot {
+        source: Bank<Source, 2>,
+        adder: Bank<Adder, 1>,
+        reader: Bank<Reader, 1>,
+    }
+
+    impl Robot {
+        fn new() -> Self {
+            Robot {
+                source: Bank::new([Source { count: 0 }, Source { count: 1000 }]),
+                adder: Bank::new([Adder]),
+                reader: Bank::new([Reader {
+                    seen: [0; 3],
+                    steps: 0,
+                }]),
+            }
+        }
+
+        fn banks(&mut self) -> [&mut (dyn TaskBank + '_); 3] {
+            [&mut self.source, &mut self.adder, &mut self.reader]
+        }
+    }
+
+    const SOURCE: TaskPlace = TaskPlace { bank: 0, place: 0 };
+    const ADDER: TaskPlace = TaskPlace { bank: 1, place: 0 };
+    const READER: TaskPlace = TaskPlace { bank: 2, place: 0 };
+    const NET: usize = 0;
+    const SUM: usize = 1;
+
+    fn source_net(_: usize) -> Option<usize> {
+        Some(NET)
+    }
+    fn adder_net(port: usize) -> Option<usize> {
+        [None, Some(NET)][port]
+    }
+    fn adder_reads_too(_: usize) -> Option<usize> {
+        Some(NET)
+    }
+    fn reader_net(port: usize) -> Option<usize> {
+        [Some(NET), Some(SUM)][port]
+    }
+
+    fn with_robot(test: impl FnOnce(&mut Executor<'_>)) {
+        let mut robot = Robot::new();
+        let mut banks = robot.banks();
+        let mut nets = nets::<2>();
+        let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
+        test(&mut executor);
+    }
+
+    fn step(
+        executor: &mut Executor<'_>,
+        task: TaskPlace,
+        net_of: fn(usize) -> Option<usize>,
+    ) -> bool {
+        executor
+            .execute(task, net_of, &Inputs::default(), false)
+            .is_some()
+    }
+
+    #[test]
+    fn a_task_without_its_input_is_not_executed() {
+        with_robot(|executor| {
+            assert!(!step(executor, READER, reader_net));
+            assert!(!step(executor, ADDER, adder_net));
+            assert!(
+                executor
+                    .lend(READER, reader_net, &Inputs::default())
+                    .is_none()
+            );
+            assert!(step(executor, SOURCE, source_net));
+            assert!(step(executor, READER, reader_net));
+        });
+    }
+
+    #[test]
+    fn a_net_holds_what_was_published_last() {
+        with_robot(|executor| {
+            for expected in 1..20 {
+                step(executor, SOURCE, source_net);
+                assert_eq!(executor.value_on(NET), Some(Count(expected)));
+            }
+            assert_eq!(executor.value_on::<u32>(NET), None, "of another type");
+        });
+    }
+
+    #[test]
+    fn inout_changes_the_value_in_place() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            let before = executor.nets[NET].value.unwrap().head;
+            step(executor, ADDER, adder_net);
+            assert_eq!(executor.value_on(NET), Some(Count(101)));
+            assert_eq!(executor.nets[NET].value.unwrap().head, before);
+        });
+    }
+
+    #[test]
+    fn inout_copies_what_its_task_reads_too() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            let before = executor.nets[NET].value.unwrap().head;
+            for round in 1..5 {
+                assert!(step(executor, ADDER, adder_reads_too));
+                assert_eq!(executor.value_on(NET), Some(Count(1 + 100 * round)));
+                assert_ne!(executor.nets[NET].value.unwrap().head, before);
+            }
+        });
+    }
+
+    #[test]
+    fn a_lent_task_reads_constant_values_while_their_writers_go_on() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            let mut job = executor
+                .lend(READER, reader_net, &Inputs::default())
+                .unwrap();
+            assert!(
+                executor
+                    .lend(READER, reader_net, &Inputs::default())
+                    .is_none(),
+                "one job at a time"
+            );
+            assert!(
+                !step(executor, READER, reader_net),
+                "a lent task is not executed"
+            );
+            let job = std::thread::scope(|threads| {
+                let runner = threads.spawn(move || {
+                    while job.step() == Step::Run {}
+                    job
+                });
+                for _ in 0..10 {
+                    assert!(step(executor, SOURCE, source_net));
+                    assert!(step(executor, ADDER, adder_net));
+                }
+                runner.join().unwrap()
+            });
+            assert_eq!(
+                executor.value_on::<Count>(SUM),
+                None,
+                "published when it comes back"
+            );
+            let harvest = executor.harvest(job, reader_net);
+            assert_eq!(
+                harvest,
+                Harvest::Ended(Outcome {
+                    step: Step::Finished,
+                    flags: FlagChanges::default()
+                })
+            );
+            assert_eq!(executor.value_on(SUM), Some(Count(3)));
+            assert!(
+                executor
+                    .lend(READER, reader_net, &Inputs::default())
+                    .is_some()
+            );
+        });
+    }
+
+    #[test]
+    fn inout_copies_what_a_lent_task_reads() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            let mut job = executor
+                .lend(READER, reader_net, &Inputs::default())
+                .unwrap();
+            assert!(step(executor, ADDER, adder_net));
+            assert_eq!(executor.value_on(NET), Some(Count(101)));
+            while job.step() == Step::Run {}
+            executor.harvest(job, reader_net);
+            assert_eq!(executor.value_on(SUM), Some(Count(3)));
+        });
+    }
+
+    #[test]
+    fn a_new_mission_starts_empty_and_keeps_nothing_of_a_job_that_comes_back_late() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            let mut job = executor
+                .lend(READER, reader_net, &Inputs::default())
+                .unwrap();
+            executor.clear();
+            assert_eq!(executor.value_on::<Count>(NET), None);
+            for expected in 1..5 {
+                step(executor, SOURCE, source_net);
+                assert_eq!(
+                    executor.value_on(NET),
+                    Some(Count(expected)),
+                    "its state started anew"
+                );
+            }
+            assert!(!step(executor, READER, reader_net), "still lent");
+            while job.step() == Step::Run {}
+            assert_eq!(executor.harvest(job, reader_net), Harvest::Stale);
+            assert_eq!(executor.value_on::<Count>(SUM), None);
+            assert!(step(executor, READER, reader_net));
+        });
+    }
+
+    #[test]
+    fn a_job_of_another_robot_is_refused() {
+        let (mut first, mut second) = (Robot::new(), Robot::new());
+        let (mut first, mut second) = (first.banks(), second.banks());
+        let (mut first_nets, mut second_nets) = (nets::<2>(), nets::<2>());
+        let (mut first, _) = assemble(&mut first, &mut first_nets).unwrap();
+        let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
+        let lent = [&mut first, &mut second].map(|executor| {
+            step(executor, SOURCE, source_net);
+            executor
+                .lend(READER, reader_net, &Inputs::default())
+                .unwrap()
+        });
+        let [of_first, of_second] = lent;
+        assert_eq!(first.harvest(of_second, reader_net), Harvest::Foreign);
+        assert!(matches!(
+            first.harvest(of_first, reader_net),
+            Harvest::Ended(_)
+        ));
+    }
+
+    #[test]
+    #[should_panic = "this handle belongs to another task type"]
+    fn a_handle_of_the_wrong_type_is_a_defect() {
+        struct Wrong;
+        task! { impl Wrong { data { in count: Count; } } }
+        impl Task for Wrong {
+            fn step(&mut self, io: &mut Io<'_>) -> Step {
+                let _: &u32 = io.read(In::at(0));
+                Step::Run
+            }
+        }
+        crate::TaskBench::new(Wrong)
+            .give(Wrong::COUNT, Count(1))
+            .step();
+    }
+
+    #[test]
+    #[should_panic = "this handle belongs to another task type"]
+    fn an_input_cannot_be_written() {
+        struct Wrong;
+        task! { impl Wrong { data { in count: Count; } } }
+        impl Task for Wrong {
+            fn step(&mut self, io: &mut Io<'_>) -> Step {
+                *io.write(Out::at(0)) = Count(1);
+                Step::Run
+            }
+        }
+        crate::TaskBench::new(Wrong)
+            .give(Wrong::COUNT, Count(1))
+            .step();
+    }
+
+    #[test]
+    fn names_must_be_unique() {
+        mod other {
+            use super::*;
+            #[derive(Clone, Copy)]
+            pub struct Count;
+            impl PortType for Count {
+                const NAME: &'static str = "Count";
+                const INIT: Self = Count;
+            }
+            pub struct Source;
+            task! { impl Source { data { out count: u32; } } }
+            impl Task for Source {
+                fn step(&mut self, _: &mut Io<'_>) -> Step {
+                    Step::Run
+                }
+            }
+            pub struct Another;
+            task! { impl Another { data { in count: Count; } } }
+            impl Task for Another {
+                fn step(&mut self, _: &mut Io<'_>) -> Step {
+                    Step::Run
+                }
+            }
+        }
+        fn fault<'m>(banks: &'m mut [&'m mut (dyn TaskBank + 'm)]) -> Option<RegistryFault> {
+            Registry { banks }.check().err()
+        }
+        assert_eq!(fault(&mut [&mut Bank::new([Source { count: 0 }])]), None);
+        assert_eq!(
+            fault(&mut [
+                &mut Bank::new([Source { count: 0 }]),
+                &mut Bank::new([other::Source])
+            ]),
+            Some(RegistryFault::TaskNameTwice { task: "Source" })
+        );
+        assert_eq!(
+            fault(&mut [
+                &mut Bank::new([Source { count: 0 }]),
+                &mut Bank::new([other::Another])
+            ]),
+            Some(RegistryFault::TypeNameTwice { type_name: "Count" })
+        );
+    }
+}

@@ -1,0 +1,66 @@
+//! A robot's task registry: which task types there are, and how many of each.
+
+/// Declares a robot: a struct with one [`Bank`](crate::Bank) of tasks for each task type.
+///
+/// ```
+/// use rt_firmware::{Io, Step, Task, assemble, nets, registry, task};
+///
+/// #[derive(Default)]
+/// struct Blink;
+/// task! { impl Blink { flags { out lit; } } }
+/// impl Task for Blink {
+///     fn step(&mut self, io: &mut Io<'_>) -> Step {
+///         io.set(Self::LIT, true);
+///         Step::Finished
+///     }
+/// }
+///
+/// registry! {
+///     /// A robot that can do one thing, twice at a time.
+///     pub struct Lamp {
+///         blink: Blink[2],
+///     }
+/// }
+///
+/// let mut robot = Lamp { blink: rt_firmware::Bank::new([Blink, Blink]) };
+/// let mut banks = robot.banks();
+/// let mut nets = nets::<4>();
+/// let (executor, registry) = assemble(&mut banks, &mut nets).expect("names are unique");
+/// assert_eq!(registry.capacity(0), 2);
+/// # drop(executor);
+/// ```
+///
+/// Generics stand in brackets, as in [`task!`](crate::task!): `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`.
+#[macro_export]
+macro_rules! registry {
+    (
+        $(#[$meta:meta])*
+        $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:ident),+ $(,)?>)? {
+            $($(#[$bank_meta:meta])* $bank:ident : $task:ident $(<$($task_argument:ty),+ $(,)?>)? [$count:expr]),+ $(,)?
+        }
+    ) => {
+        $(#[$meta])*
+        $visibility struct $robot $(<$($generics)*>)? {
+            $(
+                $(#[$bank_meta])*
+                #[doc = concat!("Tasks of type `", stringify!($task), "`.")]
+                pub $bank: $crate::Bank<$task $(<$($task_argument),+>)?, { $count }>,
+            )+
+        }
+
+        impl $(<$($generics)*>)? $robot $(<$($argument),+>)? {
+            /// Number of task types.
+            pub const BANKS: usize = [$(stringify!($bank)),+].len();
+
+            /// The banks, to be made a robot of by `assemble`.
+            pub fn banks(&mut self) -> [&mut (dyn $crate::TaskBank + '_); [$(stringify!($bank)),+].len()] {
+                [$(&mut self.$bank),+]
+            }
+        }
+    };
+}
+
+/// Storage for `N` nets without values.
+pub const fn nets<const N: usize>() -> [crate::Net; N] {
+    [crate::Net::EMPTY; N]
+}

@@ -1,0 +1,660 @@
+//! What a task is: typed ports, flags and parameters around one step function.
+//!
+//! A task is a plain struct. [`task!`](crate::task!) declares what it is connected to, and [`Task`] says what it does:
+//!
+//! ```
+//! use rt_firmware::{Io, PortType, Step, Task, task};
+//!
+//! /// Distances around the robot.
+//! #[derive(Clone, Copy)]
+//! pub struct Ranges {
+//!     /// Distance to the nearest thing ahead, in metres.
+//!     pub ahead_m: f32,
+//! }
+//! impl PortType for Ranges {
+//!     const NAME: &'static str = "Ranges";
+//!     const INIT: Self = Ranges { ahead_m: f32::INFINITY };
+//! }
+//!
+//! /// How the robot is to move.
+//! #[derive(Clone, Copy)]
+//! pub struct Twist {
+//!     /// Forward speed in metres per second.
+//!     pub forward_m_s: f32,
+//! }
+//! impl PortType for Twist {
+//!     const NAME: &'static str = "Twist";
+//!     const INIT: Self = Twist { forward_m_s: 0.0 };
+//! }
+//!
+//! /// Drives straight ahead and tells when something is near.
+//! pub struct Cruise;
+//!
+//! task! {
+//!     impl Cruise {
+//!         slot 2;
+//!         wcet 200 us;
+//!         exclusive motion;
+//!         data {
+//!             in ranges: Ranges;
+//!             out command: Twist;
+//!         }
+//!         flags {
+//!             in hurry;
+//!             out near;
+//!         }
+//!         params {
+//!             speed: f32 = 0.25, 0.0..=0.5;
+//!         }
+//!     }
+//! }
+//!
+//! impl Task for Cruise {
+//!     fn step(&mut self, io: &mut Io<'_>) -> Step {
+//!         let ranges = io.read(Self::RANGES);
+//!         let speed = io.param(Self::SPEED);
+//!         let speed = if io.flag(Self::HURRY) { 2.0 * speed } else { speed };
+//!         *io.write(Self::COMMAND) = Twist { forward_m_s: speed };
+//!         io.set(Self::NEAR, ranges.ahead_m < 0.5);
+//!         Step::Run
+//!     }
+//! }
+//!
+//! assert_eq!(
+//!     rt_firmware::declaration_of::<Cruise>().signature,
+//!     "task Cruise{in data ranges:Ranges;out data command:Twist;in flag hurry;out flag near;param speed:f32;}"
+//! );
+//! ```
+//!
+//! Generic tasks (drivers over embedded-hal traits, most often) write their generics in brackets:
+//! `task! { impl[M: SetDutyCycle] Wheel<M> { … } }`.
+
+use core::any::TypeId;
+use core::marker::PhantomData;
+
+use crate::ports::{Io, OutputPorts};
+
+/// Greatest number of data ports of one task.
+pub const MAX_DATA_PORTS: usize = 8;
+/// Greatest number of control flags of one task, `in` and `out` together.
+pub const MAX_FLAGS: usize = 16;
+/// Greatest number of parameters of one task.
+pub const MAX_PARAMS: usize = 8;
+
+/// A type whose values travel over nets.
+///
+/// Values are plain data: they are never dropped, and several tasks may look at one of them at a time.
+pub trait PortType: Copy + Send + Sync + 'static {
+    /// The name by which `.esm` files call this type. One name stands for one Rust type, which is checked at start-up.
+    const NAME: &'static str;
+    /// What a buffer holds before anything was written into it.
+    const INIT: Self;
+}
+
+/// Implements [`PortType`] for the types that need no declaration of their own.
+macro_rules! plain_port_type {
+    ($($name:ident = $init:expr;)*) => {
+        $(impl PortType for $name {
+            const NAME: &'static str = stringify!($name);
+            const INIT: Self = $init;
+        })*
+    };
+}
+
+plain_port_type! {
+    bool = false;
+    i32 = 0;
+    u32 = 0;
+    f32 = 0.0;
+}
+
+/// A type of task: what runs when a task state of a mission is executed.
+///
+/// One value of the type serves one task state at a time; the robot's registry says how many there are.
+pub trait Task: Declared + Send {
+    /// A mission starts: forget everything that an earlier mission left behind.
+    fn reset(&mut self) {}
+
+    /// The task state was entered anew; called before the first [`step`](Task::step) of each activation.
+    fn enter(&mut self) {}
+
+    /// Executes the task once. For a real-time task this is called once in each occurrence of its slot and must end within the
+    /// slot's duration; for a task in slot 0 it is called again and again, preempted by every slot, until it returns
+    /// [`Step::Finished`].
+    fn step(&mut self, io: &mut Io<'_>) -> Step;
+}
+
+/// What a step says about the task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The task goes on in the next occurrence of its slot.
+    Run,
+    /// The task has done its work: its exit flag is set and it is not executed again until its state is entered anew.
+    Finished,
+}
+
+/// The way data flows through a port, or control through a flag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Into the task.
+    In,
+    /// Out of the task.
+    Out,
+    /// The task changes a value and publishes it again.
+    InOut,
+}
+
+/// A data port as its task declares it.
+#[derive(Clone, Copy, Debug)]
+pub struct PortDeclaration {
+    /// Name of the port.
+    pub name: &'static str,
+    /// [`PortType::NAME`] of the values.
+    pub type_name: &'static str,
+    /// The Rust type of the values.
+    pub type_id: TypeId,
+    /// The way data flows.
+    pub direction: Direction,
+    /// Whether the task is executed although the port's net holds no value.
+    pub optional: bool,
+}
+
+/// A control flag as its task declares it.
+#[derive(Clone, Copy, Debug)]
+pub struct FlagDeclaration {
+    /// Name of the flag.
+    pub name: &'static str,
+    /// [`Direction::In`] or [`Direction::Out`].
+    pub direction: Direction,
+}
+
+/// The type of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamKind {
+    /// `bool`
+    Bool,
+    /// `i32`
+    I32,
+    /// `u32`
+    U32,
+    /// `f32`
+    F32,
+}
+
+/// A parameter as its task declares it.
+#[derive(Clone, Copy, Debug)]
+pub struct ParamDeclaration {
+    /// Name of the parameter.
+    pub name: &'static str,
+    /// Its type.
+    pub kind: ParamKind,
+}
+
+/// Everything that a task type declares about itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Declaration {
+    /// Name of the task type.
+    pub name: &'static str,
+    /// Data ports in declaration order.
+    pub ports: &'static [PortDeclaration],
+    /// Control flags in declaration order.
+    pub flags: &'static [FlagDeclaration],
+    /// Parameters in declaration order.
+    pub params: &'static [ParamDeclaration],
+    /// Canonical text of the signature, which blobs are compiled against.
+    pub signature: &'static str,
+    /// FNV-1a hash of `signature`.
+    pub signature_hash: u64,
+    /// The declaration as `.esm` text, with default slot, ranges and default values.
+    pub source: &'static str,
+}
+
+/// A type with a declaration; implemented by [`task!`](crate::task!).
+pub trait Declared {
+    /// What the type declares.
+    const DECLARATION: Declaration;
+    /// Buffers of the data ports; made of [`Buffered`](crate::ports::Buffered) and [`Unbuffered`](crate::ports::Unbuffered)
+    /// in port order.
+    type Outputs: OutputPorts;
+}
+
+/// The declaration of a task type.
+pub const fn declaration_of<T: Declared>() -> &'static Declaration {
+    const { &T::DECLARATION }
+}
+
+/// Declares a handle type: a place in a task's list of ports, flags or parameters, with the type of what is there.
+macro_rules! handle {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        pub struct $name<T> {
+            pub(crate) index: u8,
+            of: PhantomData<fn() -> T>,
+        }
+
+        impl<T> $name<T> {
+            /// The handle with the given place in the declaration; [`task!`](crate::task!) makes these.
+            #[doc(hidden)]
+            pub const fn at(index: u8) -> Self {
+                Self { index, of: PhantomData }
+            }
+        }
+
+        impl<T> Clone for $name<T> {
+            fn clone(&self) -> Self {
+                *self
+            }
+        }
+
+        impl<T> Copy for $name<T> {}
+    };
+}
+
+handle! {
+    /// A data port that the task reads. The task is executed only while there is a value.
+    In
+}
+handle! {
+    /// A data port that the task reads if there is a value.
+    OptIn
+}
+handle! {
+    /// A data port that the task writes.
+    Out
+}
+handle! {
+    /// A data port whose value the task changes and publishes again. The task is executed only while there is a value.
+    InOut
+}
+handle! {
+    /// A data port whose value, if there is one, the task changes and publishes again.
+    OptInOut
+}
+handle! {
+    /// A parameter, constant as long as a mission runs.
+    Param
+}
+
+/// A control flag that transitions set and the task reads.
+#[derive(Clone, Copy)]
+pub struct InFlag {
+    pub(crate) index: u8,
+}
+
+/// A control flag that the task sets and transitions read.
+#[derive(Clone, Copy)]
+pub struct OutFlag {
+    pub(crate) index: u8,
+}
+
+impl InFlag {
+    /// The flag with the given place in the declaration; [`task!`](crate::task!) makes these.
+    #[doc(hidden)]
+    pub const fn at(index: u8) -> Self {
+        Self { index }
+    }
+}
+
+impl OutFlag {
+    /// The flag with the given place in the declaration; [`task!`](crate::task!) makes these.
+    #[doc(hidden)]
+    pub const fn at(index: u8) -> Self {
+        Self { index }
+    }
+}
+
+/// A type that a parameter can have.
+pub trait ParamType: Copy {
+    /// The type as declarations name it.
+    const KIND: ParamKind;
+    /// The value whose bits these are.
+    fn from_bits(bits: u32) -> Self;
+    /// The bits of the value, as blobs carry them.
+    fn to_bits(self) -> u32;
+}
+
+impl ParamType for bool {
+    const KIND: ParamKind = ParamKind::Bool;
+    fn from_bits(bits: u32) -> Self {
+        bits != 0
+    }
+    fn to_bits(self) -> u32 {
+        u32::from(self)
+    }
+}
+
+impl ParamType for i32 {
+    const KIND: ParamKind = ParamKind::I32;
+    fn from_bits(bits: u32) -> Self {
+        bits.cast_signed()
+    }
+    fn to_bits(self) -> u32 {
+        self.cast_unsigned()
+    }
+}
+
+impl ParamType for u32 {
+    const KIND: ParamKind = ParamKind::U32;
+    fn from_bits(bits: u32) -> Self {
+        bits
+    }
+    fn to_bits(self) -> u32 {
+        self
+    }
+}
+
+impl ParamType for f32 {
+    const KIND: ParamKind = ParamKind::F32;
+    fn from_bits(bits: u32) -> Self {
+        f32::from_bits(bits)
+    }
+    fn to_bits(self) -> u32 {
+        f32::to_bits(self)
+    }
+}
+
+/// The place of `name` in a list of names, at compile time.
+#[doc(hidden)]
+pub const fn place_of(names: &[&str], name: &str) -> u8 {
+    let mut place = 0;
+    while place < names.len() {
+        if same_text(names[place], name) {
+            assert!(place <= u8::MAX as usize);
+            return place as u8;
+        }
+        place += 1;
+    }
+    panic!("the declaration has no such name")
+}
+
+/// Whether two texts are equal, at compile time.
+#[doc(hidden)]
+pub const fn same_text(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    if a.len() != b.len() {
+        return false;
+    }
+    let mut i = 0;
+    while i < a.len() {
+        if a[i] != b[i] {
+            return false;
+        }
+        i += 1;
+    }
+    true
+}
+
+/// 64-bit FNV-1a hash of a text, at compile time.
+#[doc(hidden)]
+pub const fn signature_hash(text: &str) -> u64 {
+    const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0000_0100_0000_01b3;
+    let bytes = text.as_bytes();
+    let mut hash = OFFSET_BASIS;
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(PRIME);
+        i += 1;
+    }
+    hash
+}
+
+/// Declares the ports, flags and parameters of a task type; see [the module](crate::task) for an example.
+///
+/// ```text
+/// task! {
+///     impl NAME {                             // or: impl[M: SetDutyCycle] NAME<M> {
+///         slot 2;                             // optional: what `esm tasks` suggests
+///         wcet 500 us;                        // optional
+///         exclusive GROUP;                    // optional
+///         data   { in a: A; in b: B optional; out c: C; inout d: D; }
+///         flags  { in go; out near; }
+///         params { speed: f32 = 0.25, 0.0..=0.5; limit: u32; }
+///     }
+/// }
+/// ```
+///
+/// Sections that have nothing in them are left out. Each name becomes an associated constant in upper case (`NAME::SPEED`) of
+/// the handle type that [`Io`] asks for. The name of a port's type is its [`PortType::NAME`].
+#[macro_export]
+macro_rules! task {
+    (
+        impl $([$($generics:tt)*])? $name:ident $(<$($argument:ident),+ $(,)?>)? {
+            $(slot $slot:literal;)?
+            $(wcet $wcet:literal $wcet_unit:ident;)?
+            $(exclusive $group:ident;)?
+            $(data { $($direction:tt $port:ident : $port_type:ident $($optional:ident)? ;)* })?
+            $(flags { $($flag_direction:tt $flag:ident ;)* })?
+            $(params { $($param:ident : $param_type:ident $(= $default:literal)? $(, $min:literal ..= $max:literal)? ;)* })?
+        }
+    ) => {
+        $crate::pastey::paste! {
+            impl $(<$($generics)*>)? $name $(<$($argument),+>)? {
+                $($(
+                    #[doc = concat!("Data port `", stringify!($port), "`.")]
+                    pub const [<$port:upper>]: $crate::__task_port!($direction $port_type $($optional)?) =
+                        <$crate::__task_port!($direction $port_type $($optional)?)>::at(
+                            $crate::task::place_of(Self::__PORT_NAMES, stringify!($port)),
+                        );
+                )*)?
+                $($(
+                    #[doc = concat!("Control flag `", stringify!($flag), "`.")]
+                    pub const [<$flag:upper>]: $crate::__task_flag!($flag_direction) =
+                        <$crate::__task_flag!($flag_direction)>::at(
+                            $crate::task::place_of(Self::__FLAG_NAMES, stringify!($flag)),
+                        );
+                )*)?
+                $($(
+                    #[doc = concat!("Parameter `", stringify!($param), "`.")]
+                    pub const [<$param:upper>]: $crate::task::Param<$param_type> = $crate::task::Param::at(
+                        $crate::task::place_of(Self::__PARAM_NAMES, stringify!($param)),
+                    );
+                )*)?
+                #[allow(dead_code)]
+                const __PORT_NAMES: &'static [&'static str] = &[$($(stringify!($port),)*)?];
+                #[allow(dead_code)]
+                const __FLAG_NAMES: &'static [&'static str] = &[$($(stringify!($flag),)*)?];
+                #[allow(dead_code)]
+                const __PARAM_NAMES: &'static [&'static str] = &[$($(stringify!($param),)*)?];
+            }
+        }
+
+        impl $(<$($generics)*>)? $crate::task::Declared for $name $(<$($argument),+>)? {
+            const DECLARATION: $crate::task::Declaration = {
+                const SIGNATURE: &str = concat!(
+                    "task ", stringify!($name), "{",
+                    $($(stringify!($direction), " data ", stringify!($port), ":", stringify!($port_type), $(" ", stringify!($optional),)? ";",)*)?
+                    $($(stringify!($flag_direction), " flag ", stringify!($flag), ";",)*)?
+                    $($("param ", stringify!($param), ":", stringify!($param_type), ";",)*)?
+                    "}"
+                );
+                $($(
+                    assert!(
+                        $crate::task::same_text(<$port_type as $crate::task::PortType>::NAME, stringify!($port_type)),
+                        "a port's type is written as its PortType::NAME"
+                    );
+                    $($crate::__task_optional!($optional);)?
+                )*)?
+                assert!(Self::__PORT_NAMES.len() <= $crate::task::MAX_DATA_PORTS, "too many data ports");
+                assert!(Self::__FLAG_NAMES.len() <= $crate::task::MAX_FLAGS, "too many flags");
+                assert!(Self::__PARAM_NAMES.len() <= $crate::task::MAX_PARAMS, "too many parameters");
+                $crate::task::Declaration {
+                    name: stringify!($name),
+                    ports: &[$($(
+                        $crate::task::PortDeclaration {
+                            name: stringify!($port),
+                            type_name: stringify!($port_type),
+                            type_id: ::core::any::TypeId::of::<$port_type>(),
+                            direction: $crate::__task_direction!($direction),
+                            optional: false $(|| $crate::__task_optional!($optional))?,
+                        },
+                    )*)?],
+                    flags: &[$($(
+                        $crate::task::FlagDeclaration {
+                            name: stringify!($flag),
+                            direction: $crate::__task_direction!($flag_direction),
+                        },
+                    )*)?],
+                    params: &[$($(
+                        $crate::task::ParamDeclaration {
+                            name: stringify!($param),
+                            kind: <$param_type as $crate::task::ParamType>::KIND,
+                        },
+                    )*)?],
+                    signature: SIGNATURE,
+                    signature_hash: $crate::task::signature_hash(SIGNATURE),
+                    source: concat!(
+                        "task ", stringify!($name),
+                        $(" slot ", stringify!($slot),)?
+                        $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
+                        $(" exclusive ", stringify!($group),)?
+                        " {\n",
+                        $($("    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($optional),)? ";\n",)*)?
+                        $($("    ", stringify!($flag_direction), " flag ", stringify!($flag), ";\n",)*)?
+                        $($("    param ", stringify!($param), ": ", stringify!($param_type), $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)? ";\n",)*)?
+                        "}\n"
+                    ),
+                }
+            };
+            type Outputs = $crate::__task_outputs!($($($direction $port_type,)*)?);
+        }
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_port {
+    (in $type:ident) => { $crate::task::In<$type> };
+    (in $type:ident optional) => { $crate::task::OptIn<$type> };
+    (out $type:ident) => { $crate::task::Out<$type> };
+    (inout $type:ident) => { $crate::task::InOut<$type> };
+    (inout $type:ident optional) => { $crate::task::OptInOut<$type> };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_flag {
+    (in) => {
+        $crate::task::InFlag
+    };
+    (out) => {
+        $crate::task::OutFlag
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_direction {
+    (in) => {
+        $crate::task::Direction::In
+    };
+    (out) => {
+        $crate::task::Direction::Out
+    };
+    (inout) => {
+        $crate::task::Direction::InOut
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_optional {
+    (optional) => {
+        true
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_outputs {
+    () => { () };
+    (in $type:ident, $($rest:tt)*) => { ($crate::ports::Unbuffered, $crate::__task_outputs!($($rest)*)) };
+    ($direction:tt $type:ident, $($rest:tt)*) => { ($crate::ports::Buffered<$type>, $crate::__task_outputs!($($rest)*)) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Clone, Copy)]
+    struct Scan;
+    impl PortType for Scan {
+        const NAME: &'static str = "Scan";
+        const INIT: Self = Scan;
+    }
+
+    #[derive(Clone, Copy)]
+    struct Twist;
+    impl PortType for Twist {
+        const NAME: &'static str = "Twist";
+        const INIT: Self = Twist;
+    }
+
+    struct Everything<A, B> {
+        _owned: (A, B),
+    }
+
+    task! {
+        impl[A: Send, B: Send + Copy] Everything<A, B> {
+            slot 3;
+            wcet 1 ms;
+            exclusive motion;
+            data {
+                in scan: Scan optional;
+                inout pose: Twist;
+                out cmd: Twist;
+            }
+            flags {
+                in go;
+                out near;
+            }
+            params {
+                speed: f32 = 0.25, -1.0..=0.5;
+                limit: u32;
+            }
+        }
+    }
+
+    struct Nothing;
+    task! { impl Nothing {} }
+
+    #[test]
+    fn signature_and_source_say_what_was_declared() {
+        let cases = [
+            (
+                *declaration_of::<Everything<u8, u8>>(),
+                "task Everything{in data scan:Scan optional;inout data pose:Twist;out data cmd:Twist;in flag go;out flag near;\
+                 param speed:f32;param limit:u32;}",
+                "task Everything slot 3 wcet 1 ms exclusive motion {\n    in data scan: Scan optional;\n    inout data pose: Twist;\n    \
+                 out data cmd: Twist;\n    in flag go;\n    out flag near;\n    param speed: f32 = 0.25 min -1.0 max 0.5;\n    \
+                 param limit: u32;\n}\n",
+            ),
+            (
+                *declaration_of::<Nothing>(),
+                "task Nothing{}",
+                "task Nothing {\n}\n",
+            ),
+        ];
+        for (declaration, signature, source) in cases {
+            assert_eq!(declaration.signature, signature);
+            assert_eq!(declaration.signature_hash, signature_hash(signature));
+            assert_eq!(declaration.source, source);
+        }
+    }
+
+    #[test]
+    fn the_hash_is_fnv_1a() {
+        // Values from the tables of the hash's authors.
+        assert_eq!(signature_hash(""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(signature_hash("a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(signature_hash("foobar"), 0x8594_4171_f739_67e8);
+    }
+
+    #[test]
+    fn handles_know_their_places() {
+        type E = Everything<u8, u8>;
+        assert_eq!((E::SCAN.index, E::POSE.index, E::CMD.index), (0, 1, 2));
+        assert_eq!((E::GO.index, E::NEAR.index), (0, 1));
+        assert_eq!((E::SPEED.index, E::LIMIT.index), (0, 1));
+    }
+}
