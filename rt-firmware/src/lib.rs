@@ -21,6 +21,7 @@ pub use pastey;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
 pub mod body;
+pub mod drivers;
 pub mod link;
 pub mod ports;
 pub mod registry;
