@@ -1,3 +1,4 @@
 //! The main job: a mission on a board, in a world, from the compiler to the summary.
 
 pub mod recording;
+pub mod summary;

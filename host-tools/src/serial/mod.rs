@@ -6,10 +6,12 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`port`] | what a person writes: a path, `unix:PATH`, `tcp:HOST:PORT` |
+//! | [`noise`] | a bad line, repeatable |
 //! | [`pacing`] | a link slowed down to the rate of a real line |
 //! | [`pipe`] | a link between two threads of this process |
 //! | [`pty`] | a pseudo-terminal that others can open, for serving an emulated robot |
 
+pub mod noise;
 pub mod pacing;
 pub mod pipe;
 pub mod port;

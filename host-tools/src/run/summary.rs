@@ -1,0 +1,123 @@
+//! What a person wants to know of a run when it is over.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// A run in figures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// The board that it ran on.
+    pub board: String,
+    /// The world that it drove in.
+    pub world: String,
+    /// Robot time, in seconds.
+    pub robot_time_s: f64,
+    /// Time on the wall that it took, uploads and start included, in seconds.
+    pub wall_time_s: f64,
+    /// Way of the robot's centre, in metres.
+    pub distance_m: f64,
+    /// How often the robot ran into a wall.
+    pub collisions: u32,
+    /// Rooms that it came into, in the order of the first time.
+    pub rooms_entered: Vec<String>,
+    /// Macro steps that the trace holds.
+    pub macro_steps: u64,
+    /// Transitions taken.
+    pub transitions: u64,
+    /// Slot occurrences that were executed.
+    pub slots_executed: u64,
+    /// Slot occurrences that did not start within their period.
+    pub slots_missed: u64,
+    /// Task executions that took longer than their slot.
+    pub overruns: u64,
+    /// Longest time from the nominal start of an occurrence to its first instruction, in microseconds.
+    pub longest_dispatch_delay_us: u32,
+    /// Exchanges with the plant that brought nothing new.
+    pub stale_frames: u32,
+    /// The deepest that the stack was, in bytes; `None` where the board does not tell.
+    pub deepest_stack_bytes: Option<u32>,
+    /// What ended the last mission, if it faulted.
+    pub fault: Option<String>,
+    /// The missions, in the order in which they ran.
+    pub missions: Vec<MissionSummary>,
+    /// Requests that had to be sent again.
+    pub link_retries: u64,
+}
+
+/// A mission's way to the robot.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MissionSummary {
+    /// The file.
+    pub file: String,
+    /// Hash of its blob, in hex.
+    pub hash: String,
+    /// Size of its blob, in bytes.
+    pub bytes: usize,
+    /// Robot time of its first macro step, in seconds.
+    pub started_s: f64,
+    /// Time on the wall that its upload took, in seconds.
+    pub upload_s: f64,
+    /// Slot occurrences missed from the upload's first byte to the first macro step.
+    pub slots_missed_in_upload: u64,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |name: &str, value: String| writeln!(f, "  {name:<24} {value}");
+        row(
+            "robot time",
+            format!(
+                "{:.3} s on {} in {} ({:.1} s on the wall)",
+                self.robot_time_s, self.board, self.world, self.wall_time_s
+            ),
+        )?;
+        row("distance", format!("{:.2} m", self.distance_m))?;
+        row("collisions", self.collisions.to_string())?;
+        let rooms = match self.rooms_entered.as_slice() {
+            [] => "none".to_owned(),
+            rooms => format!("{} ({})", rooms.len(), rooms.join(", ")),
+        };
+        row("rooms entered", rooms)?;
+        row(
+            "macro steps",
+            format!("{}, {} transitions", self.macro_steps, self.transitions),
+        )?;
+        row("slots executed", self.slots_executed.to_string())?;
+        row("slots missed", self.slots_missed.to_string())?;
+        if self.overruns > 0 {
+            row("overruns", self.overruns.to_string())?;
+        }
+        row(
+            "longest dispatch delay",
+            format!("{} us", self.longest_dispatch_delay_us),
+        )?;
+        if self.stale_frames > 0 {
+            row("stale plant frames", self.stale_frames.to_string())?;
+        }
+        if let Some(bytes) = self.deepest_stack_bytes {
+            row("deepest stack", format!("{bytes} bytes"))?;
+        }
+        for mission in &self.missions {
+            row(
+                "upload",
+                format!(
+                    "{} ({}): {} bytes in {:.2} s, running from {:.3} s, {} slots missed meanwhile",
+                    mission.file,
+                    mission.hash,
+                    mission.bytes,
+                    mission.upload_s,
+                    mission.started_s,
+                    mission.slots_missed_in_upload
+                ),
+            )?;
+        }
+        if self.link_retries > 0 {
+            row("requests sent again", self.link_retries.to_string())?;
+        }
+        match &self.fault {
+            Some(fault) => row("fault", fault.clone()),
+            None => Ok(()),
+        }
+    }
+}
