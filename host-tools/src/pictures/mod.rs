@@ -23,6 +23,7 @@ mod axis;
 pub mod font;
 mod path;
 mod png;
+mod recorder;
 pub mod scene;
 mod slots;
 mod svg;
@@ -30,6 +31,7 @@ mod timeline;
 
 pub use path::{Leg, PathPicture, PathSample, Room};
 pub use png::PngError;
+pub use recorder::StatesRecorder;
 pub use slots::{SlotPicture, SlotRow};
 pub use timeline::{Mark, MissionStates, RegionStates, StateSpan, Timeline};
 

@@ -2,6 +2,8 @@
 
 use super::axis;
 use super::font::{self, Weight};
+use crate::world::{self, World};
+
 use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
 
 /// A map and what a robot did on it. Lengths are in metres, x to the right, y upwards.
@@ -86,6 +88,25 @@ const LEGS: [Colour; 6] = [
 ];
 
 impl PathPicture {
+    /// The map of a world, without any path yet.
+    pub fn over(world: &World) -> Self {
+        let place = |point: &world::Point| [point.x_m as f32, point.y_m as f32];
+        let room = |room: &world::Room| Room {
+            name: room.name.clone(),
+            corners: room.outline.iter().map(place).collect(),
+        };
+        PathPicture {
+            title: world.name.clone(),
+            walls: world
+                .walls
+                .iter()
+                .map(|wall| [place(&wall.from), place(&wall.to)])
+                .collect(),
+            rooms: world.rooms.iter().map(room).collect(),
+            ..PathPicture::default()
+        }
+    }
+
     /// The picture, ready to become SVG or PNG.
     pub fn scene(&self) -> Scene {
         let map = Map::around(self.extent());
@@ -254,8 +275,10 @@ impl PathPicture {
         let mut entries: Vec<_> = coloured
             .map(|(leg, colour)| (LegendSign::Leg(colour), leg.name.clone()))
             .collect();
-        entries.push((LegendSign::Start, "start".into()));
-        entries.push((LegendSign::End, "end".into()));
+        if !entries.is_empty() {
+            entries.push((LegendSign::Start, "start".into()));
+            entries.push((LegendSign::End, "end".into()));
+        }
         if !self.collisions.is_empty() {
             entries.push((LegendSign::Collision, "collision".into()));
         }
