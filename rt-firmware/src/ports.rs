@@ -1247,6 +1247,7 @@ mod tests {
 
     #[test]
     fn names_must_be_unique() {
+        #[allow(dead_code)]
         mod other {
             use super::*;
             #[derive(Clone, Copy)]

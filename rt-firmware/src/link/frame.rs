@@ -1,0 +1,249 @@
+//! Frames: messages as they travel over a stream of bytes.
+//!
+//! A message is serialized with postcard, followed by the CRC-32 of that (little endian), encoded with COBS so that no byte of it is 0,
+//! and ended by a byte 0. Whoever joins in the middle, or meets noise, is back in step after the next 0.
+
+use serde::{Deserialize, Serialize};
+
+/// Greatest number of bytes of a serialized message.
+pub const MAX_MESSAGE_BYTES: usize = 152;
+/// Bytes of a message's checksum.
+pub const CRC_BYTES: usize = 4;
+/// Greatest number of bytes of a frame, delimiter included. COBS adds one byte to each begun 254.
+pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + CRC_BYTES + 2;
+/// The byte that ends a frame.
+pub const DELIMITER: u8 = 0;
+
+/// CRC-32 of ISO 3309, as in Ethernet; without a table, since the frames of a slow line are short.
+const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
+
+/// CRC-32 of some bytes, the one that frames and [`Request::Begin`](super::message::Request::Begin) use.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
+/// Why bytes are no frame, or a message does not go into one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameError {
+    /// The message is longer than [`MAX_MESSAGE_BYTES`], or the room given is too small.
+    TooLong,
+    /// The bytes are not what COBS makes of something.
+    NotCobs,
+    /// The bytes are not those that were sent.
+    WrongChecksum,
+    /// The bytes arrived as they were sent, but are no message of this protocol version.
+    NotAMessage,
+}
+
+/// Writes a message as a frame, delimiter included, to the beginning of `frame`, which needs room for [`MAX_FRAME_BYTES`] at most.
+/// Returns the frame's length.
+///
+/// # Errors
+/// [`FrameError::TooLong`]
+pub fn encode(message: &impl Serialize, frame: &mut [u8]) -> Result<usize, FrameError> {
+    let mut scratch = [0; MAX_MESSAGE_BYTES];
+    let message = postcard::to_slice(message, &mut scratch).map_err(|_| FrameError::TooLong)?;
+    let crc = checksum(message).to_le_bytes();
+    if cobs::max_encoding_length(message.len() + CRC_BYTES) >= frame.len() {
+        return Err(FrameError::TooLong);
+    }
+    let mut encoder = cobs::CobsEncoder::new(frame);
+    encoder.push(message).map_err(|_| FrameError::TooLong)?;
+    encoder.push(&crc).map_err(|_| FrameError::TooLong)?;
+    let len = encoder.finalize();
+    *frame.get_mut(len).ok_or(FrameError::TooLong)? = DELIMITER;
+    Ok(len + 1)
+}
+
+/// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place, and the message borrows them.
+///
+/// # Errors
+/// See [`FrameError`].
+pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameError> {
+    let frame = match frame {
+        [frame @ .., DELIMITER] => frame,
+        frame => frame,
+    };
+    let len = cobs::decode_in_place(frame).map_err(|_| FrameError::NotCobs)?;
+    let frame: &'a [u8] = frame;
+    let (message, crc) = frame
+        .get(..len)
+        .and_then(<[u8]>::split_last_chunk::<CRC_BYTES>)
+        .ok_or(FrameError::WrongChecksum)?;
+    if checksum(message) != u32::from_le_bytes(*crc) {
+        return Err(FrameError::WrongChecksum);
+    }
+    match postcard::take_from_bytes(message) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(FrameError::NotAMessage),
+    }
+}
+
+/// Cuts a stream of bytes into frames.
+pub struct FrameReader {
+    bytes: [u8; MAX_FRAME_BYTES],
+    len: usize,
+    /// The frame is longer than one can be: it is thrown away.
+    overflow: bool,
+}
+
+impl Default for FrameReader {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl FrameReader {
+    /// A reader at the beginning of a frame.
+    pub const fn new() -> Self {
+        FrameReader {
+            bytes: [0; MAX_FRAME_BYTES],
+            len: 0,
+            overflow: false,
+        }
+    }
+
+    /// Takes one byte. Returns a frame, to be [decoded](decode), if this byte ended one. Empty frames and such that are longer than
+    /// frames can be are passed over.
+    pub fn push(&mut self, byte: u8) -> Option<&mut [u8]> {
+        if byte == DELIMITER {
+            let len = core::mem::take(&mut self.len);
+            if core::mem::take(&mut self.overflow) || len == 0 {
+                return None;
+            }
+            return self.bytes.get_mut(..len);
+        }
+        match self.bytes.get_mut(self.len) {
+            Some(place) => {
+                *place = byte;
+                self.len += 1;
+            }
+            None => self.overflow = true,
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::message::{LinkError, MAX_CHUNK, Request, ToDevice};
+    use std::vec::Vec;
+
+    fn frame_of(request: Request<'_>) -> Vec<u8> {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let len = encode(&ToDevice { seq: 7, request }, &mut frame).unwrap();
+        frame[..len].to_vec()
+    }
+
+    #[test]
+    fn the_checksum_is_the_usual_one() {
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn what_is_encoded_decodes_to_the_same() {
+        let chunk: Vec<u8> = (0..MAX_CHUNK).map(|i| (i % 3) as u8).collect();
+        let requests = [
+            Request::Hello,
+            Request::Begin { len: 4096, crc: 0 },
+            Request::Chunk {
+                offset: 128,
+                data: &chunk,
+            },
+            Request::Chunk {
+                offset: 0,
+                data: &[],
+            },
+            Request::Subscribe {
+                trace: true,
+                log: false,
+            },
+        ];
+        for request in requests {
+            let mut frame = frame_of(request);
+            assert_eq!(frame.iter().filter(|byte| **byte == DELIMITER).count(), 1);
+            assert_eq!(decode(&mut frame), Ok(ToDevice { seq: 7, request }));
+        }
+    }
+
+    #[test]
+    fn every_changed_byte_and_every_prefix_is_refused() {
+        let frame = frame_of(Request::Chunk {
+            offset: 3,
+            data: b"some bytes \0 and more",
+        });
+        for at in 0..frame.len() - 1 {
+            for flip in 1..=255u8 {
+                let mut changed = frame.clone();
+                changed[at] ^= flip;
+                assert!(
+                    decode::<ToDevice<'_>>(&mut changed).is_err(),
+                    "byte {at} ^ {flip}"
+                );
+            }
+            assert!(
+                decode::<ToDevice<'_>>(&mut frame[..at].to_vec()).is_err(),
+                "{at} bytes"
+            );
+        }
+    }
+
+    #[test]
+    fn bytes_after_a_message_are_refused() {
+        #[derive(serde::Serialize)]
+        struct Longer<'a>(ToDevice<'a>, u8);
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let len = encode(
+            &Longer(
+                ToDevice {
+                    seq: 1,
+                    request: Request::Hello,
+                },
+                9,
+            ),
+            &mut frame,
+        )
+        .unwrap();
+        assert_eq!(
+            decode::<ToDevice<'_>>(&mut frame[..len]),
+            Err(FrameError::NotAMessage)
+        );
+    }
+
+    #[test]
+    fn a_reader_finds_frames_after_garbage() {
+        let frame = frame_of(Request::Status);
+        let cases: [(&str, Vec<u8>); 5] = [
+            ("nothing", Vec::new()),
+            ("empty frames", [0; 5].to_vec()),
+            ("half a frame", [&frame[1..], &[0]].concat()),
+            ("noise that ends", [&[7; 20][..], &[0]].concat()),
+            (
+                "too much noise",
+                [&[7; MAX_FRAME_BYTES + 1][..], &[0]].concat(),
+            ),
+        ];
+        for (what, garbage) in cases {
+            let mut reader = FrameReader::new();
+            let mut messages = 0;
+            for byte in garbage.iter().chain(&frame) {
+                if let Some(frame) = reader.push(*byte) {
+                    match decode::<ToDevice<'_>>(frame) {
+                        Ok(message) => {
+                            assert_eq!(message.request, Request::Status);
+                            messages += 1;
+                        }
+                        Err(error) => assert_ne!(error, FrameError::TooLong),
+                    }
+                }
+            }
+            assert_eq!(messages, 1, "{what}");
+        }
+    }
+
+    #[test]
+    fn errors_are_small() {
+        assert!(core::mem::size_of::<LinkError>() <= 12);
+    }
+}

@@ -1,0 +1,485 @@
+//! What host and robot say to each other. Messages are postcard, in [frames](super::frame).
+
+use serde::{Deserialize, Serialize};
+
+/// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
+/// encoding, and that of its answer's first field, never changes.
+pub const PROTOCOL_VERSION: u16 = 1;
+/// Greatest number of bytes in [`Request::Chunk`], [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
+pub const MAX_CHUNK: usize = 128;
+/// Greatest number of bytes that one stream message carries.
+pub const MAX_STREAM_BYTES: usize = 96;
+
+/// A message from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ToDevice<'a> {
+    /// Differs from that of the request before. A request that is sent again keeps its number.
+    pub seq: u8,
+    /// What the host wants.
+    #[serde(borrow)]
+    pub request: Request<'a>,
+}
+
+/// What a host can ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request<'a> {
+    /// Who are you? Also begins a session: the robot forgets its last answer and ends all streams. Answer: [`Response::Hello`].
+    Hello,
+    /// Begin an upload, or go on with one of the same length and checksum. Answer: [`Response::Received`].
+    Begin {
+        /// Length of the blob in bytes.
+        len: u32,
+        /// CRC-32 of the whole blob.
+        crc: u32,
+    },
+    /// The next bytes of the blob. Answer: [`Response::Received`].
+    Chunk {
+        /// Where they belong: the number of bytes that were received before.
+        offset: u32,
+        /// At most [`MAX_CHUNK`] bytes.
+        data: &'a [u8],
+    },
+    /// Check the blob and switch to it between two macro steps. Answer, when it runs: [`Response::Committed`].
+    Commit,
+    /// Forget the upload. Answer: [`Response::Done`].
+    Abort,
+    /// How are you? Answer: [`Response::Status`].
+    Status,
+    /// Motors off, latched until [`Request::Start`]. Answer, when they are: [`Response::Done`].
+    Stop,
+    /// Leave a stop or a safe state: the mission starts anew. Answer, when it has: [`Response::Done`].
+    Start,
+    /// The declaration of a task type. Answer: [`Response::TaskText`].
+    Task {
+        /// Which task type, below [`DeviceInfo::task_types`].
+        index: u8,
+        /// The first byte wanted.
+        offset: u16,
+    },
+    /// Bytes of the running mission's blob. Answer: [`Response::Blob`].
+    ReadBlob {
+        /// The first byte wanted.
+        offset: u32,
+    },
+    /// Current states of the running mission. Answer: [`Response::States`].
+    States {
+        /// The first region instance wanted.
+        first: u16,
+    },
+    /// What was counted of a slot. Answer: [`Response::Slot`].
+    SlotCounters {
+        /// Index of the slot in the running mission's blob.
+        slot: u8,
+    },
+    /// Which streams to send from now on. Answer: [`Response::Done`].
+    Subscribe {
+        /// Trace records.
+        trace: bool,
+        /// Log bytes.
+        log: bool,
+    },
+}
+
+/// A message from the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromDevice<'a> {
+    /// The answer to a request.
+    Reply {
+        /// The request's number.
+        seq: u8,
+        /// What came of it.
+        #[serde(borrow)]
+        result: Result<Response<'a>, LinkError>,
+    },
+    /// A part of a stream.
+    Stream(#[serde(borrow)] Stream<'a>),
+}
+
+/// A part of a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stream<'a> {
+    /// Which stream.
+    pub channel: Channel,
+    /// Counts the parts of this stream, modulo 256: a gap is a part that was lost on the wire.
+    pub seq: u8,
+    /// Whether `bytes` go on with a record that did not fit into the part before. Otherwise they begin with a new record.
+    pub continues: bool,
+    /// Records (trace) or bytes (log) that the robot dropped so far for want of room; wraps.
+    pub dropped: u32,
+    /// At most [`MAX_STREAM_BYTES`] bytes.
+    pub bytes: &'a [u8],
+}
+
+/// The streams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Channel {
+    /// [Trace records](super::trace), whole ones.
+    Trace,
+    /// What the firmware's log holds: defmt frames on a board, text on the host.
+    Log,
+}
+
+/// What a robot answers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Response<'a> {
+    /// To [`Request::Hello`].
+    Hello(#[serde(borrow)] DeviceInfo<'a>),
+    /// To [`Request::Begin`] and [`Request::Chunk`].
+    Received {
+        /// Number of bytes of the blob that are there.
+        len: u32,
+    },
+    /// To [`Request::Commit`]: the mission runs.
+    Committed {
+        /// Its hash.
+        mission: u32,
+    },
+    /// Done, and nothing to tell.
+    Done,
+    /// To [`Request::Status`].
+    Status(Status),
+    /// To [`Request::Task`].
+    TaskText {
+        /// Length of the whole text.
+        total: u16,
+        /// UTF-8 text from the offset asked for; none at its end.
+        text: &'a [u8],
+    },
+    /// To [`Request::ReadBlob`].
+    Blob {
+        /// Length of the whole blob.
+        total: u32,
+        /// Bytes from the offset asked for; none at its end.
+        data: &'a [u8],
+    },
+    /// To [`Request::States`].
+    States {
+        /// Macro steps that were begun, so that a reader of several parts sees whether they belong together.
+        step: u64,
+        /// Region instances of the mission.
+        total: u16,
+        /// Current local state of each region instance from the first asked for, two bytes each, little endian; [`NO_STATE`] for
+        /// a region that is not active.
+        states: &'a [u8],
+    },
+    /// To [`Request::SlotCounters`].
+    Slot(SlotCounters),
+}
+
+/// The state of a region that is not active.
+pub const NO_STATE: u16 = u16::MAX;
+
+/// What a robot is, and what it has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeviceInfo<'a> {
+    /// [`PROTOCOL_VERSION`]
+    pub protocol: u16,
+    /// Name and version of the firmware.
+    pub firmware: &'a str,
+    /// Name of the board.
+    pub board: &'a str,
+    /// Number of task types.
+    pub task_types: u8,
+    /// What a mission may use.
+    pub capacities: Capacities,
+    /// Hash of the mission that runs.
+    pub mission: Option<u32>,
+    /// Why the robot started the last time.
+    pub reset: ResetReason,
+}
+
+/// What a mission may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Capacities {
+    /// Bytes of a blob.
+    pub blob_bytes: u32,
+    /// 32-bit words for the interpreter: current states, timers, flags, event queue.
+    pub arena_words: u32,
+    /// Slots.
+    pub slots: u16,
+    /// Task instances.
+    pub task_instances: u16,
+    /// Nets.
+    pub nets: u16,
+    /// Groups of exclusive tasks.
+    pub exclusive_groups: u16,
+}
+
+/// One of the [`Capacities`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Capacity {
+    /// Bytes of a blob.
+    BlobBytes,
+    /// Words for the interpreter.
+    ArenaWords,
+    /// Slots.
+    Slots,
+    /// Task instances.
+    TaskInstances,
+    /// Nets.
+    Nets,
+    /// Groups of exclusive tasks.
+    ExclusiveGroups,
+}
+
+/// Why a robot started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ResetReason {
+    /// The power came on, or nothing is known.
+    PowerOn,
+    /// The reset pin.
+    Pin,
+    /// The hardware watchdog: a task did not return.
+    Watchdog,
+    /// The program panicked.
+    Panic,
+    /// The processor met a fault (bad access, bad instruction, stack overflow).
+    CpuFault,
+    /// The supply voltage fell.
+    BrownOut,
+    /// The firmware asked for it.
+    Software,
+}
+
+/// Why a request was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LinkError {
+    /// The frame held no request of this protocol version.
+    Malformed,
+    /// [`Request::Chunk`] or [`Request::Commit`] without an upload: begin one.
+    NoUpload,
+    /// A chunk does not follow the bytes that were received: go on at `expected`.
+    WrongOffset {
+        /// Bytes received so far.
+        expected: u32,
+    },
+    /// A chunk goes beyond the length that was announced.
+    TooLong,
+    /// Not all of the blob was received.
+    Incomplete {
+        /// Bytes received so far.
+        received: u32,
+    },
+    /// The blob that was received is not the one that was announced: upload it again.
+    WrongChecksum,
+    /// The blob is not valid; `esm inspect` says why.
+    Invalid {
+        /// Number of the verifier's reason.
+        reason: u16,
+    },
+    /// The firmware has no task of this name.
+    UnknownTask {
+        /// Index of the task type in the blob.
+        task: u16,
+    },
+    /// The firmware's task of this name has another signature: ports, flags or parameters differ.
+    SignatureDiffers {
+        /// Index of the task type in the blob.
+        task: u16,
+    },
+    /// The mission has more task states of a type than the firmware has tasks.
+    TooManyInstances {
+        /// Index of the task type in the blob.
+        task: u16,
+        /// Task states of the mission.
+        needed: u16,
+        /// Tasks of the firmware.
+        available: u16,
+    },
+    /// A net joins ports of different types.
+    PortTypeDiffers {
+        /// Index of the task instance in the blob.
+        task_instance: u16,
+        /// Index of the port in the task's declaration.
+        port: u8,
+    },
+    /// The mission is too large for this robot.
+    CapacityExceeded {
+        /// What there is too little of.
+        what: Capacity,
+        /// What the mission needs.
+        needed: u32,
+        /// What the robot has.
+        available: u32,
+    },
+    /// There is no mission.
+    NoMission,
+    /// There is no task type, slot or region of this index.
+    NoSuchIndex,
+    /// The robot still works on the last request that changes something: ask again.
+    Busy,
+    /// The real-time side did not answer in time.
+    NoAnswer,
+}
+
+/// How the robot is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Status {
+    /// What it is doing.
+    pub mode: Mode,
+    /// Hash of its mission.
+    pub mission: Option<u32>,
+    /// Macro steps that were completed since the mission started.
+    pub steps: u64,
+    /// Nominal start of the last macro step, in microseconds since the mission started.
+    pub t_us: u64,
+    /// Occurrences of slots that were executed since the mission started.
+    pub executed: u32,
+    /// Occurrences of slots that did not start within their period, since the robot started.
+    pub missed: u32,
+    /// Executions of tasks and occurrences of slots that took too long, since the robot started.
+    pub overruns: u32,
+    /// Longest delay between the nominal and the actual start of an occurrence since the mission started, in nanoseconds.
+    pub max_delay_ns: u32,
+    /// Trace records dropped since the robot started.
+    pub trace_dropped: u32,
+    /// Whether a slot-0 run is under way.
+    pub background_busy: bool,
+    /// Why the robot started the last time.
+    pub reset: ResetReason,
+}
+
+/// What a robot is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// It has no mission.
+    Empty,
+    /// Its mission runs.
+    Running,
+    /// It was stopped by the host: motors are off until [`Request::Start`].
+    Stopped,
+    /// Something broke: motors are off until [`Request::Start`] or a new mission.
+    Safe(SafeReason),
+}
+
+/// Why a robot went to its safe state by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SafeReason {
+    /// The machine sent more events than its queue holds.
+    EventQueueOverflow,
+    /// A macro step had too many micro steps.
+    MacroStepLimit,
+    /// Too many overruns.
+    Overruns,
+    /// Too many occurrences missed in a row.
+    Missed,
+    /// The robot's body does not answer.
+    BodyLost,
+    /// The battery is low.
+    LowBattery,
+    /// The host did not call for too long, and the mission needs it.
+    LinkLost,
+    /// The board found something else.
+    Board,
+}
+
+/// What was counted of a slot since the mission started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SlotCounters {
+    /// The slot's number in the `.esm` file.
+    pub number: u32,
+    /// Occurrences that were executed.
+    pub executed: u32,
+    /// Occurrences that did not start within their period.
+    pub missed: u32,
+    /// Occurrences that took longer than the slot's duration.
+    pub overruns: u32,
+    /// Shortest execution, in nanoseconds.
+    pub min_execution_ns: u32,
+    /// Longest execution, in nanoseconds.
+    pub max_execution_ns: u32,
+    /// Shortest delay between nominal and actual start, in nanoseconds.
+    pub min_delay_ns: u32,
+    /// Longest delay between nominal and actual start, in nanoseconds.
+    pub max_delay_ns: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::frame::{MAX_FRAME_BYTES, encode};
+
+    #[test]
+    fn the_greatest_messages_fit_into_a_frame() {
+        let chunk = [0xa5; MAX_CHUNK];
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let text = "a name that is about as long as one wants";
+        let info = DeviceInfo {
+            protocol: u16::MAX,
+            firmware: text,
+            board: text,
+            task_types: u8::MAX,
+            capacities: Capacities {
+                blob_bytes: u32::MAX,
+                arena_words: u32::MAX,
+                slots: u16::MAX,
+                task_instances: u16::MAX,
+                nets: u16::MAX,
+                exclusive_groups: u16::MAX,
+            },
+            mission: Some(u32::MAX),
+            reset: ResetReason::Software,
+        };
+        let status = Status {
+            mode: Mode::Safe(SafeReason::Board),
+            mission: Some(u32::MAX),
+            steps: u64::MAX,
+            t_us: u64::MAX,
+            executed: u32::MAX,
+            missed: u32::MAX,
+            overruns: u32::MAX,
+            max_delay_ns: u32::MAX,
+            trace_dropped: u32::MAX,
+            background_busy: true,
+            reset: ResetReason::Software,
+        };
+        let requests = [Request::Chunk {
+            offset: u32::MAX,
+            data: &chunk,
+        }];
+        for request in requests {
+            assert!(
+                encode(&ToDevice { seq: 255, request }, &mut frame).is_ok(),
+                "{request:?}"
+            );
+        }
+        let responses = [
+            Response::Hello(info),
+            Response::Status(status),
+            Response::TaskText {
+                total: u16::MAX,
+                text: &chunk,
+            },
+            Response::Blob {
+                total: u32::MAX,
+                data: &chunk,
+            },
+            Response::States {
+                step: u64::MAX,
+                total: u16::MAX,
+                states: &chunk,
+            },
+        ];
+        for response in responses {
+            assert!(
+                encode(
+                    &FromDevice::Reply {
+                        seq: 255,
+                        result: Ok(response)
+                    },
+                    &mut frame
+                )
+                .is_ok(),
+                "{response:?}"
+            );
+        }
+        let stream = Stream {
+            channel: Channel::Log,
+            seq: 255,
+            continues: true,
+            dropped: u32::MAX,
+            bytes: &chunk[..MAX_STREAM_BYTES],
+        };
+        assert!(encode(&FromDevice::Stream(stream), &mut frame).is_ok());
+    }
+}
