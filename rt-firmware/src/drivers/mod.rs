@@ -2,6 +2,14 @@
 //!
 //! A driver never names a chip. It turns pins into quantities with units and back, and knows nothing of tasks or nets.
 
+mod battery;
+mod encoder;
 mod hal;
+mod motor;
+mod sonar;
 
+pub use battery::BatteryGauge;
+pub use encoder::WheelEncoder;
 pub use hal::{AnalogIn, EchoTimer, EncoderCounter};
+pub use motor::{DcMotor, MotorError};
+pub use sonar::Sonar;
