@@ -23,9 +23,12 @@ pub mod bench;
 pub mod body;
 pub mod drivers;
 pub mod link;
+pub mod odometry;
 pub mod ports;
 pub mod registry;
+pub mod rover;
 pub mod task;
+pub mod tasks;
 
 #[cfg(any(test, feature = "std"))]
 pub use bench::TaskBench;

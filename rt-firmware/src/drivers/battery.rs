@@ -43,7 +43,10 @@ mod tests {
     #[test]
     fn counts_become_volts() {
         for (counts, expected_v) in [(0, 0.0), (500, 6.0), (1_000, 12.0)] {
-            assert_eq!(BatteryGauge::new(Counts(counts), 12.0).voltage_v(), expected_v);
+            assert_eq!(
+                BatteryGauge::new(Counts(counts), 12.0).voltage_v(),
+                expected_v
+            );
         }
     }
 }

@@ -35,11 +35,13 @@ impl<P: SetDutyCycle, D: OutputPin> DcMotor<P, D> {
     pub fn drive(&mut self, power: f32) -> Result<(), MotorError<P::Error, D::Error>> {
         let backwards = power < 0.0;
         if backwards != self.backwards {
-            self.pwm.set_duty_cycle_fully_off().map_err(MotorError::Pwm)?;
+            self.pwm
+                .set_duty_cycle_fully_off()
+                .map_err(MotorError::Pwm)?;
             (self.direction.set_state(backwards.into())).map_err(MotorError::Direction)?;
             self.backwards = backwards;
         }
-        let duty = power.abs().min(1.0) * f32::from(self.pwm.max_duty_cycle());
+        let duty = power.abs().clamp(0.0, 1.0) * f32::from(self.pwm.max_duty_cycle());
         // A cast from float saturates and turns NaN into 0; half a step is added to round.
         self.pwm
             .set_duty_cycle((duty + 0.5) as u16)
@@ -48,7 +50,9 @@ impl<P: SetDutyCycle, D: OutputPin> DcMotor<P, D> {
 
     /// Switches the motor off, forwards.
     pub fn off(&mut self) -> Result<(), MotorError<P::Error, D::Error>> {
-        self.pwm.set_duty_cycle_fully_off().map_err(MotorError::Pwm)?;
+        self.pwm
+            .set_duty_cycle_fully_off()
+            .map_err(MotorError::Pwm)?;
         self.direction.set_low().map_err(MotorError::Direction)?;
         self.backwards = false;
         Ok(())
@@ -124,10 +128,20 @@ mod tests {
         for (powers, expected) in [
             (&[0.5_f32, 1.0][..], &[Duty(100), Duty(200)][..]),
             (&[7.0, f32::NAN], &[Duty(200), Duty(0)]),
-            (&[-0.25, -0.5], &[Duty(0), Backwards(true), Duty(50), Duty(100)]),
+            (
+                &[-0.25, -0.5],
+                &[Duty(0), Backwards(true), Duty(50), Duty(100)],
+            ),
             (
                 &[-1.0, 1.0],
-                &[Duty(0), Backwards(true), Duty(200), Duty(0), Backwards(false), Duty(200)],
+                &[
+                    Duty(0),
+                    Backwards(true),
+                    Duty(200),
+                    Duty(0),
+                    Backwards(false),
+                    Duty(200),
+                ],
             ),
         ] {
             let pins = Pins::default();

@@ -71,14 +71,29 @@ mod tests {
         for (name, end, expected) in [
             ("straight", drive(1_000, 0.001, 0.001), (1.0, 0.0, 0.0)),
             ("back", drive(1_000, -0.002, -0.002), (-2.0, 0.0, 0.0)),
-            ("on the spot", drive(100, -quarter(0.1), quarter(0.1)), (0.0, 0.0, FRAC_PI_2)),
-            ("left", drive(100, quarter(0.4), quarter(0.6)), (0.5, 0.5, FRAC_PI_2)),
-            ("right", drive(100, quarter(0.6), quarter(0.4)), (0.5, -0.5, -FRAC_PI_2)),
+            (
+                "on the spot",
+                drive(100, -quarter(0.1), quarter(0.1)),
+                (0.0, 0.0, FRAC_PI_2),
+            ),
+            (
+                "left",
+                drive(100, quarter(0.4), quarter(0.6)),
+                (0.5, 0.5, FRAC_PI_2),
+            ),
+            (
+                "right",
+                drive(100, quarter(0.6), quarter(0.4)),
+                (0.5, -0.5, -FRAC_PI_2),
+            ),
         ] {
             let (x_m, y_m, heading_rad) = expected;
             assert!((end.x_m - x_m).abs() < 1e-3, "{name}: {end:?}");
             assert!((end.y_m - y_m).abs() < 1e-3, "{name}: {end:?}");
-            assert!((end.heading_rad - heading_rad).abs() < 1e-3, "{name}: {end:?}");
+            assert!(
+                (end.heading_rad - heading_rad).abs() < 1e-3,
+                "{name}: {end:?}"
+            );
         }
     }
 

@@ -1,0 +1,218 @@
+//! The default robot: a round body on two driven wheels, a ring of eight sonars, a battery of two lithium cells.
+//!
+//! [`Rover`] is the registry of its tasks, generic over the HAL objects that a board gives it: see [`RoverParts`]. On boards whose pins are a
+//! [`PinImage`](crate::body::PinImage) it is a [`PinRover`]:
+//!
+//! ```
+//! use rt_firmware::{assemble, body::PinImage, nets, rover::{PinRover, RoverParts}};
+//!
+//! let pins = PinImage::new();
+//! let mut rover = PinRover::new(RoverParts::from(pins.parts()));
+//! let mut banks = rover.banks();
+//! let mut nets = nets::<16>();
+//! let (_executor, registry) = assemble(&mut banks, &mut nets).expect("the rover's names are unique");
+//! assert!(registry.declarations().any(|task| task.name == "Cruise"));
+//! ```
+//!
+//! A robot with further tasks has a registry of its own, made of the same tasks and its own ones.
+
+use core::array;
+use core::f32::consts::TAU;
+
+use embedded_hal::digital::OutputPin;
+use embedded_hal::pwm::SetDutyCycle;
+
+use crate::body::{
+    AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, SONARS, TriggerPin,
+};
+use crate::drivers::{AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, WheelEncoder};
+use crate::ports::Bank;
+use crate::registry;
+use crate::tasks::{
+    Back, Chassis, Cruise, FollowWall, Logger, Odometry, RoundCorner, SafetyMonitor, SonarRing,
+    Stop, Turn, WheelSpeed,
+};
+
+/// Radius of the wheels, in metres.
+pub const WHEEL_RADIUS_M: f32 = 0.033;
+
+/// Encoder counts in one turn of a wheel.
+pub const COUNTS_PER_REVOLUTION: f32 = 1_440.0;
+
+/// Battery volts that read as the ADC's full scale: a reference of 3.3 V behind a divider by three.
+pub const BATTERY_FULL_SCALE_V: f32 = 9.9;
+
+/// The rover's measures.
+pub const CHASSIS: Chassis = Chassis {
+    wheel_base_m: 0.2,
+    metres_per_count: TAU * WHEEL_RADIUS_M / COUNTS_PER_REVOLUTION,
+    full_speed_m_per_s: 0.68,
+    friction_power: 0.05,
+};
+
+/// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is backwards), encoders, sonars (trigger, echo
+/// timer; counter-clockwise from the one that looks ahead), battery input.
+#[derive(Debug)]
+pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
+    /// PWM of the left motor.
+    pub left_pwm: LP,
+    /// Direction of the left motor.
+    pub left_direction: LD,
+    /// PWM of the right motor.
+    pub right_pwm: RP,
+    /// Direction of the right motor.
+    pub right_direction: RD,
+    /// Encoder of the left wheel.
+    pub left_encoder: LE,
+    /// Encoder of the right wheel.
+    pub right_encoder: RE,
+    /// Triggers of the sonars.
+    pub sonar_triggers: [T; SONARS],
+    /// Echo timers of the sonars.
+    pub echo_timers: [E; SONARS],
+    /// The battery's analogue input.
+    pub battery: A,
+}
+
+/// [`RoverParts`] on a [`PinImage`](crate::body::PinImage).
+pub type PinRoverParts<'a> = RoverParts<
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    EncoderCount<'a>,
+    EncoderCount<'a>,
+    TriggerPin<'a>,
+    EchoCapture<'a>,
+    AnalogChannel<'a>,
+>;
+
+/// The [`Rover`] on a [`PinImage`](crate::body::PinImage).
+pub type PinRover<'a> = Rover<
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    EncoderCount<'a>,
+    EncoderCount<'a>,
+    TriggerPin<'a>,
+    EchoCapture<'a>,
+    AnalogChannel<'a>,
+>;
+
+impl<'a> From<Parts<'a>> for PinRoverParts<'a> {
+    /// Takes what the rover needs; auxiliary outputs and the other analogue inputs are left to the user's own drivers, which take
+    /// them before.
+    fn from(parts: Parts<'a>) -> Self {
+        let [battery, ..] = parts.analog;
+        Self {
+            left_pwm: parts.left_pwm,
+            left_direction: parts.left_direction,
+            right_pwm: parts.right_pwm,
+            right_direction: parts.right_direction,
+            left_encoder: parts.left_encoder,
+            right_encoder: parts.right_encoder,
+            sonar_triggers: parts.sonar_triggers,
+            echo_timers: parts.echo_timers,
+            battery,
+        }
+    }
+}
+
+/// The rover's tasks that own hardware, for registries that have them beside others.
+#[derive(Debug)]
+pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
+    /// The sonars.
+    pub sonar_ring: SonarRing<T, E>,
+    /// The encoders.
+    pub odometry: Odometry<LE, RE>,
+    /// The motors.
+    pub wheel_speed: WheelSpeed<LP, LD, RP, RD>,
+    /// The battery.
+    pub safety_monitor: SafetyMonitor<A>,
+}
+
+impl<LP, LD, RP, RD, LE, RE, T, E, A> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>
+where
+    LP: SetDutyCycle,
+    LD: OutputPin,
+    RP: SetDutyCycle,
+    RD: OutputPin,
+    LE: EncoderCounter,
+    RE: EncoderCounter,
+    T: OutputPin,
+    E: EchoTimer,
+    A: AnalogIn,
+{
+    /// Drivers on the parts, and the tasks on the drivers.
+    pub fn into_tasks(self) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
+        HardwareTasks {
+            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers),
+            odometry: Odometry::new(
+                WheelEncoder::new(self.left_encoder),
+                WheelEncoder::new(self.right_encoder),
+                CHASSIS,
+            ),
+            wheel_speed: WheelSpeed::new(
+                DcMotor::new(self.left_pwm, self.left_direction),
+                DcMotor::new(self.right_pwm, self.right_direction),
+                CHASSIS,
+            ),
+            safety_monitor: SafetyMonitor::new(BatteryGauge::new(
+                self.battery,
+                BATTERY_FULL_SCALE_V,
+            )),
+        }
+    }
+}
+
+registry! {
+    /// The default robot's tasks, and how many task states of each a mission may have.
+    pub struct Rover[
+        LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send,
+        LE: EncoderCounter + Send, RE: EncoderCounter + Send, T: OutputPin + Send, E: EchoTimer + Send, A: AnalogIn + Send
+    ]<LP, LD, RP, RD, LE, RE, T, E, A> {
+        sonar_ring: SonarRing<T, E>[1],
+        odometry: Odometry<LE, RE>[1],
+        wheel_speed: WheelSpeed<LP, LD, RP, RD>[1],
+        safety_monitor: SafetyMonitor<A>[1],
+        cruise: Cruise[2],
+        back: Back[3],
+        turn: Turn[4],
+        follow_wall: FollowWall[1],
+        round_corner: RoundCorner[1],
+        stop: Stop[2],
+        logger: Logger[1],
+    }
+}
+
+impl<LP, LD, RP, RD, LE, RE, T, E, A> Rover<LP, LD, RP, RD, LE, RE, T, E, A>
+where
+    LP: SetDutyCycle + Send,
+    LD: OutputPin + Send,
+    RP: SetDutyCycle + Send,
+    RD: OutputPin + Send,
+    LE: EncoderCounter + Send,
+    RE: EncoderCounter + Send,
+    T: OutputPin + Send,
+    E: EchoTimer + Send,
+    A: AnalogIn + Send,
+{
+    /// The robot on these parts.
+    pub fn new(parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>) -> Self {
+        let hardware = parts.into_tasks();
+        Self {
+            sonar_ring: Bank::new([hardware.sonar_ring]),
+            odometry: Bank::new([hardware.odometry]),
+            wheel_speed: Bank::new([hardware.wheel_speed]),
+            safety_monitor: Bank::new([hardware.safety_monitor]),
+            cruise: Bank::new(array::from_fn(|_| Cruise)),
+            back: Bank::new(array::from_fn(|_| Back::default())),
+            turn: Bank::new(array::from_fn(|_| Turn::default())),
+            follow_wall: Bank::new([FollowWall]),
+            round_corner: Bank::new([RoundCorner]),
+            stop: Bank::new(array::from_fn(|_| Stop)),
+            logger: Bank::new([Logger]),
+        }
+    }
+}

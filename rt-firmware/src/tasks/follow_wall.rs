@@ -1,0 +1,143 @@
+//! Keeps a wall to the right at a distance.
+
+use core::f32::consts::FRAC_1_SQRT_2;
+
+use super::values::{Ranges, Twist};
+use crate::ports::Io;
+use crate::task;
+use crate::task::{Step, Task};
+
+/// Distance of the sonars from the robot's centre, in metres.
+const RIM_M: f32 = 0.11;
+
+/// Turning speed for each metre too far from the wall.
+const DISTANCE_GAIN_RAD_PER_S_M: f32 = 2.5;
+
+/// Turning speed for each unit of the wall's slope against the heading.
+const SLOPE_GAIN_RAD_PER_S: f32 = 1.2;
+
+/// Steering takes no notice of distances and slopes beyond these.
+const DISTANCE_ERROR_LIMIT_M: f32 = 0.15;
+const SLOPE_LIMIT: f32 = 0.5;
+
+/// The wall is lost when it is farther away than this many times the distance to keep.
+const LOST_FACTOR: f32 = 2.5;
+
+/// Drives along a wall to its right, `distance_m` from rim to wall.
+///
+/// `ahead` is set while something stands less than `ahead_m` ahead, `lost` while there is no wall to the right.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FollowWall;
+
+task! {
+    impl FollowWall {
+        slot 2;
+        wcet 300 us;
+        exclusive motion;
+        data {
+            in ranges: Ranges;
+            out twist: Twist;
+        }
+        flags {
+            out ahead;
+            out lost;
+        }
+        params {
+            speed_m_per_s: f32 = 0.25, 0.0..=0.5;
+            distance_m: f32 = 0.2, 0.1..=1.0;
+            ahead_m: f32 = 0.25, 0.1..=1.0;
+        }
+    }
+}
+
+impl Task for FollowWall {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let ranges = io.read(Self::RANGES);
+        let distance_m = io.param(Self::DISTANCE_M);
+        let too_far_m =
+            (ranges.right_m() - distance_m).clamp(-DISTANCE_ERROR_LIMIT_M, DISTANCE_ERROR_LIMIT_M);
+        *io.write(Self::TWIST) = Twist {
+            forward_m_per_s: io.param(Self::SPEED_M_PER_S),
+            turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
+                - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+        };
+        io.set(Self::AHEAD, ranges.ahead_m() < io.param(Self::AHEAD_M));
+        io.set(Self::LOST, ranges.right_m() > LOST_FACTOR * distance_m);
+        Step::Run
+    }
+}
+
+/// How fast the wall to the right recedes, in metres for each metre driven: worked out from the beam to the right and the one at 45°,
+/// which meet a parallel wall at the same distance beside the robot.
+fn slope(ranges: &Ranges) -> f32 {
+    let beside_m = ranges.right_m() + RIM_M;
+    let diagonal_m = (ranges.ahead_right_m() + RIM_M) * FRAC_1_SQRT_2;
+    ((diagonal_m - beside_m) / diagonal_m).clamp(-SLOPE_LIMIT, SLOPE_LIMIT)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+
+    /// Ranges beside a straight wall, `distance_m` from the rim, in a direction `away_rad` off its own.
+    fn beside_wall(distance_m: f32, away_rad: f32) -> Ranges {
+        let centre_m = distance_m + RIM_M;
+        let mut ranges = Ranges::FREE;
+        ranges.range_m[6] = centre_m / libm::cosf(away_rad) - RIM_M;
+        let diagonal_rad = away_rad + core::f32::consts::FRAC_PI_4;
+        ranges.range_m[7] = centre_m / libm::cosf(diagonal_rad) - RIM_M;
+        ranges
+    }
+
+    #[test]
+    fn it_steers_back_to_its_distance_and_along_the_wall() {
+        for (distance_m, away_rad, turn) in [
+            (0.2, 0.0, 0.0),
+            (0.3, 0.0, -1.0),
+            (0.1, 0.0, 1.0),
+            (0.2, 0.3, -1.0),
+            (0.2, -0.3, 1.0),
+        ] {
+            let mut bench = TaskBench::new(FollowWall);
+            bench
+                .param(FollowWall::SPEED_M_PER_S, 0.25)
+                .param(FollowWall::DISTANCE_M, 0.2);
+            bench.param(FollowWall::AHEAD_M, 0.25);
+            bench
+                .give(FollowWall::RANGES, beside_wall(distance_m, away_rad))
+                .step();
+            let turn_rad_per_s = bench.output(FollowWall::TWIST).unwrap().turn_rad_per_s;
+            if turn == 0.0 {
+                assert!(turn_rad_per_s.abs() < 1e-3, "{turn_rad_per_s}");
+            } else {
+                assert!(
+                    turn_rad_per_s * turn > 0.1,
+                    "{distance_m} {away_rad}: {turn_rad_per_s}"
+                );
+            }
+            assert!(!bench.flag(FollowWall::LOST) && !bench.flag(FollowWall::AHEAD));
+        }
+    }
+
+    #[test]
+    fn it_tells_what_it_cannot_follow() {
+        for (ahead_m, right_m, ahead, lost) in [
+            (4.0, 0.2, false, false),
+            (0.2, 0.2, true, false),
+            (4.0, 0.6, false, true),
+            (0.2, 4.0, true, true),
+        ] {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[0] = ahead_m;
+            ranges.range_m[6] = right_m;
+            let mut bench = TaskBench::new(FollowWall);
+            bench
+                .param(FollowWall::DISTANCE_M, 0.2)
+                .param(FollowWall::AHEAD_M, 0.25);
+            bench.give(FollowWall::RANGES, ranges).step();
+            assert_eq!(bench.flag(FollowWall::AHEAD), ahead, "{ahead_m} {right_m}");
+            assert_eq!(bench.flag(FollowWall::LOST), lost, "{ahead_m} {right_m}");
+        }
+    }
+}

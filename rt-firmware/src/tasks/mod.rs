@@ -1,0 +1,44 @@
+//! The tasks that ship: what a mission can make the robot do without a line of Rust.
+//!
+//! | task | does | hardware |
+//! |---|---|---|
+//! | [`SonarRing`] | measures the ranges around the robot | sonars |
+//! | [`Odometry`] | works out pose and wheel speeds | encoders |
+//! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
+//! | [`SafetyMonitor`] | watches battery and nearness | battery input |
+//! | [`Cruise`] | drives ahead, towards free space | |
+//! | [`Back`] | backs up | |
+//! | [`Turn`] | turns on the spot by an angle | |
+//! | [`FollowWall`] | keeps a wall to the right at a distance | |
+//! | [`RoundCorner`] | drives around the end of a wall to the right | |
+//! | [`Stop`] | stands still | |
+//! | [`Logger`] | writes pose and battery to the log, in no hurry | |
+//!
+//! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they publish a [`Twist`], and the mission's
+//! data paths decide whose twist reaches the wheels.
+
+mod back;
+mod cruise;
+mod follow_wall;
+mod logger;
+mod odometry;
+mod round_corner;
+mod safety_monitor;
+mod sonar_ring;
+mod stop;
+mod turn;
+mod values;
+mod wheel_speed;
+
+pub use back::Back;
+pub use cruise::Cruise;
+pub use follow_wall::FollowWall;
+pub use logger::Logger;
+pub use odometry::Odometry;
+pub use round_corner::RoundCorner;
+pub use safety_monitor::SafetyMonitor;
+pub use sonar_ring::SonarRing;
+pub use stop::Stop;
+pub use turn::Turn;
+pub use values::{Battery, Chassis, Pose, Ranges, Twist, WheelSpeeds};
+pub use wheel_speed::WheelSpeed;

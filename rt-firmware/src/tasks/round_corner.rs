@@ -1,0 +1,76 @@
+//! Drives around the end of a wall to the right.
+
+use super::values::{Ranges, Twist};
+use crate::ports::Io;
+use crate::task;
+use crate::task::{Step, Task};
+
+/// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there is a wall to the right again, nearer
+/// than `found_m`, or something less than `ahead_m` ahead.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RoundCorner;
+
+task! {
+    impl RoundCorner {
+        slot 2;
+        wcet 300 us;
+        exclusive motion;
+        data {
+            in ranges: Ranges;
+            out twist: Twist;
+        }
+        params {
+            speed_m_per_s: f32 = 0.2, 0.0..=0.5;
+            radius_m: f32 = 0.33, 0.15..=2.0;
+            found_m: f32 = 0.3, 0.1..=1.0;
+            ahead_m: f32 = 0.25, 0.1..=1.0;
+        }
+    }
+}
+
+impl Task for RoundCorner {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let ranges = io.read(Self::RANGES);
+        let speed_m_per_s = io.param(Self::SPEED_M_PER_S);
+        *io.write(Self::TWIST) = Twist {
+            forward_m_per_s: speed_m_per_s,
+            turn_rad_per_s: -speed_m_per_s / io.param(Self::RADIUS_M),
+        };
+        let found = ranges.right_m() < io.param(Self::FOUND_M);
+        if found || ranges.ahead_m() < io.param(Self::AHEAD_M) {
+            Step::Finished
+        } else {
+            Step::Run
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+
+    #[test]
+    fn it_circles_until_there_is_a_wall() {
+        for (ahead_m, right_m, expected) in [
+            (4.0, 4.0, Step::Run),
+            (4.0, 0.25, Step::Finished),
+            (0.2, 4.0, Step::Finished),
+        ] {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[0] = ahead_m;
+            ranges.range_m[6] = right_m;
+            let mut bench = TaskBench::new(RoundCorner);
+            bench
+                .param(RoundCorner::SPEED_M_PER_S, 0.2)
+                .param(RoundCorner::RADIUS_M, 0.4);
+            bench
+                .param(RoundCorner::FOUND_M, 0.3)
+                .param(RoundCorner::AHEAD_M, 0.25);
+            bench.give(RoundCorner::RANGES, ranges);
+            assert_eq!(bench.step(), Some(expected), "{ahead_m} {right_m}");
+            let twist = bench.output(RoundCorner::TWIST).unwrap();
+            assert!((twist.turn_rad_per_s * 0.4 + twist.forward_m_per_s).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Turns on the spot.
+
+use super::values::{Pose, Twist};
+use crate::odometry::wrapped_rad;
+use crate::ports::Io;
+use crate::task;
+use crate::task::{Step, Task};
+
+/// Close enough to the angle, in radians.
+const TOLERANCE_RAD: f32 = 0.03;
+
+/// Turning speed for each radian that is still to go, in rad/s …
+const APPROACH_PER_S: f32 = 3.0;
+
+/// … but at least this, or friction would end the turn early.
+const SLOWEST_RAD_PER_S: f32 = 0.25;
+
+/// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Turn {
+    /// Heading at the last step, none before the first.
+    last_heading_rad: Option<f32>,
+    turned_rad: f32,
+}
+
+task! {
+    impl Turn {
+        slot 2;
+        wcet 300 us;
+        exclusive motion;
+        data {
+            in pose: Pose;
+            out twist: Twist;
+        }
+        flags {
+            in left;
+        }
+        params {
+            angle_rad: f32 = 1.2, 0.0..=6.2;
+            rate_rad_per_s: f32 = 1.2, 0.3..=3.0;
+        }
+    }
+}
+
+impl Task for Turn {
+    fn enter(&mut self) {
+        *self = Self::default();
+    }
+
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let heading_rad = io.read(Self::POSE).heading_rad;
+        let last_heading_rad = self.last_heading_rad.replace(heading_rad);
+        self.turned_rad += wrapped_rad(heading_rad - last_heading_rad.unwrap_or(heading_rad));
+        let direction = if io.flag(Self::LEFT) { 1.0 } else { -1.0 };
+        let left_rad = io.param(Self::ANGLE_RAD) - direction * self.turned_rad;
+        if left_rad < TOLERANCE_RAD {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Finished;
+        }
+        let rate_rad_per_s = (left_rad * APPROACH_PER_S)
+            .max(SLOWEST_RAD_PER_S)
+            .min(io.param(Self::RATE_RAD_PER_S));
+        *io.write(Self::TWIST) = Twist {
+            forward_m_per_s: 0.0,
+            turn_rad_per_s: direction * rate_rad_per_s,
+        };
+        Step::Run
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+
+    /// Turns a robot that follows perfectly and returns by how much.
+    fn turned_rad(start_rad: f32, angle_rad: f32, left: bool) -> f32 {
+        let mut bench = TaskBench::new(Turn::default());
+        bench.period_us(20_000).set(Turn::LEFT, left);
+        bench
+            .param(Turn::ANGLE_RAD, angle_rad)
+            .param(Turn::RATE_RAD_PER_S, 1.5);
+        let (mut heading_rad, mut turned_rad) = (start_rad, 0.0);
+        for _ in 0..1_000 {
+            bench.give(
+                Turn::POSE,
+                Pose {
+                    heading_rad,
+                    ..Pose::START
+                },
+            );
+            if bench.step() == Some(Step::Finished) {
+                return turned_rad;
+            }
+            let step_rad = bench.output(Turn::TWIST).unwrap().turn_rad_per_s * 0.02;
+            turned_rad += step_rad;
+            heading_rad = wrapped_rad(heading_rad + step_rad);
+        }
+        panic!("never finished");
+    }
+
+    #[test]
+    fn it_turns_by_the_angle_also_over_the_wrap() {
+        for (start_rad, angle_rad, left, expected_rad) in [
+            (0.0, 1.2, true, 1.2),
+            (0.0, 1.2, false, -1.2),
+            (3.0, 1.0, true, 1.0),
+            (-3.0, 1.0, false, -1.0),
+            (1.0, 6.0, true, 6.0),
+            (0.0, 0.0, true, 0.0),
+        ] {
+            let turned_rad = turned_rad(start_rad, angle_rad, left);
+            assert!(
+                (turned_rad - expected_rad).abs() < 0.04,
+                "{start_rad} {angle_rad}: {turned_rad}"
+            );
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! Makes the wheels follow a twist.
+
+use embedded_hal::digital::OutputPin;
+use embedded_hal::pwm::SetDutyCycle;
+
+use super::values::{Chassis, Twist, WheelSpeeds};
+use crate::drivers::DcMotor;
+use crate::ports::Io;
+use crate::task;
+use crate::task::{Step, Task};
+
+/// Power for each m/s of speed that is lacking.
+const PROPORTIONAL_POWER_S_PER_M: f32 = 0.8;
+
+/// Power for each metre that has been lost by lacking speed.
+const INTEGRAL_POWER_PER_M: f32 = 4.0;
+
+/// The integral never asks for more power than this, or a blocked wheel would jump when it comes free.
+const INTEGRAL_LIMIT: f32 = 0.5;
+
+/// A goal slower than this is standing still, in m/s.
+const STANDING_M_PER_S: f32 = 0.005;
+
+/// Slower than this part of its goal a wheel counts as blocked …
+const BLOCKED_PART: f32 = 0.2;
+
+/// … if its goal is at least this fast, in m/s …
+const BLOCKED_GOAL_M_PER_S: f32 = 0.05;
+
+/// … and it lasts for this long.
+const BLOCKED_AFTER_US: u32 = 800_000;
+
+/// Keeps both wheels at the speeds that a twist asks for: a feed-forward that knows the motors roughly, and a PI controller for the
+/// rest (load, battery, unequal motors). Goals change no faster than the wheels can grip.
+///
+/// `blocked` is set while a wheel does not turn although it is driven, or a motor driver reports a failure.
+#[derive(Debug)]
+pub struct WheelSpeed<LP, LD, RP, RD> {
+    left: DrivenWheel<LP, LD>,
+    right: DrivenWheel<RP, RD>,
+    chassis: Chassis,
+    blocked_for_us: u32,
+}
+
+task! {
+    impl[
+        LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send
+    ] WheelSpeed<LP, LD, RP, RD> {
+        slot 2;
+        wcet 500 us;
+        data {
+            in twist: Twist;
+            in speeds: WheelSpeeds;
+        }
+        flags {
+            out blocked;
+        }
+        params {
+            acceleration_m_per_s2: f32 = 0.8, 0.1..=5.0;
+        }
+    }
+}
+
+/// A wheel with its motor and the state of its controller.
+#[derive(Debug)]
+struct DrivenWheel<P, D> {
+    motor: DcMotor<P, D>,
+    goal_m_per_s: f32,
+    integral_power: f32,
+}
+
+/// What a controller needs to know beside its wheel.
+struct Surroundings<'a> {
+    chassis: &'a Chassis,
+    most_change_m_per_s: f32,
+    period_s: f32,
+}
+
+impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
+    fn new(motor: DcMotor<P, D>) -> Self {
+        Self {
+            motor,
+            goal_m_per_s: 0.0,
+            integral_power: 0.0,
+        }
+    }
+
+    fn rest(&mut self) {
+        self.goal_m_per_s = 0.0;
+        self.integral_power = 0.0;
+    }
+
+    /// Drives the wheel towards `asked_m_per_s`. Returns whether it follows.
+    fn control(&mut self, asked_m_per_s: f32, speed_m_per_s: f32, around: &Surroundings) -> bool {
+        let change_m_per_s = asked_m_per_s - self.goal_m_per_s;
+        let most_m_per_s = around.most_change_m_per_s;
+        self.goal_m_per_s += change_m_per_s.clamp(-most_m_per_s, most_m_per_s);
+        let power = if self.goal_m_per_s.abs() < STANDING_M_PER_S {
+            self.integral_power = 0.0;
+            0.0
+        } else {
+            self.power(speed_m_per_s, around)
+        };
+        let goal_m_per_s = self.goal_m_per_s.abs();
+        let turns = speed_m_per_s.abs() >= goal_m_per_s * BLOCKED_PART;
+        let driven = self.motor.drive(power).is_ok();
+        driven && (turns || goal_m_per_s < BLOCKED_GOAL_M_PER_S)
+    }
+
+    fn power(&mut self, speed_m_per_s: f32, around: &Surroundings) -> f32 {
+        let chassis = around.chassis;
+        let lack_m_per_s = self.goal_m_per_s - speed_m_per_s;
+        self.integral_power = (self.integral_power
+            + INTEGRAL_POWER_PER_M * lack_m_per_s * around.period_s)
+            .clamp(-INTEGRAL_LIMIT, INTEGRAL_LIMIT);
+        let rolling_power =
+            self.goal_m_per_s / chassis.full_speed_m_per_s * (1.0 - chassis.friction_power);
+        let friction_power = chassis.friction_power.copysign(self.goal_m_per_s);
+        rolling_power
+            + friction_power
+            + PROPORTIONAL_POWER_S_PER_M * lack_m_per_s
+            + self.integral_power
+    }
+}
+
+impl<LP: SetDutyCycle, LD: OutputPin, RP: SetDutyCycle, RD: OutputPin> WheelSpeed<LP, LD, RP, RD> {
+    /// A controller for these motors.
+    pub fn new(left: DcMotor<LP, LD>, right: DcMotor<RP, RD>, chassis: Chassis) -> Self {
+        Self {
+            left: DrivenWheel::new(left),
+            right: DrivenWheel::new(right),
+            chassis,
+            blocked_for_us: 0,
+        }
+    }
+}
+
+impl<LP, LD, RP, RD> Task for WheelSpeed<LP, LD, RP, RD>
+where
+    LP: SetDutyCycle + Send,
+    LD: OutputPin + Send,
+    RP: SetDutyCycle + Send,
+    RD: OutputPin + Send,
+{
+    fn reset(&mut self) {
+        self.left.rest();
+        self.right.rest();
+    }
+
+    fn enter(&mut self) {
+        self.blocked_for_us = 0;
+    }
+
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let twist = io.read(Self::TWIST);
+        let speeds = io.read(Self::SPEEDS);
+        let period_s = io.period_us() as f32 / 1e6;
+        let around = Surroundings {
+            chassis: &self.chassis,
+            most_change_m_per_s: io.param(Self::ACCELERATION_M_PER_S2) * period_s,
+            period_s,
+        };
+        let turn_m_per_s = twist.turn_rad_per_s * self.chassis.wheel_base_m / 2.0;
+        let left_m_per_s = twist.forward_m_per_s - turn_m_per_s;
+        let right_m_per_s = twist.forward_m_per_s + turn_m_per_s;
+        let left_follows = self
+            .left
+            .control(left_m_per_s, speeds.left_m_per_s, &around);
+        let right_follows = (self.right).control(right_m_per_s, speeds.right_m_per_s, &around);
+        self.blocked_for_us = if left_follows && right_follows {
+            0
+        } else {
+            self.blocked_for_us.saturating_add(io.period_us())
+        };
+        io.set(Self::BLOCKED, self.blocked_for_us >= BLOCKED_AFTER_US);
+        Step::Run
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+    use crate::body::{DirectionPin, MotorPwm, PinImage};
+
+    type Task<'a> = WheelSpeed<MotorPwm<'a>, DirectionPin<'a>, MotorPwm<'a>, DirectionPin<'a>>;
+
+    const CHASSIS: Chassis = Chassis {
+        wheel_base_m: 0.2,
+        metres_per_count: 0.001,
+        full_speed_m_per_s: 0.6,
+        friction_power: 0.05,
+    };
+
+    fn bench(pins: &PinImage) -> TaskBench<'_> {
+        let parts = pins.parts();
+        let mut bench = TaskBench::new(Task::new(
+            DcMotor::new(parts.left_pwm, parts.left_direction),
+            DcMotor::new(parts.right_pwm, parts.right_direction),
+            CHASSIS,
+        ));
+        bench.period_us(20_000);
+        bench.param(Task::ACCELERATION_M_PER_S2, 1.0);
+        bench
+    }
+
+    /// Motors that follow their duty with a lag, the right one weaker by a fifth.
+    fn wheels_after(bench: &mut TaskBench<'_>, pins: &PinImage, steps: usize) -> WheelSpeeds {
+        let mut speeds = WheelSpeeds::default();
+        for _ in 0..steps {
+            bench.give(Task::SPEEDS, speeds);
+            bench.step();
+            let actuators = pins.take_actuators();
+            let follow = |speed: &mut f32, duty: i16, strength: f32| {
+                let goal = f32::from(duty) / 1_000.0 * 0.6 * strength;
+                *speed += (goal - *speed) * 0.25;
+            };
+            follow(&mut speeds.left_m_per_s, actuators.left_duty, 1.0);
+            follow(&mut speeds.right_m_per_s, actuators.right_duty, 0.8);
+        }
+        speeds
+    }
+
+    #[test]
+    fn both_wheels_reach_their_speeds_though_the_motors_differ() {
+        for (forward_m_per_s, turn_rad_per_s) in
+            [(0.3, 0.0), (-0.2, 0.0), (0.0, 1.0), (0.2, -0.8), (0.0, 0.0)]
+        {
+            let pins = PinImage::new();
+            let mut bench = bench(&pins);
+            bench.give(
+                Task::TWIST,
+                Twist {
+                    forward_m_per_s,
+                    turn_rad_per_s,
+                },
+            );
+            let speeds = wheels_after(&mut bench, &pins, 150);
+            let expected = [
+                forward_m_per_s - 0.1 * turn_rad_per_s,
+                forward_m_per_s + 0.1 * turn_rad_per_s,
+            ];
+            for (speed, expected) in [speeds.left_m_per_s, speeds.right_m_per_s]
+                .iter()
+                .zip(expected)
+            {
+                assert!(
+                    (speed - expected).abs() < 0.01,
+                    "{speeds:?}, expected {expected}"
+                );
+            }
+            assert!(!bench.flag(Task::BLOCKED));
+        }
+    }
+
+    #[test]
+    fn goals_change_no_faster_than_the_wheels_can_grip() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        bench.give(Task::SPEEDS, WheelSpeeds::default()).give(
+            Task::TWIST,
+            Twist {
+                forward_m_per_s: 0.6,
+                turn_rad_per_s: 0.0,
+            },
+        );
+        bench.step();
+        let first = pins.take_actuators().left_duty;
+        assert!((50..150).contains(&first), "{first}");
+    }
+
+    #[test]
+    fn a_wheel_that_stands_though_driven_is_reported() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        let twist = Twist {
+            forward_m_per_s: 0.3,
+            turn_rad_per_s: 0.0,
+        };
+        bench
+            .give(Task::SPEEDS, WheelSpeeds::default())
+            .give(Task::TWIST, twist);
+        let steps_until_blocked = (1..200).find(|_| {
+            bench.step();
+            bench.flag(Task::BLOCKED)
+        });
+        // 60 ms until the goal is fast enough to tell, then 800 ms.
+        assert_eq!(steps_until_blocked, Some(42));
+    }
+
+    #[test]
+    fn standing_still_takes_no_power() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        bench.give(Task::TWIST, Twist::STILL);
+        bench.give(
+            Task::SPEEDS,
+            WheelSpeeds {
+                left_m_per_s: 0.02,
+                right_m_per_s: -0.02,
+            },
+        );
+        bench.step();
+        let actuators = pins.take_actuators();
+        assert_eq!((actuators.left_duty, actuators.right_duty), (0, 0));
+    }
+}
