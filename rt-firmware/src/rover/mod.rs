@@ -216,3 +216,38 @@ where
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::string::String;
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::body::PinImage;
+    use crate::{assemble, nets};
+
+    fn with_declarations<R>(look: impl FnOnce(Vec<&'static crate::Declaration>) -> R) -> R {
+        let pins = PinImage::new();
+        let mut rover = PinRover::new(RoverParts::from(pins.parts()));
+        let mut banks = rover.banks();
+        let mut nets = nets::<4>();
+        let (_, registry) = assemble(&mut banks, &mut nets).unwrap();
+        look(registry.declarations().collect())
+    }
+
+    /// The missions build on this file; it is right as long as it says what the firmware says.
+    #[test]
+    fn the_shipped_declarations_are_those_of_the_registry() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../missions/rover.esm");
+        let file = fs::read_to_string(path).unwrap();
+        let comment = file.lines().take_while(|line| line.starts_with("//"));
+        let comment_bytes: usize = comment.map(|line| line.len() + 1).sum();
+        let declared = with_declarations(|declarations| {
+            let sources: Vec<&str> = declarations.iter().map(|task| task.source).collect();
+            sources.join("\n")
+        });
+        let written: String = file.chars().skip(comment_bytes).collect();
+        assert_eq!(written.trim_start(), declared, "update missions/rover.esm from `esm tasks`");
+    }
+}
