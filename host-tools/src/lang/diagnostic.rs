@@ -1,0 +1,203 @@
+//! What is wrong with a set of files: codes, severities, and one [`Diagnostic`] a mistake.
+
+use std::fmt;
+
+use crate::model::Span;
+
+/// The code of a diagnostic: what kind of mistake it is. The numbers never change their meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Code {
+    /// Syntax error, or a number out of its range.
+    E001,
+    /// Unknown name.
+    E002,
+    /// Defined twice.
+    E003,
+    /// Region without an initial transition.
+    E004,
+    /// `^` at the root, or a flag used against its direction.
+    E005,
+    /// A guard, trigger or flag that its state does not have.
+    E006,
+    /// Recursive use of a container.
+    E007,
+    /// A data path that cannot work, or a required input left open.
+    E008,
+    /// Task state without slot or parameter value; a parameter value that does not fit.
+    E009,
+    /// More time asked for than there is.
+    E010,
+    /// No schedule.
+    E011,
+    /// A capacity of the target is exceeded.
+    E012,
+    /// What makes a set of files a whole is wrong: machines, interpreter slot, `use`.
+    E013,
+    /// State that nothing reaches.
+    W101,
+    /// Event that does nothing.
+    W102,
+    /// Two transitions that can be taken at once.
+    W103,
+    /// Events that cause each other in a circle.
+    W104,
+    /// Two task states of one `exclusive` group that can be active together.
+    W105,
+    /// Timeout not above the interpreter's period.
+    W106,
+    /// Declared and not used.
+    W107,
+    /// State without a way out.
+    W108,
+    /// `timeout` read of a state without a limit.
+    W109,
+    /// Two writers of one net that can be active together.
+    W110,
+}
+
+impl Code {
+    /// All codes, in order.
+    pub const ALL: [Code; 23] = [
+        Code::E001,
+        Code::E002,
+        Code::E003,
+        Code::E004,
+        Code::E005,
+        Code::E006,
+        Code::E007,
+        Code::E008,
+        Code::E009,
+        Code::E010,
+        Code::E011,
+        Code::E012,
+        Code::E013,
+        Code::W101,
+        Code::W102,
+        Code::W103,
+        Code::W104,
+        Code::W105,
+        Code::W106,
+        Code::W107,
+        Code::W108,
+        Code::W109,
+        Code::W110,
+    ];
+
+    /// The code as it is written, `"E001"`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Code::E001 => "E001",
+            Code::E002 => "E002",
+            Code::E003 => "E003",
+            Code::E004 => "E004",
+            Code::E005 => "E005",
+            Code::E006 => "E006",
+            Code::E007 => "E007",
+            Code::E008 => "E008",
+            Code::E009 => "E009",
+            Code::E010 => "E010",
+            Code::E011 => "E011",
+            Code::E012 => "E012",
+            Code::E013 => "E013",
+            Code::W101 => "W101",
+            Code::W102 => "W102",
+            Code::W103 => "W103",
+            Code::W104 => "W104",
+            Code::W105 => "W105",
+            Code::W106 => "W106",
+            Code::W107 => "W107",
+            Code::W108 => "W108",
+            Code::W109 => "W109",
+            Code::W110 => "W110",
+        }
+    }
+
+    /// Whether the code stands for an error or for a warning.
+    pub fn severity(self) -> Severity {
+        if self < Code::W101 {
+            Severity::Error
+        } else {
+            Severity::Warning
+        }
+    }
+}
+
+impl fmt::Display for Code {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// How bad a diagnostic is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Severity {
+    /// The files cannot be built.
+    Error,
+    /// They can, but probably do not do what was meant.
+    Warning,
+}
+
+impl Severity {
+    /// `"error"` or `"warning"`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        }
+    }
+}
+
+/// One mistake: what, where, and how to put it right.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// What kind of mistake.
+    pub code: Code,
+    /// Where. Its start is the place that is reported.
+    pub span: Span,
+    /// What is wrong, as a sentence without a full stop.
+    pub message: String,
+    /// What to do about it, where that is known.
+    pub hint: Option<String>,
+    /// Other places that have to do with it, and what they have to do with it.
+    pub related: Vec<(Span, String)>,
+}
+
+impl Diagnostic {
+    /// A diagnostic with neither hint nor related places.
+    pub fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
+        Diagnostic {
+            code,
+            span,
+            message: message.into(),
+            hint: None,
+            related: Vec::new(),
+        }
+    }
+
+    /// The same with a hint.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// The same with one more related place.
+    #[must_use]
+    pub fn related(mut self, span: Span, what: impl Into<String>) -> Self {
+        self.related.push((span, what.into()));
+        self
+    }
+
+    /// Error or warning: what its code says.
+    pub fn severity(&self) -> Severity {
+        self.code.severity()
+    }
+
+    /// Message and hint in one line, for those who show no more than that.
+    pub fn text(&self) -> String {
+        match &self.hint {
+            Some(hint) => format!("{}: {hint}", self.message),
+            None => self.message.clone(),
+        }
+    }
+}
