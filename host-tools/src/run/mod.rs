@@ -1,4 +1,5 @@
 //! The main job: a mission on a board, in a world, from the compiler to the summary.
 
+pub mod interrupt;
 pub mod recording;
 pub mod summary;
