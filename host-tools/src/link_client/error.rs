@@ -1,0 +1,186 @@
+//! What can go wrong between host and robot, in sentences that say what to do.
+
+use std::io;
+use std::time::Duration;
+
+use rt_firmware::link::message::{Capacity, LinkError, PROTOCOL_VERSION};
+use thiserror::Error;
+
+/// Why a request was not done.
+#[derive(Debug, Error)]
+pub enum ClientError {
+    /// The line itself failed.
+    #[error("the line to the robot is lost: {0}")]
+    Line(#[from] io::Error),
+    /// The robot did not answer in time.
+    #[error(
+        "the robot did not answer `{request}` within {:.1} s; is it switched on, and is the rate of its line right?",
+        waited.as_secs_f64()
+    )]
+    NoReply {
+        /// What was asked.
+        request: &'static str,
+        /// How long was waited in all.
+        waited: Duration,
+    },
+    /// The robot's firmware and this program do not speak the same.
+    #[error(
+        "the robot speaks version {robot} of the link, this program version {PROTOCOL_VERSION}; {}",
+        if *robot < PROTOCOL_VERSION { "flash a newer firmware" } else { "use a newer esm" }
+    )]
+    OtherVersion {
+        /// The robot's version.
+        robot: u16,
+    },
+    /// The robot answered something else than what was asked for.
+    #[error(
+        "the robot's answer to `{request}` makes no sense; its firmware and this program do not fit together"
+    )]
+    BadAnswer {
+        /// What was asked.
+        request: &'static str,
+    },
+    /// The robot refused.
+    #[error("the robot refused `{request}`: {}", reason(*error))]
+    Refused {
+        /// What was asked.
+        request: &'static str,
+        /// Why.
+        error: LinkError,
+    },
+    /// The upload does not come to an end.
+    #[error("the upload failed again and again: {}", reason(*error))]
+    UploadStuck {
+        /// The last reason.
+        error: LinkError,
+    },
+}
+
+impl ClientError {
+    /// Why the robot refused, if it was a refusal.
+    pub fn refusal(&self) -> Option<LinkError> {
+        match self {
+            ClientError::Refused { error, .. } | ClientError::UploadStuck { error } => Some(*error),
+            _ => None,
+        }
+    }
+}
+
+/// A refusal in words, as far as the robot's numbers go. [`refusal_with_names`] knows the mission's names too.
+pub fn reason(error: LinkError) -> String {
+    refusal_with_names(error, |_| None, |_| None)
+}
+
+/// A refusal in words. `task_name` gives the name of a task type of the blob, `state_path` the path of a task instance.
+pub fn refusal_with_names(
+    error: LinkError,
+    task_name: impl Fn(usize) -> Option<String>,
+    state_path: impl Fn(usize) -> Option<String>,
+) -> String {
+    let task = |index: u16| match task_name(usize::from(index)) {
+        Some(name) => format!("the task `{name}`"),
+        None => format!("the mission's task number {index}"),
+    };
+    match error {
+        LinkError::Malformed => "it did not understand the request".into(),
+        LinkError::NoUpload => "no upload is under way".into(),
+        LinkError::WrongOffset { expected } => {
+            format!("the upload stands at byte {expected}")
+        }
+        LinkError::TooLong => "more bytes came than were announced".into(),
+        LinkError::Incomplete { received } => {
+            format!("only {received} bytes of the mission have arrived")
+        }
+        LinkError::WrongChecksum => "the mission was spoiled on its way; upload it again".into(),
+        LinkError::Invalid { reason } => {
+            format!("the mission is no valid blob (reason {reason}); `esm inspect` says why")
+        }
+        LinkError::UnknownTask { task: index } => format!(
+            "its firmware lacks {}; `esm tasks` lists what it has",
+            task(index)
+        ),
+        LinkError::SignatureDiffers { task: index } => format!(
+            "its firmware has {} with other ports, flags or parameters; `esm tasks` prints the declaration that fits",
+            task(index)
+        ),
+        LinkError::TooManyInstances {
+            task: index,
+            needed,
+            available,
+        } => format!(
+            "the mission has {needed} states of {}, its firmware has room for {available}",
+            task(index)
+        ),
+        LinkError::PortTypeDiffers {
+            task_instance,
+            port,
+        } => {
+            let state = match state_path(usize::from(task_instance)) {
+                Some(path) => format!("`{path}`"),
+                None => format!("task state number {task_instance}"),
+            };
+            format!("data port number {port} of {state} is on a net of another type")
+        }
+        LinkError::CapacityExceeded {
+            what,
+            needed,
+            available,
+        } => {
+            let what = match what {
+                Capacity::BlobBytes => "bytes",
+                Capacity::ArenaWords => "words of memory for its state",
+                Capacity::Slots => "slots",
+                Capacity::TaskInstances => "task states",
+                Capacity::Nets => "nets",
+                Capacity::ExclusiveGroups => "exclusive groups",
+            };
+            format!("the mission needs {needed} {what}, the robot has room for {available}")
+        }
+        LinkError::NoMission => "it has no mission; upload one first".into(),
+        LinkError::NoSuchIndex => "it has nothing of that number".into(),
+        LinkError::Busy => "it still works on the request before".into(),
+        LinkError::NoAnswer => {
+            "its real-time side did not answer in time; `esm status` says how it is".into()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refusals_name_the_task() {
+        let name = |index: usize| {
+            ["Cruise", "Avoid"]
+                .get(index)
+                .map(|name| (*name).to_owned())
+        };
+        let none = |_: usize| None;
+        let cases = [
+            (
+                LinkError::UnknownTask { task: 1 },
+                "its firmware lacks the task `Avoid`; `esm tasks` lists what it has",
+            ),
+            (
+                LinkError::UnknownTask { task: 9 },
+                "its firmware lacks the mission's task number 9; `esm tasks` lists what it has",
+            ),
+            (
+                LinkError::SignatureDiffers { task: 0 },
+                "its firmware has the task `Cruise` with other ports, flags or parameters; `esm tasks` prints the declaration that fits",
+            ),
+            (
+                LinkError::CapacityExceeded {
+                    what: Capacity::BlobBytes,
+                    needed: 5000,
+                    available: 4096,
+                },
+                "the mission needs 5000 bytes, the robot has room for 4096",
+            ),
+        ];
+        for (error, expected) in cases {
+            assert_eq!(refusal_with_names(error, name, none), expected);
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! Streams from the robot, put together again: whole trace records and log bytes, and a word where something is missing.
+
+use rt_firmware::link::message::{Channel, Stream};
+use rt_firmware::link::trace::{TraceError, TraceRecord};
+
+/// Something that a stream brought.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StreamEvent {
+    /// Whole trace records, one behind the other, to be read with [`TraceRecord::take`].
+    Trace(Vec<u8>),
+    /// Bytes of the log.
+    Log(Vec<u8>),
+    /// Something did not come: the robot had no room for it, or the line lost it. A trace with such a gap is not whole.
+    Gap {
+        /// Of which stream.
+        channel: Channel,
+        /// Records or bytes that the robot dropped, or parts that the line lost.
+        missing: u32,
+    },
+}
+
+/// Puts the parts of one stream together.
+#[derive(Debug)]
+pub(super) struct Assembler {
+    channel: Channel,
+    next_part: Option<u8>,
+    dropped: u32,
+    /// The beginning of a record whose end has not come yet.
+    pending: Vec<u8>,
+    /// After a gap, bytes mean nothing until a part begins with a new record.
+    in_step: bool,
+}
+
+impl Assembler {
+    pub(super) fn new(channel: Channel) -> Self {
+        Assembler {
+            channel,
+            next_part: None,
+            dropped: 0,
+            pending: Vec::new(),
+            in_step: false,
+        }
+    }
+
+    /// Takes the next part that came and adds what is complete to `events`.
+    pub(super) fn take(&mut self, part: &Stream<'_>, events: &mut Vec<StreamEvent>) {
+        let lost_parts = match self.next_part {
+            Some(expected) => u32::from(part.seq.wrapping_sub(expected)),
+            None => {
+                // What was dropped before this client listened is none of its business.
+                self.dropped = part.dropped;
+                0
+            }
+        };
+        let missing = lost_parts.wrapping_add(part.dropped.wrapping_sub(self.dropped));
+        self.next_part = Some(part.seq.wrapping_add(1));
+        self.dropped = part.dropped;
+        if missing > 0 {
+            events.push(StreamEvent::Gap {
+                channel: self.channel,
+                missing,
+            });
+        }
+        if lost_parts > 0 {
+            self.in_step = false;
+        }
+        match self.channel {
+            // The frames of the log know their own edges.
+            Channel::Log => events.push(StreamEvent::Log(part.bytes.to_vec())),
+            Channel::Trace => self.take_records(part, events),
+        }
+    }
+
+    fn take_records(&mut self, part: &Stream<'_>, events: &mut Vec<StreamEvent>) {
+        if !part.continues {
+            self.pending.clear();
+            self.in_step = true;
+        } else if !self.in_step {
+            return;
+        }
+        self.pending.extend_from_slice(part.bytes);
+        let mut rest = self.pending.as_slice();
+        let mut whole = 0;
+        loop {
+            match TraceRecord::take(&mut rest) {
+                Ok(_) => whole = self.pending.len() - rest.len(),
+                Err(TraceError::Incomplete) => break,
+                Err(TraceError::Unknown) => {
+                    events.push(StreamEvent::Gap {
+                        channel: self.channel,
+                        missing: 1,
+                    });
+                    self.in_step = false;
+                    self.pending.truncate(whole);
+                    break;
+                }
+            }
+        }
+        let rest = self.pending.split_off(whole);
+        let records = std::mem::replace(&mut self.pending, rest);
+        if !records.is_empty() {
+            events.push(StreamEvent::Trace(records));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rt_firmware::link::trace::RecordSink;
+
+    struct Bytes(Vec<u8>);
+
+    impl RecordSink for Bytes {
+        fn put(&mut self, byte: u8) {
+            self.0.push(byte);
+        }
+    }
+
+    fn record(micro_steps: u8) -> Vec<u8> {
+        let mut bytes = Bytes(Vec::new());
+        TraceRecord::Same { micro_steps }.write(&mut bytes);
+        bytes.0
+    }
+
+    fn part(seq: u8, continues: bool, dropped: u32, bytes: &[u8]) -> Stream<'_> {
+        Stream {
+            channel: Channel::Trace,
+            seq,
+            continues,
+            dropped,
+            bytes,
+        }
+    }
+
+    #[test]
+    fn records_are_put_together_and_gaps_are_told() {
+        use StreamEvent::{Gap, Trace};
+        let gap = |missing| Gap {
+            channel: Channel::Trace,
+            missing,
+        };
+        let (one, two) = (record(1), record(2));
+        let cut = [&one[..], &two[..1]].concat();
+        type Case<'a> = (&'a str, Vec<Stream<'a>>, Vec<StreamEvent>);
+        let cases: [Case<'_>; 5] = [
+            (
+                "a record over two parts",
+                vec![part(7, false, 3, &cut), part(8, true, 3, &two[1..])],
+                vec![Trace(one.clone()), Trace(two.clone())],
+            ),
+            (
+                "a part lost between",
+                vec![part(7, false, 0, &cut), part(9, false, 0, &one)],
+                vec![Trace(one.clone()), gap(1), Trace(one.clone())],
+            ),
+            (
+                "after a loss, the end of a record whose beginning is gone",
+                vec![
+                    part(7, false, 0, &one),
+                    part(9, true, 0, &two[1..]),
+                    part(10, false, 0, &two),
+                ],
+                vec![Trace(one.clone()), gap(1), Trace(two.clone())],
+            ),
+            (
+                "records dropped by the robot",
+                vec![part(255, false, 3, &one), part(0, false, 5, &two)],
+                vec![Trace(one.clone()), gap(2), Trace(two.clone())],
+            ),
+            (
+                "bytes that are no record",
+                vec![part(0, false, 0, &[0xee, 0]), part(1, false, 0, &two)],
+                vec![gap(1), Trace(two.clone())],
+            ),
+        ];
+        for (what, parts, expected) in cases {
+            let mut assembler = Assembler::new(Channel::Trace);
+            let mut events = Vec::new();
+            for part in &parts {
+                assembler.take(part, &mut events);
+            }
+            assert_eq!(events, expected, "{what}");
+        }
+    }
+}

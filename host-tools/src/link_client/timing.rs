@@ -1,0 +1,58 @@
+//! How long to wait for a reply before the request is sent again: as long as replies have taken, and some more.
+
+use std::time::Duration;
+
+const FIRST_WAIT: Duration = Duration::from_millis(300);
+const SHORTEST_WAIT: Duration = Duration::from_millis(40);
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
+/// Estimates the time that a reply takes, in the manner of TCP (Jacobson 1988): a running mean and a running deviation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ReplyTime {
+    estimate: Option<(Duration, Duration)>,
+}
+
+impl ReplyTime {
+    /// A reply took this long. Only of requests that were sent once: of the others nobody knows which sending was answered.
+    pub(super) fn seen(&mut self, took: Duration) {
+        self.estimate = Some(match self.estimate {
+            None => (took, took / 2),
+            Some((mean, deviation)) => {
+                let off = mean.abs_diff(took);
+                ((mean * 7 + took) / 8, (deviation * 3 + off) / 4)
+            }
+        });
+    }
+
+    /// How long to wait the `attempt`-th time, from 0. Later attempts wait longer, should the line be slow and not lossy.
+    pub(super) fn wait(&self, attempt: u32) -> Duration {
+        let base = match self.estimate {
+            None => FIRST_WAIT,
+            Some((mean, deviation)) => (mean + deviation * 4).max(SHORTEST_WAIT),
+        };
+        let growth = 1 << (attempt / 3).min(5);
+        (base * growth).min(LONGEST_WAIT)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waits_follow_what_replies_take() {
+        let ms = Duration::from_millis;
+        let mut time = ReplyTime::default();
+        assert_eq!(time.wait(0), ms(300), "nothing is known yet");
+        for _ in 0..50 {
+            time.seen(ms(2));
+        }
+        assert_eq!(time.wait(0), ms(40), "no reply is waited for shorter");
+        for _ in 0..50 {
+            time.seen(ms(200));
+        }
+        let wait = time.wait(0);
+        assert!(wait > ms(200) && wait < ms(260), "{wait:?}");
+        assert!(time.wait(3) > time.wait(2) && time.wait(100) == ms(1000));
+    }
+}
