@@ -1,0 +1,272 @@
+//! The signature of a task: one line of text that says everything a firmware and a mission must agree on.
+//!
+//! ```text
+//! task Cruise{in data scan:SonarScan optional;out data cmd:Twist;in flag go;out flag near;param speed:f32;}
+//! ```
+//!
+//! First the data ports in the order of their declaration, then the flags, then the parameters. No blanks but single ones between
+//! words; defaults, bounds, slots and execution times are not part of it. Two tasks are the same for the framework if their
+//! texts are equal. The hash of the text is a short name for it: it is quick to look up, but only the text itself proves
+//! equality, since anybody can construct two texts with one FNV hash.
+
+/// 64-bit FNV-1a hash of `bytes`.
+///
+/// ```
+/// assert_eq!(esm_core::signature::fnv1a(b""), 0xcbf2_9ce4_8422_2325);
+/// assert_eq!(esm_core::signature::fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
+/// ```
+#[must_use]
+pub const fn fnv1a(bytes: &[u8]) -> u64 {
+    const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0000_0100_0000_01b3;
+    let mut hash = OFFSET_BASIS;
+    let mut rest = bytes;
+    while let [byte, tail @ ..] = rest {
+        hash = (hash ^ *byte as u64).wrapping_mul(PRIME);
+        rest = tail;
+    }
+    hash
+}
+
+/// Direction of a port, seen from the task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Read by the task.
+    In,
+    /// Written by the task.
+    Out,
+    /// Read and published again.
+    InOut,
+}
+
+/// One declaration inside the braces of a signature. Names are ASCII identifiers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port<'a> {
+    /// `in data scan:SonarScan optional`
+    Data {
+        /// Direction.
+        direction: Direction,
+        /// Name of the port.
+        name: &'a [u8],
+        /// Name of the type that travels through it.
+        type_name: &'a [u8],
+        /// An input that may stay open or empty.
+        optional: bool,
+    },
+    /// `out flag near`
+    Flag {
+        /// [`Direction::In`] or [`Direction::Out`].
+        direction: Direction,
+        /// Name of the flag.
+        name: &'a [u8],
+    },
+    /// `param speed:f32`
+    Param {
+        /// Name of the parameter.
+        name: &'a [u8],
+        /// `bool`, `i32`, `u32` or `f32`.
+        type_name: &'a [u8],
+    },
+}
+
+/// How many ports of each kind a signature has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PortCounts {
+    /// Data ports.
+    pub data: usize,
+    /// Control flags.
+    pub flags: usize,
+    /// Parameters.
+    pub params: usize,
+}
+
+/// A signature's text, taken apart on demand. Reading one that is malformed yields fewer ports, never a panic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Signature<'a> {
+    text: &'a [u8],
+}
+
+impl<'a> Signature<'a> {
+    /// A view of `text`, which is not looked at yet.
+    #[must_use]
+    pub const fn new(text: &'a [u8]) -> Self {
+        Self { text }
+    }
+
+    /// The whole text.
+    #[must_use]
+    pub const fn text(self) -> &'a [u8] {
+        self.text
+    }
+
+    /// [`fnv1a`] of the text.
+    #[must_use]
+    pub const fn hash(self) -> u64 {
+        fnv1a(self.text)
+    }
+
+    /// Name of the task; empty if the text is malformed.
+    #[must_use]
+    pub fn name(self) -> &'a [u8] {
+        self.split().map_or(&[], |(name, _)| name)
+    }
+
+    /// The ports in the order of the text, up to the first malformed one.
+    #[must_use]
+    pub fn ports(self) -> Ports<'a> {
+        Ports {
+            rest: self.split().map_or(&[], |(_, body)| body),
+        }
+    }
+
+    /// Counts the ports, if the whole text is well formed: `None` otherwise. The one place where a text is judged.
+    #[must_use]
+    pub fn counts(self) -> Option<PortCounts> {
+        let (_, body) = self.split()?;
+        let mut ports = Ports { rest: body };
+        let mut counts = PortCounts::default();
+        for port in ports.by_ref() {
+            match port {
+                Port::Data { .. } if counts.flags == 0 && counts.params == 0 => counts.data += 1,
+                Port::Flag { .. } if counts.params == 0 => counts.flags += 1,
+                Port::Param { .. } => counts.params += 1,
+                _ => return None,
+            }
+        }
+        ports.rest.is_empty().then_some(counts)
+    }
+
+    /// The name and what stands between the braces.
+    fn split(self) -> Option<(&'a [u8], &'a [u8])> {
+        let (name, rest) = identifier(self.text.strip_prefix(b"task ")?)?;
+        Some((name, rest.strip_prefix(b"{")?.strip_suffix(b"}")?))
+    }
+}
+
+/// Iterator over the ports of a [`Signature`].
+#[derive(Clone, Debug)]
+pub struct Ports<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Iterator for Ports<'a> {
+    type Item = Port<'a>;
+
+    fn next(&mut self) -> Option<Port<'a>> {
+        let (port, rest) = port(self.rest)?;
+        self.rest = rest;
+        Some(port)
+    }
+}
+
+/// Reads one declaration with its semicolon.
+fn port(text: &[u8]) -> Option<(Port<'_>, &[u8])> {
+    if let Some(text) = text.strip_prefix(b"param ") {
+        let (name, text) = identifier(text)?;
+        let (type_name, text) = identifier(text.strip_prefix(b":")?)?;
+        return Some((Port::Param { name, type_name }, text.strip_prefix(b";")?));
+    }
+    let (direction, text) = if let Some(text) = text.strip_prefix(b"in ") {
+        (Direction::In, text)
+    } else if let Some(text) = text.strip_prefix(b"out ") {
+        (Direction::Out, text)
+    } else {
+        (Direction::InOut, text.strip_prefix(b"inout ")?)
+    };
+    if let Some(text) = text.strip_prefix(b"data ") {
+        let (name, text) = identifier(text)?;
+        let (type_name, text) = identifier(text.strip_prefix(b":")?)?;
+        let (optional, text) = match text.strip_prefix(b" optional") {
+            Some(text) => (true, text),
+            None => (false, text),
+        };
+        let port = Port::Data {
+            direction,
+            name,
+            type_name,
+            optional,
+        };
+        Some((port, text.strip_prefix(b";")?))
+    } else {
+        let (name, text) = identifier(text.strip_prefix(b"flag ")?)?;
+        Some((Port::Flag { direction, name }, text.strip_prefix(b";")?))
+    }
+}
+
+/// Splits off an identifier of at least one character.
+fn identifier(text: &[u8]) -> Option<(&[u8], &[u8])> {
+    let is_part = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
+    let length = text.iter().take_while(|byte| is_part(byte)).count();
+    (length > 0)
+        .then(|| text.split_at_checked(length))
+        .flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CRUISE: &[u8] =
+        b"task Cruise{in data scan:SonarScan optional;out data cmd:Twist;in flag go;out flag near;param speed:f32;}";
+
+    #[test]
+    fn a_signature_reads_back_port_by_port() {
+        let signature = Signature::new(CRUISE);
+        assert_eq!(signature.name(), b"Cruise");
+        let expected = [
+            Port::Data {
+                direction: Direction::In,
+                name: b"scan",
+                type_name: b"SonarScan",
+                optional: true,
+            },
+            Port::Data {
+                direction: Direction::Out,
+                name: b"cmd",
+                type_name: b"Twist",
+                optional: false,
+            },
+            Port::Flag {
+                direction: Direction::In,
+                name: b"go",
+            },
+            Port::Flag {
+                direction: Direction::Out,
+                name: b"near",
+            },
+            Port::Param {
+                name: b"speed",
+                type_name: b"f32",
+            },
+        ];
+        assert!(signature.ports().eq(expected));
+    }
+
+    #[test]
+    fn only_well_formed_texts_have_counts() {
+        let counts = |data, flags, params| {
+            Some(PortCounts {
+                data,
+                flags,
+                params,
+            })
+        };
+        let cases: &[(&[u8], Option<PortCounts>)] = &[
+            (CRUISE, counts(2, 2, 1)),
+            (b"task Idle{}", counts(0, 0, 0)),
+            (b"task A{inout data x:T;}", counts(1, 0, 0)),
+            (b"task A{in flag f;in data x:T;}", None),
+            (b"task A{param p:f32;in flag f;}", None),
+            (b"task A{in data x:T}", None),
+            (b"task A{in data x;}", None),
+            (b"task A{in data x:T optional ;}", None),
+            (b"task A{sideways flag f;}", None),
+            (b"task {}", None),
+            (b"task A", None),
+            (b"", None),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(Signature::new(text).counts(), *expected, "{text:?}");
+        }
+    }
+}

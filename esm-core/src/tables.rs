@@ -1,0 +1,889 @@
+//! The tables of a blob, read in place.
+//!
+//! [`Tables`] is a set of borrowed slices, one for each section of the [format](crate::format), and a decoder for each kind of
+//! record. Nothing is copied and nothing panics: an index outside a table reads as `None`. All indices are positions in
+//! tables; what they are relative to stands with each field.
+
+use crate::format::{self, Section};
+use crate::signature::{PortCounts, Signature};
+
+/// A time slot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Slot {
+    /// The number that it was declared with, 1 or above.
+    pub number: u32,
+    /// Period in microseconds.
+    pub period_us: u32,
+    /// Duration in microseconds.
+    pub duration_us: u32,
+    /// First nominal start in microseconds, below the period.
+    pub start_us: u32,
+}
+
+/// A container template: what all its instances share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Container {
+    /// Its first region in the table of regions; the others follow.
+    pub first_region: usize,
+    /// Control flags, which stand behind `exit` and `timeout` at the head of its flag block.
+    pub flags: usize,
+    /// Different events that its transitions send.
+    pub channels: usize,
+    /// Its first instance.
+    pub first_instance: usize,
+    /// Bits of the flag block of an instance, containers inside included.
+    pub flag_span: usize,
+    /// Task instances in an instance, at any depth.
+    pub task_span: usize,
+    /// Region instances of an instance and inside it, at any depth.
+    pub region_span: usize,
+    /// Container instances that an instance is, itself and those inside it counted.
+    pub instance_span: usize,
+}
+
+/// A region template.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Its first state, which is its `initial` pseudo-state; the others follow in source order, `final` is the last.
+    pub first_state: usize,
+    /// The container that it belongs to.
+    pub container: usize,
+}
+
+/// What a local state is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StateKind {
+    /// The pseudo-state in which a region starts.
+    Initial,
+    /// The pseudo-state that sets the exit flag of the superstate around it.
+    Final,
+    /// A state without content.
+    Simple,
+    /// A task runs while this state is current.
+    Task {
+        /// Task instance, relative to [`Instance::first_task`].
+        task_offset: usize,
+        /// Index of the [`TaskState`].
+        task_state: usize,
+        /// Whether it runs in a slot; false for slot 0.
+        real_time: bool,
+    },
+    /// An instance of a container is inside.
+    Super {
+        /// First region instance inside, relative to the region instance that holds this state.
+        region_offset: usize,
+        /// Container instance inside, relative to the instance that holds this state.
+        instance_offset: usize,
+    },
+}
+
+/// A local state of a region template, pseudo-states included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct State {
+    /// First transition out of it; first those on the pulse, then the others, both in source order.
+    pub first_transition: usize,
+    /// First transition that is not on the pulse.
+    pub first_event_transition: usize,
+    /// First bit of its flag block, relative to [`Instance::first_flag`].
+    pub first_flag: usize,
+    /// Bits that entering it resets. Task state: exit, timeout, busy, control flags. Superstate: exit, timeout, control flags.
+    /// Simple state: timeout, or none where nothing needs it.
+    pub flags: usize,
+    /// What it is.
+    pub kind: StateKind,
+    /// Longest stay before its timeout flag is set.
+    pub timeout_us: Option<u32>,
+}
+
+/// A transition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transition {
+    /// [`format::PULSE`] or the number of an event.
+    pub event: u16,
+    /// The state that it leads to.
+    pub target: usize,
+    /// Its first [`Code`], where it has a guard or an action.
+    pub code: Option<usize>,
+}
+
+/// One instruction of a guard or an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Code {
+    /// Guard: goes on with the next instruction unless the flag has the value `jump_if`, else jumps.
+    Test {
+        /// Bit relative to [`Instance::first_flag`].
+        flag: usize,
+        /// Value that jumps.
+        jump_if: bool,
+        /// Instructions ahead; `None` where the guard is false.
+        jump: Option<usize>,
+    },
+    /// Guard: the same for the busy flag of the superstate that the transition leaves.
+    TestBusyInside {
+        /// Value that jumps.
+        jump_if: bool,
+        /// Instructions ahead; `None` where the guard is false.
+        jump: Option<usize>,
+    },
+    /// Ends the code of a transition without actions.
+    End,
+    /// Action: appends an event to the queue.
+    Send {
+        /// Channel, relative to [`Instance::first_channel`].
+        channel: usize,
+        /// Whether it is the last action.
+        last: bool,
+    },
+    /// Action: changes a control flag.
+    Write {
+        /// Bit relative to [`Instance::first_flag`].
+        flag: usize,
+        /// The new value.
+        value: bool,
+        /// Whether it is the last action.
+        last: bool,
+    },
+}
+
+/// A container instance: the machine (instance 0) or what is inside one superstate. Numbered depth first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instance {
+    /// Its container.
+    pub container: usize,
+    /// Its first region instance.
+    pub first_region: usize,
+    /// First bit of its flag block: `exit` of its superstate.
+    pub first_flag: usize,
+    /// Its first channel.
+    pub first_channel: usize,
+    /// The first task instance inside it, at any depth.
+    pub first_task: usize,
+    /// One past the last task instance inside it, at any depth.
+    pub end_task: usize,
+    /// The superstate that it is inside of: region instance and state. For the machine both are 0 and mean nothing.
+    pub parent: (usize, usize),
+}
+
+/// A region instance. Numbered depth first: what is inside a region's superstates stands between it and the next of its siblings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RegionInstance {
+    /// Where the walk goes on when this region and all inside it are done: always above its own index; the number of region instances at the end.
+    pub next: usize,
+    /// [`Instance::first_flag`] of its instance.
+    pub first_flag: usize,
+    /// Its `initial` state.
+    pub initial: usize,
+    /// The instance that it belongs to.
+    pub instance: usize,
+}
+
+/// An event as sent from one container instance, and where it is visible.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Number of the event.
+    pub event: u16,
+    /// First instance of the window outside of which it is not visible.
+    pub first_instance: usize,
+    /// Instances in the window.
+    pub instances: usize,
+    /// First byte in the visibility bits, the window's first instance in the lowest bit; `None` where the whole window sees it.
+    pub bits: Option<usize>,
+}
+
+/// A task that the mission uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Task<'a> {
+    /// Its signature.
+    pub signature: Signature<'a>,
+    /// Hash of the signature.
+    pub signature_hash: u64,
+    /// Number of its `exclusive` group, if it has one.
+    pub exclusive: Option<u16>,
+    /// Ports of its signature.
+    pub ports: PortCounts,
+}
+
+/// A task state of a container template.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskState {
+    /// Its task.
+    pub task: usize,
+    /// Its slot; `None` for slot 0, the time that is left.
+    pub slot: Option<usize>,
+    /// First of its parameter values, which stand in the order of the signature.
+    pub first_param: usize,
+}
+
+/// A task state of a container instance. Numbered in the order of the instance tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskInstance {
+    /// The state in the tables.
+    pub state: usize,
+    /// The region instance that it belongs to.
+    pub region: usize,
+    /// First of its connections, one for each data port in the order of the signature.
+    pub first_connection: usize,
+}
+
+/// A net: data ports joined by data paths, over all container borders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Net {
+    /// [`fnv1a`](crate::signature::fnv1a) of the type's name.
+    pub type_hash: u64,
+}
+
+macro_rules! tables {
+    ($( $(#[$doc:meta])* $field:ident: $section:ident [$size:expr], )*) => {
+        /// Bytes of a record of `section`.
+        pub(crate) const fn record_bytes(section: Section) -> usize {
+            match section { $( Section::$section => $size, )* }
+        }
+
+        /// All tables of a blob. Cheap to copy.
+        #[derive(Clone, Copy, Debug)]
+        pub struct Tables<'a> {
+            $( $(#[$doc])* pub(crate) $field: &'a [[u8; $size]], )*
+        }
+
+        impl<'a> Tables<'a> {
+            /// Cuts sections, as they stand in the envelope, into records. A rest that is no whole record is left out.
+            #[inline]
+            pub(crate) fn new(section: impl Fn(Section) -> &'a [u8]) -> Self {
+                Self { $( $field: section(Section::$section).as_chunks::<$size>().0, )* }
+            }
+        }
+    };
+}
+
+tables! {
+    mission: Mission[8],
+    slots: Slots[16],
+    containers: Containers[16],
+    regions: Regions[4],
+    states: States[16],
+    transitions: Transitions[6],
+    code: Code[4],
+    instances: Instances[16],
+    region_instances: RegionInstances[8],
+    channels: Channels[10],
+    visibility: Visibility[1],
+    tasks: Tasks[20],
+    signatures: Signatures[1],
+    task_states: TaskStates[6],
+    params: Params[4],
+    task_instances: TaskInstances[6],
+    connections: Connections[2],
+    nets: Nets[8],
+    names: Names[1],
+}
+
+/// Little-endian words of a record.
+#[inline(always)]
+fn word(low: u8, high: u8) -> usize {
+    usize::from(u16::from_le_bytes([low, high]))
+}
+
+impl State {
+    /// Decodes a record; an unknown kind is `None`.
+    pub(crate) fn decode(record: &[u8; 16]) -> Option<Self> {
+        let &[
+            t0,
+            t1,
+            e0,
+            e1,
+            f0,
+            f1,
+            k0,
+            k1,
+            a0,
+            a1,
+            b0,
+            b1,
+            l0,
+            l1,
+            l2,
+            l3,
+        ] = record;
+        let shape = u16::from_le_bytes([k0, k1]);
+        let (a, b) = (word(a0, a1), word(b0, b1));
+        let kind = match shape >> format::STATE_KIND_SHIFT {
+            format::STATE_INITIAL => StateKind::Initial,
+            format::STATE_FINAL => StateKind::Final,
+            format::STATE_SIMPLE => StateKind::Simple,
+            kind @ (format::STATE_TASK | format::STATE_BACKGROUND_TASK) => StateKind::Task {
+                task_offset: a,
+                task_state: b,
+                real_time: kind == format::STATE_TASK,
+            },
+            format::STATE_SUPER => StateKind::Super {
+                region_offset: a,
+                instance_offset: b,
+            },
+            _ => return None,
+        };
+        let has_timeout = shape & format::STATE_HAS_TIMEOUT != 0;
+        Some(Self {
+            first_transition: word(t0, t1),
+            first_event_transition: word(e0, e1),
+            first_flag: word(f0, f1),
+            flags: usize::from(shape & format::STATE_FLAGS_MASK),
+            kind,
+            timeout_us: has_timeout.then_some(u32::from_le_bytes([l0, l1, l2, l3])),
+        })
+    }
+}
+
+impl Transition {
+    pub(crate) fn decode(record: &[u8; 6]) -> Self {
+        let &[e0, e1, t0, t1, c0, c1] = record;
+        let event = u16::from_le_bytes([e0, e1]);
+        Self {
+            event: event & !format::TRANSITION_HAS_CODE,
+            target: word(t0, t1),
+            code: (event & format::TRANSITION_HAS_CODE != 0).then_some(word(c0, c1)),
+        }
+    }
+}
+
+impl Code {
+    /// Whether it belongs to a guard.
+    pub(crate) fn is_test(self) -> bool {
+        matches!(self, Self::Test { .. } | Self::TestBusyInside { .. })
+    }
+
+    /// Decodes a record; an unknown operation is `None`.
+    pub(crate) fn decode(record: &[u8; 4]) -> Option<Self> {
+        let &[o0, o1, c0, c1] = record;
+        let operand = word(o0, o1);
+        let control = u16::from_le_bytes([c0, c1]);
+        let low = control & format::CODE_LOW_MASK;
+        let jump = (low != 0).then_some(usize::from(low));
+        let last = low != 0;
+        Some(match control >> format::CODE_OPERATION_SHIFT {
+            format::CODE_END => Self::End,
+            operation @ (format::CODE_JUMP_IF_CLEAR | format::CODE_JUMP_IF_SET) => Self::Test {
+                flag: operand,
+                jump_if: operation == format::CODE_JUMP_IF_SET,
+                jump,
+            },
+            operation @ (format::CODE_JUMP_IF_IDLE_INSIDE | format::CODE_JUMP_IF_BUSY_INSIDE) => {
+                Self::TestBusyInside {
+                    jump_if: operation == format::CODE_JUMP_IF_BUSY_INSIDE,
+                    jump,
+                }
+            }
+            format::CODE_SEND => Self::Send {
+                channel: operand,
+                last,
+            },
+            operation @ (format::CODE_CLEAR | format::CODE_SET) => Self::Write {
+                flag: operand,
+                value: operation == format::CODE_SET,
+                last,
+            },
+            _ => return None,
+        })
+    }
+}
+
+impl RegionInstance {
+    #[inline(always)]
+    pub(crate) fn decode(record: &[u8; 8]) -> Self {
+        let &[n0, n1, f0, f1, i0, i1, c0, c1] = record;
+        Self {
+            next: word(n0, n1),
+            first_flag: word(f0, f1),
+            initial: word(i0, i1),
+            instance: word(c0, c1),
+        }
+    }
+}
+
+impl Instance {
+    #[inline]
+    pub(crate) fn decode(record: &[u8; 16]) -> Self {
+        let &[
+            c0,
+            c1,
+            r0,
+            r1,
+            f0,
+            f1,
+            h0,
+            h1,
+            t0,
+            t1,
+            e0,
+            e1,
+            p0,
+            p1,
+            s0,
+            s1,
+        ] = record;
+        Self {
+            container: word(c0, c1),
+            first_region: word(r0, r1),
+            first_flag: word(f0, f1),
+            first_channel: word(h0, h1),
+            first_task: word(t0, t1),
+            end_task: word(e0, e1),
+            parent: (word(p0, p1), word(s0, s1)),
+        }
+    }
+}
+
+impl Channel {
+    #[inline]
+    pub(crate) fn decode(record: &[u8; 10]) -> Self {
+        let &[e0, e1, f0, f1, n0, n1, b0, b1, b2, b3] = record;
+        let bits = u32::from_le_bytes([b0, b1, b2, b3]);
+        Self {
+            event: u16::from_le_bytes([e0, e1]),
+            first_instance: word(f0, f1),
+            instances: word(n0, n1),
+            bits: (bits != format::CHANNEL_NO_BITS).then_some(bits as usize),
+        }
+    }
+}
+
+impl<'a> Tables<'a> {
+    #[inline]
+    fn mission_word(&self, at: usize) -> usize {
+        let Some(record) = self.mission.first() else {
+            return 0;
+        };
+        let [a, b, c, d, e, f, g, h] = *record;
+        match at {
+            0 => word(a, b),
+            1 => word(c, d),
+            2 => word(e, f),
+            _ => word(g, h),
+        }
+    }
+
+    /// Events that the queue holds at most, 1 to 255.
+    #[must_use]
+    pub fn queue_capacity(&self) -> usize {
+        self.mission_word(0)
+    }
+
+    /// Index of the slot that runs the interpreter.
+    #[must_use]
+    pub fn interpreter_slot(&self) -> usize {
+        self.mission_word(1)
+    }
+
+    /// Number of events; their numbers start at 1, since 0 is the pulse.
+    #[must_use]
+    pub fn event_count(&self) -> usize {
+        self.mission_word(2)
+    }
+
+    /// Bits of all flags.
+    #[must_use]
+    pub fn flag_count(&self) -> usize {
+        self.mission_word(3)
+    }
+
+    /// The slots in the order of their declaration.
+    pub fn slots(&self) -> impl ExactSizeIterator<Item = Slot> + use<'a> {
+        self.slots.iter().map(|record| {
+            let &[
+                n0,
+                n1,
+                n2,
+                n3,
+                p0,
+                p1,
+                p2,
+                p3,
+                d0,
+                d1,
+                d2,
+                d3,
+                s0,
+                s1,
+                s2,
+                s3,
+            ] = record;
+            Slot {
+                number: u32::from_le_bytes([n0, n1, n2, n3]),
+                period_us: u32::from_le_bytes([p0, p1, p2, p3]),
+                duration_us: u32::from_le_bytes([d0, d1, d2, d3]),
+                start_us: u32::from_le_bytes([s0, s1, s2, s3]),
+            }
+        })
+    }
+
+    /// One slot.
+    #[must_use]
+    pub fn slot(&self, index: usize) -> Option<Slot> {
+        self.slots().nth(index)
+    }
+
+    /// The containers in the order in which the instance tree first uses them; the machine is container 0.
+    pub fn containers(&self) -> impl ExactSizeIterator<Item = Container> + use<'a> {
+        self.containers.iter().map(|record| {
+            let &[
+                r0,
+                r1,
+                c0,
+                c1,
+                h0,
+                h1,
+                i0,
+                i1,
+                f0,
+                f1,
+                t0,
+                t1,
+                s0,
+                s1,
+                n0,
+                n1,
+            ] = record;
+            Container {
+                first_region: word(r0, r1),
+                flags: word(c0, c1),
+                channels: word(h0, h1),
+                first_instance: word(i0, i1),
+                flag_span: word(f0, f1),
+                task_span: word(t0, t1),
+                region_span: word(s0, s1),
+                instance_span: word(n0, n1),
+            }
+        })
+    }
+
+    /// One container.
+    #[must_use]
+    pub fn container(&self, index: usize) -> Option<Container> {
+        self.containers().nth(index)
+    }
+
+    /// The region templates, container by container.
+    pub fn regions(&self) -> impl ExactSizeIterator<Item = Region> + use<'a> {
+        self.regions.iter().map(|record| {
+            let &[s0, s1, c0, c1] = record;
+            Region {
+                first_state: word(s0, s1),
+                container: word(c0, c1),
+            }
+        })
+    }
+
+    /// One region template.
+    #[must_use]
+    pub fn region(&self, index: usize) -> Option<Region> {
+        self.regions().nth(index)
+    }
+
+    /// Number of states of all region templates, pseudo-states included.
+    #[must_use]
+    pub fn state_count(&self) -> usize {
+        self.states.len()
+    }
+
+    /// One state.
+    #[must_use]
+    pub fn state(&self, index: usize) -> Option<State> {
+        self.states.get(index).and_then(State::decode)
+    }
+
+    /// The region template that a state belongs to. Takes logarithmic time.
+    #[must_use]
+    pub fn region_of_state(&self, state: usize) -> usize {
+        let starts_by_then = |[s0, s1, ..]: &[u8; 4]| word(*s0, *s1) <= state;
+        self.regions
+            .partition_point(starts_by_then)
+            .saturating_sub(1)
+    }
+
+    /// Number of transitions of all region templates.
+    #[must_use]
+    pub fn transition_count(&self) -> usize {
+        self.transitions.len()
+    }
+
+    /// One transition.
+    #[must_use]
+    pub fn transition(&self, index: usize) -> Option<Transition> {
+        self.transitions.get(index).map(Transition::decode)
+    }
+
+    /// The state that a transition leaves. Takes logarithmic time.
+    #[must_use]
+    pub fn source_of_transition(&self, transition: usize) -> usize {
+        let starts_by_then = |record: &[u8; 16]| {
+            let [t0, t1, ..] = *record;
+            word(t0, t1) <= transition
+        };
+        self.states
+            .partition_point(starts_by_then)
+            .saturating_sub(1)
+    }
+
+    /// The transitions out of a state: first those on the pulse, then the others, both in source order.
+    #[must_use]
+    pub fn transitions_of(&self, state: usize) -> core::ops::Range<usize> {
+        let first = |index| self.state(index).map(|state| state.first_transition);
+        match (first(state), first(state + 1)) {
+            (Some(start), Some(end)) => start..end,
+            _ => 0..0,
+        }
+    }
+
+    /// Number of instructions of all guards and actions.
+    #[must_use]
+    pub fn code_count(&self) -> usize {
+        self.code.len()
+    }
+
+    /// One instruction.
+    #[must_use]
+    pub fn code(&self, index: usize) -> Option<Code> {
+        self.code.get(index).and_then(Code::decode)
+    }
+
+    /// The instructions of a transition: its guard, then its actions.
+    pub fn code_of(&self, transition: usize) -> impl Iterator<Item = Code> + use<'a> {
+        let tables = *self;
+        let start = self
+            .transition(transition)
+            .and_then(|transition| transition.code);
+        let mut next = start;
+        core::iter::from_fn(move || {
+            let at = next?;
+            let code = tables.code(at)?;
+            let last = match code {
+                Code::End => true,
+                Code::Send { last, .. } | Code::Write { last, .. } => last,
+                Code::Test { .. } | Code::TestBusyInside { .. } => false,
+            };
+            next = (!last).then_some(at + 1);
+            Some(code)
+        })
+    }
+
+    /// Number of container instances.
+    #[must_use]
+    pub fn instance_count(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// One container instance.
+    #[must_use]
+    pub fn instance(&self, index: usize) -> Option<Instance> {
+        self.instances.get(index).map(Instance::decode)
+    }
+
+    /// Number of region instances.
+    #[must_use]
+    pub fn region_instance_count(&self) -> usize {
+        self.region_instances.len()
+    }
+
+    /// One region instance.
+    #[must_use]
+    pub fn region_instance(&self, index: usize) -> Option<RegionInstance> {
+        self.region_instances.get(index).map(RegionInstance::decode)
+    }
+
+    /// Number of channels.
+    #[must_use]
+    pub fn channel_count(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// One channel.
+    #[must_use]
+    pub fn channel(&self, index: usize) -> Option<Channel> {
+        self.channels.get(index).map(Channel::decode)
+    }
+
+    /// Whether what is sent on `channel` is visible in `instance`. Takes constant time.
+    #[inline]
+    #[must_use]
+    pub fn is_visible(&self, channel: &Channel, instance: usize) -> bool {
+        let offset = instance.wrapping_sub(channel.first_instance);
+        if offset >= channel.instances {
+            return false;
+        }
+        match channel.bits {
+            None => true,
+            Some(first) => self
+                .visibility
+                .get(first + offset / 8)
+                .is_some_and(|[byte]| byte >> (offset % 8) & 1 != 0),
+        }
+    }
+
+    /// The tasks that the mission uses.
+    pub fn tasks(&self) -> impl ExactSizeIterator<Item = Task<'a>> + use<'a> {
+        let texts = self.signatures.as_flattened();
+        self.tasks.iter().map(move |record| {
+            let &[
+                h0,
+                h1,
+                h2,
+                h3,
+                h4,
+                h5,
+                h6,
+                h7, //
+                s0,
+                s1,
+                n0,
+                n1,
+                x0,
+                x1,
+                d0,
+                d1,
+                f0,
+                f1,
+                p0,
+                p1,
+            ] = record;
+            let (start, length) = (word(s0, s1), word(n0, n1));
+            let text = texts.get(start..start + length).unwrap_or(&[]);
+            let exclusive = u16::from_le_bytes([x0, x1]);
+            Task {
+                signature: Signature::new(text),
+                signature_hash: u64::from_le_bytes([h0, h1, h2, h3, h4, h5, h6, h7]),
+                exclusive: (exclusive != format::NONE).then_some(exclusive),
+                ports: PortCounts {
+                    data: word(d0, d1),
+                    flags: word(f0, f1),
+                    params: word(p0, p1),
+                },
+            }
+        })
+    }
+
+    /// One task.
+    #[must_use]
+    pub fn task(&self, index: usize) -> Option<Task<'a>> {
+        self.tasks().nth(index)
+    }
+
+    /// Number of task states of all container templates.
+    #[must_use]
+    pub fn task_state_count(&self) -> usize {
+        self.task_states.len()
+    }
+
+    /// One task state.
+    #[must_use]
+    pub fn task_state(&self, index: usize) -> Option<TaskState> {
+        let [t0, t1, s0, s1, p0, p1] = *self.task_states.get(index)?;
+        let slot = u16::from_le_bytes([s0, s1]);
+        Some(TaskState {
+            task: word(t0, t1),
+            slot: (slot != format::NONE).then_some(usize::from(slot)),
+            first_param: word(p0, p1),
+        })
+    }
+
+    /// The 32 bits of a parameter value: of an `i32`, `u32` or `f32` its own, of a `bool` 0 or 1.
+    #[must_use]
+    pub fn param(&self, index: usize) -> Option<u32> {
+        self.params
+            .get(index)
+            .map(|record| u32::from_le_bytes(*record))
+    }
+
+    /// Number of task instances.
+    #[must_use]
+    pub fn task_instance_count(&self) -> usize {
+        self.task_instances.len()
+    }
+
+    /// One task instance.
+    #[must_use]
+    pub fn task_instance(&self, index: usize) -> Option<TaskInstance> {
+        let [s0, s1, r0, r1, c0, c1] = *self.task_instances.get(index)?;
+        Some(TaskInstance {
+            state: word(s0, s1),
+            region: word(r0, r1),
+            first_connection: word(c0, c1),
+        })
+    }
+
+    /// The template that a task instance is made of: its task, slot and parameters.
+    #[must_use]
+    pub fn task_state_of(&self, task_instance: usize) -> Option<TaskState> {
+        match self.state(self.task_instance(task_instance)?.state)?.kind {
+            StateKind::Task { task_state, .. } => self.task_state(task_state),
+            _ => None,
+        }
+    }
+
+    /// First bit of a task instance's flag block (exit, timeout, busy, control flags in the order of the signature), and its length.
+    #[must_use]
+    pub fn flags_of_task(&self, task_instance: usize) -> Option<(usize, usize)> {
+        let instance = self.task_instance(task_instance)?;
+        self.flags_of_state(instance.region, instance.state)
+    }
+
+    /// First bit of the flag block of a state in a region instance, and its length.
+    #[must_use]
+    pub fn flags_of_state(&self, region_instance: usize, state: usize) -> Option<(usize, usize)> {
+        let region = self.region_instance(region_instance)?;
+        let state = self.state(state)?;
+        Some((region.first_flag + state.first_flag, state.flags))
+    }
+
+    /// The net on a connection: `None` outside the table, `Some(None)` for a port that is left open.
+    #[must_use]
+    pub fn connection(&self, index: usize) -> Option<Option<usize>> {
+        let net = u16::from_le_bytes(*self.connections.get(index)?);
+        Some((net != format::NONE).then_some(usize::from(net)))
+    }
+
+    /// Number of nets.
+    #[must_use]
+    pub fn net_count(&self) -> usize {
+        self.nets.len()
+    }
+
+    /// One net.
+    #[must_use]
+    pub fn net(&self, index: usize) -> Option<Net> {
+        let record = self.nets.get(index)?;
+        Some(Net {
+            type_hash: u64::from_le_bytes(*record),
+        })
+    }
+
+    /// The name table, unless it was left out.
+    #[must_use]
+    pub fn names(&self) -> Option<Names<'a>> {
+        let bytes = self.names.as_flattened();
+        (!bytes.is_empty()).then_some(Names { rest: bytes })
+    }
+}
+
+/// The names of a mission in the order of the [format](crate::format#names).
+#[derive(Clone, Debug)]
+pub struct Names<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Names<'a> {
+    /// What was not read yet.
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+}
+
+impl<'a> Iterator for Names<'a> {
+    /// An ASCII identifier.
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let (length, rest) = format::read_varint(self.rest)?;
+        let (name, rest) = rest.split_at_checked(length as usize)?;
+        self.rest = rest;
+        Some(name)
+    }
+}
