@@ -9,6 +9,7 @@
 //! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
 //! | [`file`] | files read and written, whole or not at all |
 //! | [`argument`] | values that several commands take: times, ports |
+//! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 
 pub mod argument;
 pub mod board;
@@ -19,6 +20,7 @@ pub mod exit;
 pub mod file;
 pub mod inspect;
 pub mod log;
+pub mod robot;
 pub mod run;
 pub mod schedule;
 pub mod sim;

@@ -1,10 +1,12 @@
 //! `esm start`: takes back `esm stop`.
 
+use std::io::Write;
+
 use clap::Args;
 
-use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot::RobotArgs;
 
 /// Lets a robot that was stopped move again: its mission starts anew
 #[derive(Debug, Args)]
@@ -12,9 +14,9 @@ use super::exit::CommandError;
 Example:
   esm start --port /dev/ttyUSB0")]
 pub struct StartArgs {
-    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
-    #[arg(long, value_name = "PORT")]
-    pub port: Port,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
 }
 
 /// Runs the command.
@@ -22,8 +24,11 @@ pub struct StartArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm start` is not connected yet"
-    )))
+    let (mut robot, _) = args.robot.connect()?;
+    robot.start()?;
+    writeln!(
+        console.out(),
+        "started: the mission runs from its beginning"
+    )?;
+    Ok(())
 }

@@ -2,9 +2,9 @@
 
 use clap::Args;
 
-use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot::RobotArgs;
 
 /// Shows what a robot runs, since when, its counters and faults, and why it was last reset
 #[derive(Debug, Args)]
@@ -13,9 +13,9 @@ Examples:
   esm status --port /dev/ttyUSB0
   esm status --port /dev/ttyUSB0 --json | jq .active")]
 pub struct StatusArgs {
-    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
-    #[arg(long, value_name = "PORT")]
-    pub port: Port,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
 
     /// One JSON object, for programs
     #[arg(long)]

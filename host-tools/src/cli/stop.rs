@@ -1,10 +1,12 @@
 //! `esm stop`: motors off.
 
+use std::io::Write;
+
 use clap::Args;
 
-use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot::RobotArgs;
 
 /// Stops a robot: motors off, and off they stay until `esm start`
 #[derive(Debug, Args)]
@@ -12,9 +14,9 @@ use super::exit::CommandError;
 Example:
   esm stop --port /dev/ttyUSB0")]
 pub struct StopArgs {
-    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
-    #[arg(long, value_name = "PORT")]
-    pub port: Port,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
 }
 
 /// Runs the command.
@@ -22,8 +24,11 @@ pub struct StopArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StopArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm stop` is not connected yet"
-    )))
+    let (mut robot, _) = args.robot.connect()?;
+    robot.stop()?;
+    writeln!(
+        console.out(),
+        "stopped: the motors are off, and stay off until `esm start`"
+    )?;
+    Ok(())
 }

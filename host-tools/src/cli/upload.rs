@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot::RobotArgs;
 
 /// Gives a robot that is on a new mission
 ///
@@ -22,9 +22,9 @@ pub struct UploadArgs {
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
 
-    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
-    #[arg(long, value_name = "PORT")]
-    pub port: Port,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
 }
 
 /// Runs the command.

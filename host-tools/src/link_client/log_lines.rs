@@ -92,6 +92,58 @@ pub enum LogTableError {
     },
 }
 
+/// Makes lines of what a robot's log stream brings.
+pub enum LogReader {
+    /// A firmware's `defmt` frames. Boxed, since the texts of a firmware are many.
+    Firmware(Box<LogDecoder>),
+    /// The host board's plain lines.
+    Text {
+        /// The beginning of a line whose end has not come yet.
+        pending: Vec<u8>,
+    },
+}
+
+impl LogReader {
+    /// For plain lines.
+    pub fn text() -> Self {
+        LogReader::Text {
+            pending: Vec::new(),
+        }
+    }
+
+    /// For the `defmt` frames of the firmware at `path`.
+    ///
+    /// # Errors
+    /// [`LogTableError`]: what is wrong with the file.
+    pub fn firmware(path: &Path) -> Result<Self, LogTableError> {
+        Ok(LogReader::Firmware(Box::new(LogDecoder::from_firmware(
+            path,
+        )?)))
+    }
+
+    /// Takes bytes as they come and answers the lines that are complete.
+    pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
+        let pending = match self {
+            LogReader::Firmware(decoder) => return decoder.lines(bytes),
+            LogReader::Text { pending } => pending,
+        };
+        pending.extend_from_slice(bytes);
+        let Some(last_end) = pending.iter().rposition(|&byte| byte == b'\n') else {
+            return Vec::new();
+        };
+        let rest = pending.split_off(last_end + 1);
+        let complete = std::mem::replace(pending, rest);
+        String::from_utf8_lossy(&complete)
+            .lines()
+            .map(|text| LogLine {
+                level: None,
+                timestamp: None,
+                text: text.to_owned(),
+            })
+            .collect()
+    }
+}
+
 /// Makes lines of `defmt` frames, with the texts of one firmware.
 pub struct LogDecoder {
     table: Table,
@@ -163,5 +215,21 @@ impl LogDecoder {
     /// Frames that could not be read: lost bytes, or the texts of another firmware.
     pub fn bad_frames(&self) -> u64 {
         self.bad_frames
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_lines_are_cut_where_they_end() {
+        let mut log = LogReader::text();
+        let mut texts = |bytes: &[u8]| -> Vec<String> {
+            log.lines(bytes).iter().map(LogLine::to_string).collect()
+        };
+        assert_eq!(texts(b"one\ntw"), ["one"]);
+        assert!(texts(b"").is_empty());
+        assert_eq!(texts(b"o\nthree\n"), ["two", "three"]);
     }
 }

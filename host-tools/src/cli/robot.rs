@@ -1,0 +1,60 @@
+//! A robot at the other end of a line, as several commands reach it.
+
+use clap::Args;
+
+use super::argument::Port;
+use super::exit::CommandError;
+use crate::link_client::{ClientError, LinkClient, RobotInfo};
+use crate::serial::{self, ByteLink};
+
+/// Where a robot is.
+#[derive(Clone, Debug, Args)]
+pub struct RobotArgs {
+    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
+    #[arg(long, value_name = "PORT")]
+    pub port: Port,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub line: LineArgs,
+}
+
+/// How fast a robot's line is.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct LineArgs {
+    /// Bits per second on the robot's line; an emulated one is paced to it
+    #[arg(long, value_name = "RATE", default_value_t = serial::DEFAULT_BAUD, value_parser = clap::value_parser!(u32).range(300..))]
+    pub baud: u32,
+}
+
+/// A session with a robot on some line.
+pub type Robot = LinkClient<Box<dyn ByteLink>>;
+
+impl RobotArgs {
+    /// Opens the line and begins a session.
+    ///
+    /// # Errors
+    /// What is wrong with the port, or with the robot behind it.
+    pub fn connect(&self) -> Result<(Robot, RobotInfo), CommandError> {
+        connect(&self.port, self.line)
+    }
+}
+
+/// Opens the line at `port` and begins a session.
+///
+/// # Errors
+/// What is wrong with the port, or with the robot behind it.
+pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
+    let link = serial::open(port, line.baud).map_err(|error| CommandError::World(error.into()))?;
+    Ok(LinkClient::connect(link)?)
+}
+
+/// A robot that refuses has been given something that it cannot take; all else is the outside world.
+impl From<ClientError> for CommandError {
+    fn from(error: ClientError) -> Self {
+        match error {
+            ClientError::Refused { .. } => CommandError::Input(error.into()),
+            _ => CommandError::World(error.into()),
+        }
+    }
+}
