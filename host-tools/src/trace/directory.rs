@@ -7,6 +7,11 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
+use esm_core::format;
+use esm_core::signature::{Direction, Port};
+use esm_core::tables::{self, Code, Container, Region, Tables};
+use thiserror::Error;
+
 /// A local state of a region instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct StateId {
@@ -22,10 +27,16 @@ pub struct Directory {
     regions: Vec<RegionEntry>,
     /// The state of each task instance, in the order of the instance tree.
     tasks: Vec<StateId>,
-    /// What the region instances of one region of a container have in common.
-    outlines: Vec<RegionOutline>,
+    /// What a transition says in all instances of its region, by its index in the blob.
+    transitions: Vec<TransitionOutline>,
     by_path: HashMap<String, StateId>,
+    interpreter_period_us: u32,
 }
+
+/// The blob was built without its names, so that nothing can be said about what it does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("the blob was built without names: build it again with them")]
+pub struct NoNames;
 
 /// A region instance.
 #[derive(Clone, Debug)]
@@ -41,29 +52,19 @@ pub struct RegionEntry {
     /// The region instance where a walk through what is current goes on when it is done with this one and all in it; the number of
     /// region instances where it ends.
     pub next: usize,
-    /// Index into the outlines: which region of which container it is an instance of.
-    outline: usize,
-    /// Its local states: [`INITIAL`], [`FINAL`], and from [`FIRST_STATE`] on its states in source order.
+    /// Its local states: `initial`, its states in source order, `final`.
     pub locals: Vec<StateEntry>,
+    /// Index in the blob of the first of them.
+    first_state: usize,
 }
 
 impl RegionEntry {
     /// Its local state of that name.
     pub fn find(&self, name: &str) -> Option<StateId> {
         let local = self.locals.iter().position(|state| state.name() == name)?;
-        Some(StateId {
-            region: self.index,
-            local,
-        })
+        Some(StateId { region: self.index, local })
     }
 }
-
-/// Index of the initial pseudo-state among a region's local states.
-pub const INITIAL: usize = 0;
-/// Index of the final pseudo-state among a region's local states.
-pub const FINAL: usize = 1;
-/// Index of the first state among a region's local states.
-pub const FIRST_STATE: usize = 2;
 
 /// A local state.
 #[derive(Clone, Debug)]
@@ -113,15 +114,11 @@ pub struct FlagEntry {
     pub is_out: bool,
 }
 
-/// What the instances of a region share: its transitions, by names that hold in each of them.
-#[derive(Clone, Debug, Default)]
-struct RegionOutline {
-    transitions: Vec<TransitionOutline>,
-}
-
+/// What a transition says in all instances of its region.
 #[derive(Clone, Debug)]
 struct TransitionOutline {
     event: String,
+    /// Indices in the blob of source and target.
     from: usize,
     to: usize,
     actions: Vec<ActionOutline>,
@@ -129,19 +126,11 @@ struct TransitionOutline {
 
 #[derive(Clone, Debug)]
 enum ActionOutline {
-    Send {
-        event: String,
-    },
+    Send { event: String },
     /// A flag of the transition's target.
-    WriteOwn {
-        flag: String,
-        value: bool,
-    },
+    WriteOwn { flag: String, value: bool },
     /// A flag of the superstate that holds the container.
-    WriteParent {
-        flag: String,
-        value: bool,
-    },
+    WriteParent { flag: String, value: bool },
 }
 
 /// A transition of a region instance, in words.
@@ -162,6 +151,85 @@ pub struct TransitionWords<'a> {
 }
 
 impl Directory {
+    /// Reads the tables of a blob.
+    ///
+    /// # Errors
+    /// If the blob has no names.
+    pub fn of(tables: &Tables<'_>) -> Result<Self, NoNames> {
+        let names = TemplateNames::of(tables)?;
+        let mut directory = Directory {
+            tasks: vec![StateId { region: 0, local: 0 }; tables.task_instance_count()],
+            transitions: (0..tables.transition_count())
+                .filter_map(|transition| names.transition(tables, transition))
+                .collect(),
+            interpreter_period_us: tables.slot(tables.interpreter_slot()).map_or(0, |slot| slot.period_us),
+            ..Directory::default()
+        };
+        for region in 0..tables.region_instance_count() {
+            let entry = directory.region_entry(tables, &names, region).ok_or(NoNames)?;
+            for (local, state) in entry.locals.iter().enumerate() {
+                let id = StateId { region, local };
+                directory.by_path.insert(state.path.clone(), id);
+                if let StateKind::Task { instance } = state.kind
+                    && let Some(task) = directory.tasks.get_mut(instance)
+                {
+                    *task = id;
+                }
+            }
+            directory.regions.push(entry);
+        }
+        Ok(directory)
+    }
+
+    /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
+    fn region_entry(&self, tables: &Tables<'_>, names: &TemplateNames, index: usize) -> Option<RegionEntry> {
+        let region = tables.region_instance(index)?;
+        let instance = tables.instance(region.instance)?;
+        let owner = (region.instance != 0).then(|| self.state_at(instance.parent.0, instance.parent.1)).flatten();
+        let outline = names.regions.get(tables.region_of_state(region.initial))?;
+        let path = match owner.and_then(|owner| self.state(owner)) {
+            Some(owner) => format!("{}/{}", owner.path, outline.name),
+            None => outline.name.clone(),
+        };
+        let mut locals = Vec::with_capacity(outline.states.len());
+        for (local, state) in outline.states.iter().enumerate() {
+            let kind = match tables.state(region.initial + local)?.kind {
+                tables::StateKind::Initial | tables::StateKind::Final => StateKind::Pseudo,
+                tables::StateKind::Simple => StateKind::Simple,
+                tables::StateKind::Task { task_offset, .. } => {
+                    StateKind::Task { instance: instance.first_task + task_offset }
+                }
+                tables::StateKind::Super { region_offset, instance_offset } => {
+                    let container = tables.instance(region.instance + instance_offset)?.container;
+                    let first = index + region_offset;
+                    StateKind::Super { inside: first..first + names.containers.get(container)?.region_span }
+                }
+            };
+            let name_start = path.len() + 1;
+            locals.push(StateEntry { path: format!("{path}/{}", state.name), name_start, kind, flags: state.flags.clone() });
+        }
+        let (name, first_state, next) = (outline.name.clone(), region.initial, region.next);
+        Some(RegionEntry { index, name, path, owner, next, locals, first_state })
+    }
+
+    /// Period of the interpreter's slot in microseconds.
+    pub fn interpreter_period_us(&self) -> u32 {
+        self.interpreter_period_us
+    }
+
+    /// The local state of a region instance that has an index in the blob.
+    pub fn state_at(&self, region: usize, state: usize) -> Option<StateId> {
+        let entry = self.regions.get(region)?;
+        let local = state.checked_sub(entry.first_state).filter(|local| *local < entry.locals.len())?;
+        Some(StateId { region, local })
+    }
+
+    /// Index in the blob of a local state.
+    pub fn index_of(&self, state: StateId) -> Option<usize> {
+        let entry = self.regions.get(state.region)?;
+        entry.locals.get(state.local).map(|_| entry.first_state + state.local)
+    }
+
     /// The region instances, depth first.
     pub fn regions(&self) -> &[RegionEntry] {
         &self.regions
@@ -201,16 +269,10 @@ impl Directory {
 
     /// A transition of a region instance in words. `None` for one that the machine does not have.
     pub fn transition(&self, region: usize, transition: usize) -> Option<TransitionWords<'_>> {
+        let outline = self.transitions.get(transition)?;
+        let (from, to) = (self.state_at(region, outline.from)?, self.state_at(region, outline.to)?);
+        let (from, to) = (self.state(from)?, self.state(to)?);
         let region = self.regions.get(region)?;
-        let outline = self
-            .outlines
-            .get(region.outline)?
-            .transitions
-            .get(transition)?;
-        let (from, to) = (
-            region.locals.get(outline.from)?,
-            region.locals.get(outline.to)?,
-        );
         // At the root no flag is written through `^`, so that there is no path to write before one.
         let parent = region
             .owner
@@ -244,20 +306,151 @@ impl Directory {
     }
 
     /// The local states that are current, depth first: regions in source order, each superstate followed by what is in it.
-    /// `current` gives the current local state of a region instance.
+    /// `current` gives the index in the blob of a region instance's current local state.
     pub fn active(&self, mut current: impl FnMut(usize) -> usize) -> impl Iterator<Item = StateId> {
         let mut region = 0;
         std::iter::from_fn(move || {
-            let entry = self.regions.get(region)?;
-            let id = StateId {
-                region,
-                local: current(region),
-            };
-            region = match self.state(id).map(|state| &state.kind) {
-                Some(StateKind::Super { inside }) if !inside.is_empty() => inside.start,
-                _ => entry.next,
+            let id = self.state_at(region, current(region))?;
+            region = match &self.state(id)?.kind {
+                StateKind::Super { inside } if !inside.is_empty() => inside.start,
+                _ => self.regions.get(region)?.next,
             };
             Some(id)
         })
     }
+}
+
+/// The names of containers, regions and states, before they are put together to paths.
+struct TemplateNames {
+    events: Vec<String>,
+    containers: Vec<Container>,
+    /// Control flags of each container.
+    container_flags: Vec<Vec<String>>,
+    regions: Vec<RegionNames>,
+}
+
+struct RegionNames {
+    name: String,
+    container: usize,
+    first_state: usize,
+    states: Vec<StateNames>,
+}
+
+struct StateNames {
+    name: String,
+    flags: Vec<FlagEntry>,
+}
+
+impl TemplateNames {
+    fn of(tables: &Tables<'_>) -> Result<Self, NoNames> {
+        let mut table = tables.names().ok_or(NoNames)?;
+        let mut next = || table.next().map(text).ok_or(NoNames);
+        let containers: Vec<Container> = tables.containers().collect();
+        let regions: Vec<Region> = tables.regions().collect();
+        let events = (0..tables.event_count()).map(|_| next()).collect::<Result<_, _>>()?;
+        let mut names = TemplateNames { events, containers, container_flags: Vec::new(), regions: Vec::new() };
+        for (index, container) in names.containers.iter().enumerate() {
+            // The container's own name says which template it is, not where an instance stands.
+            next()?;
+            names.container_flags.push((0..container.flags).map(|_| next()).collect::<Result<_, _>>()?);
+            let own = regions.iter().enumerate().skip(container.first_region);
+            for (number, region) in own.take_while(|(_, region)| region.container == index) {
+                let end = regions.get(number + 1).map_or(tables.state_count(), |after| after.first_state);
+                let name = next()?;
+                let mut states = Vec::with_capacity(end.saturating_sub(region.first_state));
+                for state in (region.first_state..end).filter_map(|state| tables.state(state)) {
+                    let name = match state.kind {
+                        tables::StateKind::Initial => "initial".into(),
+                        tables::StateKind::Final => "final".into(),
+                        _ => next()?,
+                    };
+                    states.push(StateNames { name, flags: Vec::new() });
+                }
+                names.regions.push(RegionNames { name, container: index, first_state: region.first_state, states });
+            }
+        }
+        names.add_flags(tables);
+        Ok(names)
+    }
+
+    /// The control flags of states, which are named by a task's signature or by the container inside.
+    fn add_flags(&mut self, tables: &Tables<'_>) {
+        let task_flags: Vec<Vec<FlagEntry>> = tables.tasks().map(|task| task.signature.ports().filter_map(flag).collect()).collect();
+        for region in &mut self.regions {
+            for (local, state) in region.states.iter_mut().enumerate() {
+                state.flags = match tables.state(region.first_state + local).map(|state| state.kind) {
+                    Some(tables::StateKind::Task { task_state, .. }) => {
+                        let task = tables.task_state(task_state).map(|task_state| task_state.task);
+                        task.and_then(|task| task_flags.get(task)).cloned().unwrap_or_default()
+                    }
+                    Some(tables::StateKind::Super { instance_offset, .. }) => {
+                        // What is true of one instance of a template is true of all.
+                        let first = self.containers.get(region.container).map_or(0, |container| container.first_instance);
+                        let inside = tables.instance(first + instance_offset).map(|instance| instance.container);
+                        let flags = inside.and_then(|inside| self.container_flags.get(inside));
+                        let entry = |name: &String| FlagEntry { name: name.clone(), is_out: false };
+                        flags.map(|flags| flags.iter().map(entry).collect()).unwrap_or_default()
+                    }
+                    _ => Vec::new(),
+                };
+            }
+        }
+    }
+
+    fn transition(&self, tables: &Tables<'_>, index: usize) -> Option<TransitionOutline> {
+        let transition = tables.transition(index)?;
+        let (from, to) = (tables.source_of_transition(index), transition.target);
+        let region = self.regions.get(tables.region_of_state(to))?;
+        let container = self.containers.get(region.container)?;
+        let instance = tables.instance(container.first_instance)?;
+        let mut actions = Vec::new();
+        // Only what is true of all instances is used of this one.
+        for code in transition.code.into_iter().flat_map(|_| tables.code_of(index)) {
+            match code {
+                Code::Send { channel, .. } => {
+                    let event = tables.channel(instance.first_channel + channel)?.event;
+                    actions.push(ActionOutline::Send { event: self.event(event)? });
+                }
+                Code::Write { flag, value, .. } => actions.push(self.write(tables, region, to, flag, value)?),
+                Code::Test { .. } | Code::TestBusyInside { .. } | Code::End => {}
+            }
+        }
+        Some(TransitionOutline { event: self.event(transition.event)?, from, to, actions })
+    }
+
+    fn event(&self, number: u16) -> Option<String> {
+        match number {
+            format::PULSE => Some("pulse".into()),
+            number => self.events.get(usize::from(number) - 1).cloned(),
+        }
+    }
+
+    /// A write of the flag with that bit, relative to its container instance's first.
+    fn write(&self, tables: &Tables<'_>, region: &RegionNames, to: usize, bit: usize, value: bool) -> Option<ActionOutline> {
+        let parent_flags = self.container_flags.get(region.container)?;
+        if let Some(flag) = bit.checked_sub(format::CONTAINER_CONTROL_FLAGS).and_then(|index| parent_flags.get(index)) {
+            return Some(ActionOutline::WriteParent { flag: flag.clone(), value });
+        }
+        let target = tables.state(to)?;
+        let head = match target.kind {
+            tables::StateKind::Task { .. } => format::TASK_CONTROL_FLAGS,
+            _ => format::CONTAINER_CONTROL_FLAGS,
+        };
+        let flags = &region.states.get(to.checked_sub(region.first_state)?)?.flags;
+        let flag = flags.get(bit.checked_sub(target.first_flag + head)?)?;
+        Some(ActionOutline::WriteOwn { flag: flag.name.clone(), value })
+    }
+}
+
+/// A flag of a signature.
+fn flag(port: Port<'_>) -> Option<FlagEntry> {
+    match port {
+        Port::Flag { direction, name } => Some(FlagEntry { name: text(name), is_out: direction == Direction::Out }),
+        Port::Data { .. } | Port::Param { .. } => None,
+    }
+}
+
+/// Names in a verified blob are ASCII identifiers.
+fn text(name: &[u8]) -> String {
+    String::from_utf8_lossy(name).into_owned()
 }

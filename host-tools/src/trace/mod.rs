@@ -11,6 +11,7 @@
 //! ```
 
 pub mod directory;
+pub mod records;
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -29,7 +30,7 @@ pub struct Step {
 
 /// What is current between two macro steps, in the indices of the blob.
 pub trait Snapshot {
-    /// The current local state of a region instance, as an index into [`directory::RegionEntry::locals`].
+    /// The index in the blob of a region instance's current local state.
     fn current(&self, region: usize) -> usize;
     /// Whether a task instance has its enable flag set.
     fn is_enabled(&self, task: usize) -> bool;
