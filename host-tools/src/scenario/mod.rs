@@ -20,6 +20,8 @@ use std::fmt;
 
 use thiserror::Error;
 
+use esm_core::format::MAX_TIME_US;
+
 use crate::nearest::nearest;
 use time::{Time, TimeError};
 
@@ -134,6 +136,9 @@ pub enum MistakeCause {
     /// `period 0 ms`
     #[error("the period must be longer than nothing")]
     ZeroPeriod,
+    /// A period above the language's limit of times.
+    #[error("the period must not be above {} s", MAX_TIME_US / 1_000_000)]
+    LongPeriod,
     /// A second `period` or `until`.
     #[error("`{word}` stands in line {first_line} already: one of the two has to go")]
     Twice {
@@ -302,10 +307,15 @@ impl Reading {
                 let time_place = cursor.next_place();
                 let time = cursor.time()?;
                 cursor.end()?;
-                if time.us == 0 {
+                let cause = match time.us {
+                    0 => Some(MistakeCause::ZeroPeriod),
+                    us if us > MAX_TIME_US.into() => Some(MistakeCause::LongPeriod),
+                    _ => None,
+                };
+                if let Some(cause) = cause {
                     return Err(Mistake {
                         place: time_place,
-                        cause: MistakeCause::ZeroPeriod,
+                        cause,
                     });
                 }
                 once("period", &mut self.period, time.us, place)
@@ -521,6 +531,7 @@ mod tests {
             ("ät 1 ms exit a/B", "1:1", "not with `ät`"),
             ("at 1 ms exit ä/B c", "1:18", "`c` is too much"),
             ("period 0 us", "1:8", "longer than nothing"),
+            ("period 4001 s", "1:8", "must not be above 4000 s"),
             ("period 1 ms 2", "1:13", "`2` is too much"),
             ("until 1 s", "2:1", "`until` stands in line 1 already"),
         ];

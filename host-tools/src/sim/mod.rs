@@ -1,1 +1,270 @@
-//! (to be written)
+//! The machine alone, in virtual time: [`run`] drives the interpreter that the firmware has through a scenario.
+//!
+//! Tasks are stood in for by the scenario's inputs. Each takes effect before the first macro step at or after its time; an expectation
+//! is looked at after the first macro step at or after its. No flag changes by itself: what a robot's dispatchers would
+//! work out, such as busy flags, the scenario has to say.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use esm_core::format;
+use esm_core::{Fault, Interpreter, Observer, TransitionTaken, Verified};
+
+use crate::scenario::Name;
+use crate::scenario::bind::{BoundScenario, Expectation, FlagKind, Input, Report, Subject};
+use crate::trace::directory::{Directory, StateId, StateKind};
+use crate::trace::{Snapshot, Step, TraceWriter};
+
+/// What came of a scenario.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Macro steps that were completed.
+    pub steps: u64,
+    /// Transitions that were taken.
+    pub transitions: u64,
+    /// Whether a region of the machine has reached `final`.
+    pub finished: bool,
+    /// The fault that stopped the machine, and where.
+    pub fault: Option<(Step, Fault)>,
+    /// Expectations that were met.
+    pub met: usize,
+    /// Expectations that were not, in the order of their times.
+    pub failures: Vec<Failure>,
+    /// Paths of what is current at the end, depth first.
+    pub active: Vec<String>,
+}
+
+impl Outcome {
+    /// Whether all expectations were met and the machine did not fault.
+    pub fn is_good(&self) -> bool {
+        self.failures.is_empty() && self.fault.is_none()
+    }
+}
+
+/// An expectation that was not met.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The expectation's time.
+    pub at_us: u64,
+    /// The name that was looked at, with its place in the scenario.
+    pub name: Name,
+    /// What was expected of it: current or set, or not.
+    pub expected: bool,
+    /// What was there instead.
+    pub cause: FailureCause,
+}
+
+/// Why an expectation was not met.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FailureCause {
+    /// Something else was so.
+    Otherwise {
+        /// Start of the macro step after which it was looked at.
+        t_us: u64,
+        /// Paths of what was current, depth first.
+        active: Vec<String>,
+        /// Names of the flags of the state that were set, where a flag was looked at.
+        set_flags: Option<Vec<String>>,
+    },
+    /// The machine had faulted.
+    AfterFault {
+        /// Start of the macro step in which it did.
+        t_us: u64,
+    },
+    /// No macro step at or after its time is run.
+    AfterUntil {
+        /// Start of the last macro step.
+        last_us: u64,
+    },
+}
+
+/// Why a run could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum SimError {
+    /// The trace could not be written.
+    #[error("the trace cannot be written: {0}")]
+    Trace(#[from] io::Error),
+    /// The machine needs more memory than a blob can ask for; no verified blob does.
+    #[error("the machine needs {needed_words} words of memory, {given_words} were given")]
+    Memory {
+        /// Words that the interpreter asked for.
+        needed_words: usize,
+        /// Words that it was given.
+        given_words: usize,
+    },
+}
+
+/// Runs a scenario and writes the trace. `directory` and `scenario` are of the same blob.
+///
+/// Takes time in proportion to the macro steps up to the scenario's end, and memory for one of them.
+///
+/// # Errors
+/// If the trace cannot be written.
+pub fn run<B: std::ops::Deref<Target = [u8]>>(
+    verified: Verified<B>,
+    directory: &Arc<Directory>,
+    scenario: &BoundScenario,
+    trace: impl Write,
+) -> Result<Outcome, SimError> {
+    let given_words = verified.arena_words();
+    let mut arena = vec![0; given_words];
+    let machine = Interpreter::new(verified, &mut arena)
+        .map_err(|refusal| SimError::Memory { needed_words: refusal.needed_words, given_words })?;
+    let period_us = scenario.period_us.unwrap_or(directory.interpreter_period_us().into()).max(1);
+    let writer = TraceWriter::new(trace, Arc::clone(directory));
+    let mut simulation = Simulation { machine, directory, writer, outcome: Outcome::default() };
+    simulation.run(scenario, period_us)?;
+    simulation.writer.flush()?;
+    Ok(simulation.outcome)
+}
+
+struct Simulation<'m, B, W> {
+    machine: Interpreter<'m, B>,
+    directory: &'m Directory,
+    writer: TraceWriter<W>,
+    outcome: Outcome,
+}
+
+impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
+    fn run(&mut self, scenario: &BoundScenario, period_us: u64) -> io::Result<()> {
+        let mut inputs = scenario.inputs.iter().peekable();
+        let mut expectations = scenario.expectations.iter().peekable();
+        let last_us = scenario.until_us / period_us * period_us;
+        let mut unmet = FailureCause::AfterUntil { last_us };
+        for step in 0..=scenario.until_us / period_us {
+            let at = Step { step, t_us: step * period_us };
+            while let Some(input) = inputs.next_if(|input| input.at_us <= at.t_us) {
+                self.apply(input);
+            }
+            if let Err(fault) = self.macro_step(at)? {
+                self.outcome.fault = Some((at, fault));
+                unmet = FailureCause::AfterFault { t_us: at.t_us };
+                break;
+            }
+            while let Some(expectation) = expectations.next_if(|expectation| expectation.at_us <= at.t_us) {
+                self.check(expectation, at);
+            }
+        }
+        for expectation in expectations {
+            self.fail(expectation, unmet.clone());
+        }
+        self.outcome.active = self.active();
+        Ok(())
+    }
+
+    fn apply(&mut self, input: &Input) {
+        match input.report {
+            Report::Flag { flag, value } => self.machine.set_flag(input.task, flag, value),
+            Report::Exit => self.machine.report_exit(input.task),
+            Report::Busy(busy) => self.machine.set_busy(input.task, busy),
+        }
+    }
+
+    fn macro_step(&mut self, at: Step) -> io::Result<Result<(), Fault>> {
+        let mut watcher = Watcher { writer: &mut self.writer, at, transitions: 0, written: Ok(()) };
+        let ended = self.machine.macro_step(&mut watcher);
+        let Watcher { transitions, written, .. } = watcher;
+        written?;
+        self.outcome.transitions += transitions;
+        match ended {
+            Ok(summary) => {
+                self.outcome.steps += 1;
+                self.outcome.finished = summary.finished;
+                self.writer.step(at, summary.micro_steps.into(), &self.machine)?;
+                Ok(Ok(()))
+            }
+            Err(fault) => {
+                self.writer.fault(at, fault.code())?;
+                Ok(Err(fault))
+            }
+        }
+    }
+
+    fn check(&mut self, expectation: &Expectation, at: Step) {
+        let (holds, set_flags) = match expectation.subject {
+            Subject::State(state) => (self.is_current(state), None),
+            Subject::Flag(state, flag) => (self.flag(state, flag), Some(self.set_flags(state))),
+        };
+        if holds == expectation.holds {
+            self.outcome.met += 1;
+        } else {
+            let active = self.active();
+            self.fail(expectation, FailureCause::Otherwise { t_us: at.t_us, active, set_flags });
+        }
+    }
+
+    fn fail(&mut self, expectation: &Expectation, cause: FailureCause) {
+        let Expectation { at_us, ref name, holds: expected, .. } = *expectation;
+        self.outcome.failures.push(Failure { at_us, name: name.clone(), expected, cause });
+    }
+
+    fn active(&self) -> Vec<String> {
+        let active = self.directory.active(|region| self.machine.current(region));
+        active.filter_map(|id| self.directory.state(id)).map(|state| state.path.clone()).collect()
+    }
+
+    fn is_current(&self, id: StateId) -> bool {
+        self.directory.index_of(id).is_some_and(|state| self.machine.is_current_state(id.region, state))
+    }
+
+    fn flag(&self, id: StateId, flag: FlagKind) -> bool {
+        let (Some(state), Some(index)) = (self.directory.state(id), self.directory.index_of(id)) else { return false };
+        let control = match state.kind {
+            StateKind::Task { .. } => format::TASK_CONTROL_FLAGS,
+            _ => format::CONTAINER_CONTROL_FLAGS,
+        };
+        let bit = match (&state.kind, flag) {
+            (StateKind::Super { .. }, FlagKind::Busy) => {
+                return self.is_current(id) && self.machine.is_busy_inside(id.region, index);
+            }
+            // A simple state has no other flag than this.
+            (StateKind::Simple, FlagKind::Timeout) => 0,
+            (_, FlagKind::Exit) => format::FLAG_EXIT,
+            (_, FlagKind::Timeout) => format::FLAG_TIMEOUT,
+            (_, FlagKind::Busy) => format::FLAG_BUSY,
+            (_, FlagKind::Control(index)) => control + index,
+        };
+        // A state that needs no timeout flag has no room for one: it is never set.
+        let block = self.machine.tables().flags_of_state(id.region, index);
+        block.is_some_and(|(first, length)| bit < length && self.machine.flag(first + bit))
+    }
+
+    /// Names of the flags of a state that are set.
+    fn set_flags(&self, id: StateId) -> Vec<String> {
+        let system = [("exit", FlagKind::Exit), ("timeout", FlagKind::Timeout), ("busy", FlagKind::Busy)];
+        let state = self.directory.state(id);
+        let has_exit = state.is_some_and(|state| matches!(state.kind, StateKind::Task { .. } | StateKind::Super { .. }));
+        let system = system.into_iter().filter(|(_, kind)| has_exit || *kind == FlagKind::Timeout);
+        let control = state.into_iter().flat_map(|state| &state.flags).enumerate();
+        let control = control.map(|(index, flag)| (flag.name.as_str(), FlagKind::Control(index)));
+        system.chain(control).filter(|(_, kind)| self.flag(id, *kind)).map(|(name, _)| name.to_owned()).collect()
+    }
+}
+
+impl<B: std::ops::Deref<Target = [u8]>> Snapshot for Interpreter<'_, B> {
+    fn current(&self, region: usize) -> usize {
+        self.current(region)
+    }
+
+    fn is_enabled(&self, task: usize) -> bool {
+        self.is_enabled(task)
+    }
+}
+
+/// Writes the transitions of a macro step. The first line that cannot be written ends the run.
+struct Watcher<'w, W> {
+    writer: &'w mut TraceWriter<W>,
+    at: Step,
+    transitions: u64,
+    written: io::Result<()>,
+}
+
+impl<W: Write> Observer for Watcher<'_, W> {
+    fn transition(&mut self, taken: TransitionTaken) {
+        self.transitions += 1;
+        if self.written.is_ok() {
+            let (region, transition) = (taken.region_instance.into(), taken.transition.into());
+            self.written = self.writer.transition(self.at, taken.micro.into(), region, transition);
+        }
+    }
+}
