@@ -153,6 +153,13 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
         })
     }
 
+    /// The same machine with another time between its macro steps than the period of the interpreter's slot, as a simulation may
+    /// ask for. To be called before the first macro step; a robot's time comes from its slots.
+    #[must_use]
+    pub fn with_period_us(self, period_us: u32) -> Self {
+        Self { period_us, ..self }
+    }
+
     /// Gives blob and arena back.
     pub fn into_parts(self) -> (Verified<B>, &'m mut [u32]) {
         (self.verified, self.arena)

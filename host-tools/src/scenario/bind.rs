@@ -9,7 +9,7 @@ use super::{Command, Entry, Mistake, MistakeCause, Name, Place, Scenario};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoundScenario {
     /// The interpreter's period in microseconds, where the scenario overrides the slot's. Never 0.
-    pub period_us: Option<u64>,
+    pub period_us: Option<u32>,
     /// What happens before the macro steps, in the order in which it does.
     pub inputs: Vec<Input>,
     /// What must hold after the macro steps, in the order in which it is looked at.

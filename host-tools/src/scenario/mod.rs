@@ -44,7 +44,7 @@ impl fmt::Display for Place {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scenario {
     /// The interpreter's period in microseconds, where the scenario overrides the slot's. Never 0.
-    pub period_us: Option<u64>,
+    pub period_us: Option<u32>,
     /// The lines that start with `at`, in the order of the file.
     pub entries: Vec<Entry>,
     /// Time of the last macro step that may run, in microseconds.
@@ -290,7 +290,7 @@ pub fn parse(text: &str) -> Result<Scenario, Vec<Mistake>> {
 #[derive(Default)]
 struct Reading {
     /// Value and line.
-    period: Option<(u64, usize)>,
+    period: Option<(u32, usize)>,
     /// Value and line.
     until: Option<(u64, usize)>,
     until_seen: bool,
@@ -307,18 +307,16 @@ impl Reading {
                 let time_place = cursor.next_place();
                 let time = cursor.time()?;
                 cursor.end()?;
-                let cause = match time.us {
-                    0 => Some(MistakeCause::ZeroPeriod),
-                    us if us > MAX_TIME_US.into() => Some(MistakeCause::LongPeriod),
-                    _ => None,
+                let period_us = match u32::try_from(time.us) {
+                    Ok(0) => Err(MistakeCause::ZeroPeriod),
+                    Ok(us) if us <= MAX_TIME_US => Ok(us),
+                    _ => Err(MistakeCause::LongPeriod),
                 };
-                if let Some(cause) = cause {
-                    return Err(Mistake {
-                        place: time_place,
-                        cause,
-                    });
-                }
-                once("period", &mut self.period, time.us, place)
+                let period_us = period_us.map_err(|cause| Mistake {
+                    place: time_place,
+                    cause,
+                })?;
+                once("period", &mut self.period, period_us, place)
             }
             "until" => {
                 self.until_seen = true;
@@ -348,19 +346,19 @@ impl Reading {
 }
 
 /// Keeps a value that may be given once.
-fn once(
+fn once<V>(
     word: &'static str,
-    kept: &mut Option<(u64, usize)>,
-    us: u64,
+    kept: &mut Option<(V, usize)>,
+    value: V,
     place: Place,
 ) -> Result<(), Mistake> {
-    match *kept {
-        Some((_, first_line)) => Err(Mistake {
+    match kept {
+        &mut Some((_, first_line)) => Err(Mistake {
             place,
             cause: MistakeCause::Twice { word, first_line },
         }),
         None => {
-            *kept = Some((us, place.line));
+            *kept = Some((value, place.line));
             Ok(())
         }
     }

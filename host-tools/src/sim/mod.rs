@@ -108,12 +108,23 @@ pub fn run<B: std::ops::Deref<Target = [u8]>>(
 ) -> Result<Outcome, SimError> {
     let given_words = verified.arena_words();
     let mut arena = vec![0; given_words];
-    let machine = Interpreter::new(verified, &mut arena)
-        .map_err(|refusal| SimError::Memory { needed_words: refusal.needed_words, given_words })?;
-    let period_us = scenario.period_us.unwrap_or(directory.interpreter_period_us().into()).max(1);
+    let machine = Interpreter::new(verified, &mut arena).map_err(|refusal| SimError::Memory {
+        needed_words: refusal.needed_words,
+        given_words,
+    })?;
+    let period_us = scenario
+        .period_us
+        .unwrap_or(directory.interpreter_period_us())
+        .max(1);
+    let machine = machine.with_period_us(period_us);
     let writer = TraceWriter::new(trace, Arc::clone(directory));
-    let mut simulation = Simulation { machine, directory, writer, outcome: Outcome::default() };
-    simulation.run(scenario, period_us)?;
+    let mut simulation = Simulation {
+        machine,
+        directory,
+        writer,
+        outcome: Outcome::default(),
+    };
+    simulation.run(scenario, period_us.into())?;
     simulation.writer.flush()?;
     Ok(simulation.outcome)
 }
@@ -132,7 +143,10 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
         let last_us = scenario.until_us / period_us * period_us;
         let mut unmet = FailureCause::AfterUntil { last_us };
         for step in 0..=scenario.until_us / period_us {
-            let at = Step { step, t_us: step * period_us };
+            let at = Step {
+                step,
+                t_us: step * period_us,
+            };
             while let Some(input) = inputs.next_if(|input| input.at_us <= at.t_us) {
                 self.apply(input);
             }
@@ -141,7 +155,9 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
                 unmet = FailureCause::AfterFault { t_us: at.t_us };
                 break;
             }
-            while let Some(expectation) = expectations.next_if(|expectation| expectation.at_us <= at.t_us) {
+            while let Some(expectation) =
+                expectations.next_if(|expectation| expectation.at_us <= at.t_us)
+            {
                 self.check(expectation, at);
             }
         }
@@ -161,16 +177,26 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
     }
 
     fn macro_step(&mut self, at: Step) -> io::Result<Result<(), Fault>> {
-        let mut watcher = Watcher { writer: &mut self.writer, at, transitions: 0, written: Ok(()) };
+        let mut watcher = Watcher {
+            writer: &mut self.writer,
+            at,
+            transitions: 0,
+            written: Ok(()),
+        };
         let ended = self.machine.macro_step(&mut watcher);
-        let Watcher { transitions, written, .. } = watcher;
+        let Watcher {
+            transitions,
+            written,
+            ..
+        } = watcher;
         written?;
         self.outcome.transitions += transitions;
         match ended {
             Ok(summary) => {
                 self.outcome.steps += 1;
                 self.outcome.finished = summary.finished;
-                self.writer.step(at, summary.micro_steps.into(), &self.machine)?;
+                self.writer
+                    .step(at, summary.micro_steps.into(), &self.machine)?;
                 Ok(Ok(()))
             }
             Err(fault) => {
@@ -189,26 +215,51 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
             self.outcome.met += 1;
         } else {
             let active = self.active();
-            self.fail(expectation, FailureCause::Otherwise { t_us: at.t_us, active, set_flags });
+            self.fail(
+                expectation,
+                FailureCause::Otherwise {
+                    t_us: at.t_us,
+                    active,
+                    set_flags,
+                },
+            );
         }
     }
 
     fn fail(&mut self, expectation: &Expectation, cause: FailureCause) {
-        let Expectation { at_us, ref name, holds: expected, .. } = *expectation;
-        self.outcome.failures.push(Failure { at_us, name: name.clone(), expected, cause });
+        let Expectation {
+            at_us,
+            ref name,
+            holds: expected,
+            ..
+        } = *expectation;
+        self.outcome.failures.push(Failure {
+            at_us,
+            name: name.clone(),
+            expected,
+            cause,
+        });
     }
 
     fn active(&self) -> Vec<String> {
         let active = self.directory.active(|region| self.machine.current(region));
-        active.filter_map(|id| self.directory.state(id)).map(|state| state.path.clone()).collect()
+        active
+            .filter_map(|id| self.directory.state(id))
+            .map(|state| state.path.clone())
+            .collect()
     }
 
     fn is_current(&self, id: StateId) -> bool {
-        self.directory.index_of(id).is_some_and(|state| self.machine.is_current_state(id.region, state))
+        self.directory
+            .index_of(id)
+            .is_some_and(|state| self.machine.is_current_state(id.region, state))
     }
 
     fn flag(&self, id: StateId, flag: FlagKind) -> bool {
-        let (Some(state), Some(index)) = (self.directory.state(id), self.directory.index_of(id)) else { return false };
+        let (Some(state), Some(index)) = (self.directory.state(id), self.directory.index_of(id))
+        else {
+            return false;
+        };
         let control = match state.kind {
             StateKind::Task { .. } => format::TASK_CONTROL_FLAGS,
             _ => format::CONTAINER_CONTROL_FLAGS,
@@ -231,13 +282,25 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
 
     /// Names of the flags of a state that are set.
     fn set_flags(&self, id: StateId) -> Vec<String> {
-        let system = [("exit", FlagKind::Exit), ("timeout", FlagKind::Timeout), ("busy", FlagKind::Busy)];
+        let system = [
+            ("exit", FlagKind::Exit),
+            ("timeout", FlagKind::Timeout),
+            ("busy", FlagKind::Busy),
+        ];
         let state = self.directory.state(id);
-        let has_exit = state.is_some_and(|state| matches!(state.kind, StateKind::Task { .. } | StateKind::Super { .. }));
-        let system = system.into_iter().filter(|(_, kind)| has_exit || *kind == FlagKind::Timeout);
+        let has_exit = state.is_some_and(|state| {
+            matches!(state.kind, StateKind::Task { .. } | StateKind::Super { .. })
+        });
+        let system = system
+            .into_iter()
+            .filter(|(_, kind)| has_exit || *kind == FlagKind::Timeout);
         let control = state.into_iter().flat_map(|state| &state.flags).enumerate();
         let control = control.map(|(index, flag)| (flag.name.as_str(), FlagKind::Control(index)));
-        system.chain(control).filter(|(_, kind)| self.flag(id, *kind)).map(|(name, _)| name.to_owned()).collect()
+        system
+            .chain(control)
+            .filter(|(_, kind)| self.flag(id, *kind))
+            .map(|(name, _)| name.to_owned())
+            .collect()
     }
 }
 
@@ -264,7 +327,9 @@ impl<W: Write> Observer for Watcher<'_, W> {
         self.transitions += 1;
         if self.written.is_ok() {
             let (region, transition) = (taken.region_instance.into(), taken.transition.into());
-            self.written = self.writer.transition(self.at, taken.micro.into(), region, transition);
+            self.written = self
+                .writer
+                .transition(self.at, taken.micro.into(), region, transition);
         }
     }
 }

@@ -62,7 +62,10 @@ impl RegionEntry {
     /// Its local state of that name.
     pub fn find(&self, name: &str) -> Option<StateId> {
         let local = self.locals.iter().position(|state| state.name() == name)?;
-        Some(StateId { region: self.index, local })
+        Some(StateId {
+            region: self.index,
+            local,
+        })
     }
 }
 
@@ -126,11 +129,19 @@ struct TransitionOutline {
 
 #[derive(Clone, Debug)]
 enum ActionOutline {
-    Send { event: String },
+    Send {
+        event: String,
+    },
     /// A flag of the transition's target.
-    WriteOwn { flag: String, value: bool },
+    WriteOwn {
+        flag: String,
+        value: bool,
+    },
     /// A flag of the superstate that holds the container.
-    WriteParent { flag: String, value: bool },
+    WriteParent {
+        flag: String,
+        value: bool,
+    },
 }
 
 /// A transition of a region instance, in words.
@@ -158,15 +169,25 @@ impl Directory {
     pub fn of(tables: &Tables<'_>) -> Result<Self, NoNames> {
         let names = TemplateNames::of(tables)?;
         let mut directory = Directory {
-            tasks: vec![StateId { region: 0, local: 0 }; tables.task_instance_count()],
+            tasks: vec![
+                StateId {
+                    region: 0,
+                    local: 0
+                };
+                tables.task_instance_count()
+            ],
             transitions: (0..tables.transition_count())
                 .filter_map(|transition| names.transition(tables, transition))
                 .collect(),
-            interpreter_period_us: tables.slot(tables.interpreter_slot()).map_or(0, |slot| slot.period_us),
+            interpreter_period_us: tables
+                .slot(tables.interpreter_slot())
+                .map_or(0, |slot| slot.period_us),
             ..Directory::default()
         };
         for region in 0..tables.region_instance_count() {
-            let entry = directory.region_entry(tables, &names, region).ok_or(NoNames)?;
+            let entry = directory
+                .region_entry(tables, &names, region)
+                .ok_or(NoNames)?;
             for (local, state) in entry.locals.iter().enumerate() {
                 let id = StateId { region, local };
                 directory.by_path.insert(state.path.clone(), id);
@@ -182,10 +203,17 @@ impl Directory {
     }
 
     /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
-    fn region_entry(&self, tables: &Tables<'_>, names: &TemplateNames, index: usize) -> Option<RegionEntry> {
+    fn region_entry(
+        &self,
+        tables: &Tables<'_>,
+        names: &TemplateNames,
+        index: usize,
+    ) -> Option<RegionEntry> {
         let region = tables.region_instance(index)?;
         let instance = tables.instance(region.instance)?;
-        let owner = (region.instance != 0).then(|| self.state_at(instance.parent.0, instance.parent.1)).flatten();
+        let owner = (region.instance != 0)
+            .then(|| self.state_at(instance.parent.0, instance.parent.1))
+            .flatten();
         let outline = names.regions.get(tables.region_of_state(region.initial))?;
         let path = match owner.and_then(|owner| self.state(owner)) {
             Some(owner) => format!("{}/{}", owner.path, outline.name),
@@ -196,20 +224,40 @@ impl Directory {
             let kind = match tables.state(region.initial + local)?.kind {
                 tables::StateKind::Initial | tables::StateKind::Final => StateKind::Pseudo,
                 tables::StateKind::Simple => StateKind::Simple,
-                tables::StateKind::Task { task_offset, .. } => {
-                    StateKind::Task { instance: instance.first_task + task_offset }
-                }
-                tables::StateKind::Super { region_offset, instance_offset } => {
-                    let container = tables.instance(region.instance + instance_offset)?.container;
+                tables::StateKind::Task { task_offset, .. } => StateKind::Task {
+                    instance: instance.first_task + task_offset,
+                },
+                tables::StateKind::Super {
+                    region_offset,
+                    instance_offset,
+                } => {
+                    let container = tables
+                        .instance(region.instance + instance_offset)?
+                        .container;
                     let first = index + region_offset;
-                    StateKind::Super { inside: first..first + names.containers.get(container)?.region_span }
+                    StateKind::Super {
+                        inside: first..first + names.containers.get(container)?.region_span,
+                    }
                 }
             };
             let name_start = path.len() + 1;
-            locals.push(StateEntry { path: format!("{path}/{}", state.name), name_start, kind, flags: state.flags.clone() });
+            locals.push(StateEntry {
+                path: format!("{path}/{}", state.name),
+                name_start,
+                kind,
+                flags: state.flags.clone(),
+            });
         }
         let (name, first_state, next) = (outline.name.clone(), region.initial, region.next);
-        Some(RegionEntry { index, name, path, owner, next, locals, first_state })
+        Some(RegionEntry {
+            index,
+            name,
+            path,
+            owner,
+            next,
+            locals,
+            first_state,
+        })
     }
 
     /// Period of the interpreter's slot in microseconds.
@@ -220,14 +268,19 @@ impl Directory {
     /// The local state of a region instance that has an index in the blob.
     pub fn state_at(&self, region: usize, state: usize) -> Option<StateId> {
         let entry = self.regions.get(region)?;
-        let local = state.checked_sub(entry.first_state).filter(|local| *local < entry.locals.len())?;
+        let local = state
+            .checked_sub(entry.first_state)
+            .filter(|local| *local < entry.locals.len())?;
         Some(StateId { region, local })
     }
 
     /// Index in the blob of a local state.
     pub fn index_of(&self, state: StateId) -> Option<usize> {
         let entry = self.regions.get(state.region)?;
-        entry.locals.get(state.local).map(|_| entry.first_state + state.local)
+        entry
+            .locals
+            .get(state.local)
+            .map(|_| entry.first_state + state.local)
     }
 
     /// The region instances, depth first.
@@ -270,7 +323,10 @@ impl Directory {
     /// A transition of a region instance in words. `None` for one that the machine does not have.
     pub fn transition(&self, region: usize, transition: usize) -> Option<TransitionWords<'_>> {
         let outline = self.transitions.get(transition)?;
-        let (from, to) = (self.state_at(region, outline.from)?, self.state_at(region, outline.to)?);
+        let (from, to) = (
+            self.state_at(region, outline.from)?,
+            self.state_at(region, outline.to)?,
+        );
         let (from, to) = (self.state(from)?, self.state(to)?);
         let region = self.regions.get(region)?;
         // At the root no flag is written through `^`, so that there is no path to write before one.
@@ -347,15 +403,28 @@ impl TemplateNames {
         let mut next = || table.next().map(text).ok_or(NoNames);
         let containers: Vec<Container> = tables.containers().collect();
         let regions: Vec<Region> = tables.regions().collect();
-        let events = (0..tables.event_count()).map(|_| next()).collect::<Result<_, _>>()?;
-        let mut names = TemplateNames { events, containers, container_flags: Vec::new(), regions: Vec::new() };
+        let events = (0..tables.event_count())
+            .map(|_| next())
+            .collect::<Result<_, _>>()?;
+        let mut names = TemplateNames {
+            events,
+            containers,
+            container_flags: Vec::new(),
+            regions: Vec::new(),
+        };
         for (index, container) in names.containers.iter().enumerate() {
             // The container's own name says which template it is, not where an instance stands.
             next()?;
-            names.container_flags.push((0..container.flags).map(|_| next()).collect::<Result<_, _>>()?);
+            names.container_flags.push(
+                (0..container.flags)
+                    .map(|_| next())
+                    .collect::<Result<_, _>>()?,
+            );
             let own = regions.iter().enumerate().skip(container.first_region);
             for (number, region) in own.take_while(|(_, region)| region.container == index) {
-                let end = regions.get(number + 1).map_or(tables.state_count(), |after| after.first_state);
+                let end = regions
+                    .get(number + 1)
+                    .map_or(tables.state_count(), |after| after.first_state);
                 let name = next()?;
                 let mut states = Vec::with_capacity(end.saturating_sub(region.first_state));
                 for state in (region.first_state..end).filter_map(|state| tables.state(state)) {
@@ -364,9 +433,17 @@ impl TemplateNames {
                         tables::StateKind::Final => "final".into(),
                         _ => next()?,
                     };
-                    states.push(StateNames { name, flags: Vec::new() });
+                    states.push(StateNames {
+                        name,
+                        flags: Vec::new(),
+                    });
                 }
-                names.regions.push(RegionNames { name, container: index, first_state: region.first_state, states });
+                names.regions.push(RegionNames {
+                    name,
+                    container: index,
+                    first_state: region.first_state,
+                    states,
+                });
             }
         }
         names.add_flags(tables);
@@ -375,21 +452,43 @@ impl TemplateNames {
 
     /// The control flags of states, which are named by a task's signature or by the container inside.
     fn add_flags(&mut self, tables: &Tables<'_>) {
-        let task_flags: Vec<Vec<FlagEntry>> = tables.tasks().map(|task| task.signature.ports().filter_map(flag).collect()).collect();
+        let task_flags: Vec<Vec<FlagEntry>> = tables
+            .tasks()
+            .map(|task| task.signature.ports().filter_map(flag).collect())
+            .collect();
         for region in &mut self.regions {
             for (local, state) in region.states.iter_mut().enumerate() {
-                state.flags = match tables.state(region.first_state + local).map(|state| state.kind) {
+                state.flags = match tables
+                    .state(region.first_state + local)
+                    .map(|state| state.kind)
+                {
                     Some(tables::StateKind::Task { task_state, .. }) => {
-                        let task = tables.task_state(task_state).map(|task_state| task_state.task);
-                        task.and_then(|task| task_flags.get(task)).cloned().unwrap_or_default()
+                        let task = tables
+                            .task_state(task_state)
+                            .map(|task_state| task_state.task);
+                        task.and_then(|task| task_flags.get(task))
+                            .cloned()
+                            .unwrap_or_default()
                     }
-                    Some(tables::StateKind::Super { instance_offset, .. }) => {
+                    Some(tables::StateKind::Super {
+                        instance_offset, ..
+                    }) => {
                         // What is true of one instance of a template is true of all.
-                        let first = self.containers.get(region.container).map_or(0, |container| container.first_instance);
-                        let inside = tables.instance(first + instance_offset).map(|instance| instance.container);
+                        let first = self
+                            .containers
+                            .get(region.container)
+                            .map_or(0, |container| container.first_instance);
+                        let inside = tables
+                            .instance(first + instance_offset)
+                            .map(|instance| instance.container);
                         let flags = inside.and_then(|inside| self.container_flags.get(inside));
-                        let entry = |name: &String| FlagEntry { name: name.clone(), is_out: false };
-                        flags.map(|flags| flags.iter().map(entry).collect()).unwrap_or_default()
+                        let entry = |name: &String| FlagEntry {
+                            name: name.clone(),
+                            is_out: false,
+                        };
+                        flags
+                            .map(|flags| flags.iter().map(entry).collect())
+                            .unwrap_or_default()
                     }
                     _ => Vec::new(),
                 };
@@ -405,17 +504,30 @@ impl TemplateNames {
         let instance = tables.instance(container.first_instance)?;
         let mut actions = Vec::new();
         // Only what is true of all instances is used of this one.
-        for code in transition.code.into_iter().flat_map(|_| tables.code_of(index)) {
+        for code in transition
+            .code
+            .into_iter()
+            .flat_map(|_| tables.code_of(index))
+        {
             match code {
                 Code::Send { channel, .. } => {
                     let event = tables.channel(instance.first_channel + channel)?.event;
-                    actions.push(ActionOutline::Send { event: self.event(event)? });
+                    actions.push(ActionOutline::Send {
+                        event: self.event(event)?,
+                    });
                 }
-                Code::Write { flag, value, .. } => actions.push(self.write(tables, region, to, flag, value)?),
+                Code::Write { flag, value, .. } => {
+                    actions.push(self.write(tables, region, to, flag, value)?)
+                }
                 Code::Test { .. } | Code::TestBusyInside { .. } | Code::End => {}
             }
         }
-        Some(TransitionOutline { event: self.event(transition.event)?, from, to, actions })
+        Some(TransitionOutline {
+            event: self.event(transition.event)?,
+            from,
+            to,
+            actions,
+        })
     }
 
     fn event(&self, number: u16) -> Option<String> {
@@ -426,26 +538,48 @@ impl TemplateNames {
     }
 
     /// A write of the flag with that bit, relative to its container instance's first.
-    fn write(&self, tables: &Tables<'_>, region: &RegionNames, to: usize, bit: usize, value: bool) -> Option<ActionOutline> {
+    fn write(
+        &self,
+        tables: &Tables<'_>,
+        region: &RegionNames,
+        to: usize,
+        bit: usize,
+        value: bool,
+    ) -> Option<ActionOutline> {
         let parent_flags = self.container_flags.get(region.container)?;
-        if let Some(flag) = bit.checked_sub(format::CONTAINER_CONTROL_FLAGS).and_then(|index| parent_flags.get(index)) {
-            return Some(ActionOutline::WriteParent { flag: flag.clone(), value });
+        if let Some(flag) = bit
+            .checked_sub(format::CONTAINER_CONTROL_FLAGS)
+            .and_then(|index| parent_flags.get(index))
+        {
+            return Some(ActionOutline::WriteParent {
+                flag: flag.clone(),
+                value,
+            });
         }
         let target = tables.state(to)?;
         let head = match target.kind {
             tables::StateKind::Task { .. } => format::TASK_CONTROL_FLAGS,
             _ => format::CONTAINER_CONTROL_FLAGS,
         };
-        let flags = &region.states.get(to.checked_sub(region.first_state)?)?.flags;
+        let flags = &region
+            .states
+            .get(to.checked_sub(region.first_state)?)?
+            .flags;
         let flag = flags.get(bit.checked_sub(target.first_flag + head)?)?;
-        Some(ActionOutline::WriteOwn { flag: flag.name.clone(), value })
+        Some(ActionOutline::WriteOwn {
+            flag: flag.name.clone(),
+            value,
+        })
     }
 }
 
 /// A flag of a signature.
 fn flag(port: Port<'_>) -> Option<FlagEntry> {
     match port {
-        Port::Flag { direction, name } => Some(FlagEntry { name: text(name), is_out: direction == Direction::Out }),
+        Port::Flag { direction, name } => Some(FlagEntry {
+            name: text(name),
+            is_out: direction == Direction::Out,
+        }),
         Port::Data { .. } | Port::Param { .. } => None,
     }
 }

@@ -58,7 +58,13 @@ impl<W: Write> RecordTrace<W> {
             enabled: vec![false; directory.task_states().len()],
         };
         let period_us = directory.interpreter_period_us().into();
-        RecordTrace { writer: TraceWriter::new(out, directory), period_us, next_step: 0, last, taken: Vec::new() }
+        RecordTrace {
+            writer: TraceWriter::new(out, directory),
+            period_us,
+            next_step: 0,
+            last,
+            taken: Vec::new(),
+        }
     }
 
     /// What was current after the last macro step.
@@ -82,11 +88,20 @@ impl<W: Write> RecordTrace<W> {
                 self.taken.clear();
                 Ok(None)
             }
-            TraceRecord::Transition { micro, region_instance, transition } => {
+            TraceRecord::Transition {
+                micro,
+                region_instance,
+                transition,
+            } => {
                 self.taken.push((micro, region_instance, transition));
                 Ok(None)
             }
-            TraceRecord::Step { step, micro_steps, states, enabled } => {
+            TraceRecord::Step {
+                step,
+                micro_steps,
+                states,
+                enabled,
+            } => {
                 for (region, state) in states {
                     if let Some(current) = self.last.current.get_mut(usize::from(region)) {
                         *current = usize::from(state);
@@ -125,10 +140,14 @@ impl<W: Write> RecordTrace<W> {
     }
 
     fn write_taken(&mut self, step: u64) -> io::Result<Step> {
-        let at = Step { step, t_us: step.saturating_mul(self.period_us) };
+        let at = Step {
+            step,
+            t_us: step.saturating_mul(self.period_us),
+        };
         self.next_step = step.saturating_add(1);
         for (micro, region, transition) in self.taken.drain(..) {
-            self.writer.transition(at, micro.into(), region.into(), transition.into())?;
+            self.writer
+                .transition(at, micro.into(), region.into(), transition.into())?;
         }
         Ok(at)
     }
