@@ -248,6 +248,10 @@ mod tests {
             sources.join("\n")
         });
         let written: String = file.chars().skip(comment_bytes).collect();
-        assert_eq!(written.trim_start(), declared, "update missions/rover.esm from `esm tasks`");
+        assert_eq!(
+            written.trim_start(),
+            declared,
+            "update missions/rover.esm from `esm tasks`"
+        );
     }
 }
