@@ -6,7 +6,7 @@ use crate::task;
 use crate::task::{Step, Task};
 
 /// Turning speed for each metre that one side is freer than the other.
-const STEERING_RAD_PER_S_M: f32 = 0.9;
+const STEERING_RAD_PER_S_M: f32 = 0.25;
 
 /// What is farther than this does not matter for steering.
 const STEERING_HORIZON_M: f32 = 1.2;

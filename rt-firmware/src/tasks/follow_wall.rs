@@ -23,9 +23,14 @@ const SLOPE_LIMIT: f32 = 0.5;
 /// The wall is lost when it is farther away than this many times the distance to keep.
 const LOST_FACTOR: f32 = 2.5;
 
+/// Something at 45° to the right is in the way when it is nearer than this part of the distance to keep; a wall that is followed well
+/// is farther there than the distance itself.
+const DIAGONAL_PART: f32 = 0.75;
+
 /// Drives along a wall to its right, `distance_m` from rim to wall.
 ///
-/// `ahead` is set while something stands less than `ahead_m` ahead, `lost` while there is no wall to the right.
+/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it; `lost`
+/// while there is no wall to the right.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowWall;
 
@@ -44,8 +49,8 @@ task! {
         }
         params {
             speed_m_per_s: f32 = 0.25, 0.0..=0.5;
-            distance_m: f32 = 0.2, 0.1..=1.0;
-            ahead_m: f32 = 0.25, 0.1..=1.0;
+            distance_m: f32 = 0.22, 0.1..=1.0;
+            ahead_m: f32 = 0.28, 0.1..=1.0;
         }
     }
 }
@@ -61,7 +66,11 @@ impl Task for FollowWall {
             turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
                 - SLOPE_GAIN_RAD_PER_S * slope(ranges),
         };
-        io.set(Self::AHEAD, ranges.ahead_m() < io.param(Self::AHEAD_M));
+        let scrapes = ranges.ahead_right_m() < DIAGONAL_PART * distance_m;
+        io.set(
+            Self::AHEAD,
+            scrapes || ranges.ahead_m() < io.param(Self::AHEAD_M),
+        );
         io.set(Self::LOST, ranges.right_m() > LOST_FACTOR * distance_m);
         Step::Run
     }
@@ -122,14 +131,16 @@ mod tests {
 
     #[test]
     fn it_tells_what_it_cannot_follow() {
-        for (ahead_m, right_m, ahead, lost) in [
-            (4.0, 0.2, false, false),
-            (0.2, 0.2, true, false),
-            (4.0, 0.6, false, true),
-            (0.2, 4.0, true, true),
+        for (ahead_m, ahead_right_m, right_m, ahead, lost) in [
+            (4.0, 0.3, 0.2, false, false),
+            (0.2, 0.3, 0.2, true, false),
+            (4.0, 0.1, 0.2, true, false),
+            (4.0, 0.3, 0.6, false, true),
+            (0.2, 0.3, 4.0, true, true),
         ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[0] = ahead_m;
+            ranges.range_m[7] = ahead_right_m;
             ranges.range_m[6] = right_m;
             let mut bench = TaskBench::new(FollowWall);
             bench

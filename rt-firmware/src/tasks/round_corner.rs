@@ -5,8 +5,11 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
+/// Something at 45° to the right is in the way when it is nearer than this, in metres.
+const DIAGONAL_M: f32 = 0.17;
+
 /// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there is a wall to the right again, nearer
-/// than `found_m`, or something less than `ahead_m` ahead.
+/// than `found_m`, or something in the way: less than `ahead_m` ahead, or close at 45° to the right.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RoundCorner;
 
@@ -21,9 +24,9 @@ task! {
         }
         params {
             speed_m_per_s: f32 = 0.2, 0.0..=0.5;
-            radius_m: f32 = 0.33, 0.15..=2.0;
-            found_m: f32 = 0.3, 0.1..=1.0;
-            ahead_m: f32 = 0.25, 0.1..=1.0;
+            radius_m: f32 = 0.36, 0.15..=2.0;
+            found_m: f32 = 0.32, 0.1..=1.0;
+            ahead_m: f32 = 0.28, 0.1..=1.0;
         }
     }
 }
@@ -37,7 +40,8 @@ impl Task for RoundCorner {
             turn_rad_per_s: -speed_m_per_s / io.param(Self::RADIUS_M),
         };
         let found = ranges.right_m() < io.param(Self::FOUND_M);
-        if found || ranges.ahead_m() < io.param(Self::AHEAD_M) {
+        let in_the_way = ranges.ahead_right_m() < DIAGONAL_M;
+        if found || in_the_way || ranges.ahead_m() < io.param(Self::AHEAD_M) {
             Step::Finished
         } else {
             Step::Run
@@ -52,13 +56,15 @@ mod tests {
 
     #[test]
     fn it_circles_until_there_is_a_wall() {
-        for (ahead_m, right_m, expected) in [
-            (4.0, 4.0, Step::Run),
-            (4.0, 0.25, Step::Finished),
-            (0.2, 4.0, Step::Finished),
+        for (ahead_m, ahead_right_m, right_m, expected) in [
+            (4.0, 0.3, 4.0, Step::Run),
+            (4.0, 0.3, 0.25, Step::Finished),
+            (4.0, 0.1, 4.0, Step::Finished),
+            (0.2, 0.3, 4.0, Step::Finished),
         ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[0] = ahead_m;
+            ranges.range_m[7] = ahead_right_m;
             ranges.range_m[6] = right_m;
             let mut bench = TaskBench::new(RoundCorner);
             bench

@@ -36,7 +36,7 @@ task! {
             in left;
         }
         params {
-            angle_rad: f32 = 1.2, 0.0..=6.2;
+            angle_rad: f32 = 1.1, 0.0..=6.2;
             rate_rad_per_s: f32 = 1.2, 0.3..=3.0;
         }
     }

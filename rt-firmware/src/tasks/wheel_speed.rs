@@ -56,7 +56,7 @@ task! {
             out blocked;
         }
         params {
-            acceleration_m_per_s2: f32 = 0.8, 0.1..=5.0;
+            acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
         }
     }
 }
