@@ -1,11 +1,14 @@
 //! `esm check`: everything that is wrong with a set of files.
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::mission::{self, Audience};
+use crate::lang::Severity;
 
 /// Says what is wrong with a mission: every error and warning at once
 ///
@@ -31,10 +34,44 @@ pub struct CheckArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// What kept it from ending well.
+/// If the file cannot be read, or has errors.
 pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm check` is not connected yet"
-    )))
+    let mut checked = mission::read(&args.file)?;
+    checked.lay_out(mission::LAY_OUT_LIMIT);
+    let audience = if args.json {
+        Audience::Program
+    } else {
+        Audience::Person
+    };
+    mission::tell(&checked, audience, console)?;
+    let of_severity = |severity| {
+        checked
+            .diagnostics
+            .iter()
+            .filter(|found| found.severity() == severity)
+            .count()
+    };
+    let (errors, warnings) = (of_severity(Severity::Error), of_severity(Severity::Warning));
+    if !args.json {
+        let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
+        writeln!(
+            console.out(),
+            "{}: {errors}, {warnings}",
+            args.file.display()
+        )?;
+    }
+    if errors > 0 {
+        Err(CommandError::Told)
+    } else {
+        Ok(())
+    }
+}
+
+/// `no errors`, `1 error`, `2 errors`.
+fn counted(count: usize, what: &str) -> String {
+    match count {
+        0 => format!("no {what}s"),
+        1 => format!("1 {what}"),
+        _ => format!("{count} {what}s"),
+    }
 }

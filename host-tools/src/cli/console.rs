@@ -53,6 +53,15 @@ impl Console {
         Ok(())
     }
 
+    /// Writes text to standard output as it is.
+    ///
+    /// # Errors
+    /// When standard output cannot be written to.
+    pub fn text(&mut self, text: &str) -> Result<(), CommandError> {
+        self.out.write_all(text.as_bytes())?;
+        Ok(())
+    }
+
     /// Hands what was written so far to whoever reads it.
     ///
     /// # Errors

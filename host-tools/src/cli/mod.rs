@@ -8,6 +8,7 @@
 //! | [`exit`] | what a command can end with: [`exit::ExitStatus`] and [`exit::CommandError`] |
 //! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
 //! | [`file`] | files read and written, whole or not at all |
+//! | [`mission`] | from a source file to a verified blob |
 //! | [`argument`] | values that several commands take: times, ports |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 
@@ -20,6 +21,7 @@ pub mod exit;
 pub mod file;
 pub mod inspect;
 pub mod log;
+pub mod mission;
 pub mod robot;
 pub mod run;
 pub mod schedule;

@@ -1,11 +1,20 @@
 //! `esm schedule`: when each slot starts.
 
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use anyhow::anyhow;
 use clap::Args;
 
+use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
+use super::file;
+use super::mission::{self, Audience};
+use crate::model::{Model, Slot};
+use crate::pictures::{SlotPicture, SlotRow};
+use crate::schedule::{self, Report, SlotReport, SlotSpec};
 
 /// Lays out the time slots: when each one starts, or why there is no way
 ///
@@ -41,10 +50,100 @@ pub struct ScheduleArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// What kept it from ending well.
+/// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm schedule` is not connected yet"
-    )))
+    let checked = mission::read(&args.file)?;
+    let Some(model) = &checked.model else {
+        let audience = if args.json {
+            Audience::Program
+        } else {
+            Audience::Person
+        };
+        mission::tell(&checked, audience, console)?;
+        return Err(CommandError::Told);
+    };
+    let slots = slots_of(model);
+    let searching = console.spinner("searching for a schedule");
+    let outcome = schedule::solve(&slots, Duration::from_secs(args.limit));
+    searching.finish_and_clear();
+    let report = schedule::report(&slots, &outcome);
+    if let Some(path) = &args.svg {
+        let svg = picture(&args.file, &report).scene().to_svg();
+        file::write_whole(path, svg.as_bytes(), "picture")?;
+    }
+    if args.json {
+        console.json_line(&report)?;
+    } else {
+        table(&report, console)?;
+    }
+    let why_not = match outcome {
+        schedule::Outcome::Feasible(_) => return Ok(()),
+        schedule::Outcome::Infeasible(reason) => anyhow!("no schedule exists: {reason}"),
+        schedule::Outcome::Undecided => {
+            anyhow!(
+                "no schedule was found in {} s, and none proved impossible: try a higher --limit",
+                args.limit
+            )
+        }
+    };
+    Err(CommandError::Input(why_not))
+}
+
+/// What the search needs to know. The interpreter's slot starts at 0: its first occurrence is the first macro step.
+fn slots_of(model: &Model) -> Vec<SlotSpec> {
+    let slots = model.slots.iter().enumerate();
+    let spec = |(index, slot): (usize, &Slot)| SlotSpec {
+        number: slot.number,
+        period_us: slot.period_us,
+        duration_us: slot.duration_us,
+        fixed_start_us: (model.interpreter_slot == Some(index)).then_some(0),
+    };
+    slots.map(spec).collect()
+}
+
+fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
+    let out = console.out();
+    if !report.slots.is_empty() {
+        writeln!(
+            out,
+            "{:>6} {:>12} {:>12} {:>12}",
+            "slot", "start", "period", "duration"
+        )?;
+    }
+    for SlotReport {
+        slot,
+        start_us,
+        period_us,
+        duration_us,
+    } in &report.slots
+    {
+        let [start, period, duration] =
+            [*start_us, *period_us, *duration_us].map(|us| Time { us: us.into() }.to_string());
+        writeln!(out, "{slot:>6} {start:>12} {period:>12} {duration:>12}")?;
+    }
+    let hyperperiod = report
+        .hyperperiod_us
+        .map_or("too long to be counted".into(), |us| {
+            Time { us }.to_string()
+        });
+    writeln!(
+        out,
+        "utilisation {:.1} %, hyperperiod {hyperperiod}",
+        report.utilisation * 100.0
+    )?;
+    Ok(())
+}
+
+fn picture(file: &Path, report: &Report) -> SlotPicture {
+    let row = |slot: &SlotReport| SlotRow {
+        name: format!("slot {}", slot.slot),
+        start_us: slot.start_us.into(),
+        period_us: slot.period_us.into(),
+        duration_us: slot.duration_us.into(),
+    };
+    SlotPicture {
+        title: format!("Slots of {}", file.display()),
+        slots: report.slots.iter().map(row).collect(),
+        hyperperiod_us: report.hyperperiod_us.unwrap_or(u64::MAX),
+    }
 }

@@ -1,11 +1,18 @@
 //! `esm sim`: the machine alone, in virtual time.
 
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
+use esm_core::Fault;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::file;
+use super::mission::{self, Audience};
+use crate::scenario::{self, Mistake, Place};
+use crate::sim::{self, Outcome, SimError, milliseconds};
 
 /// Runs the machine alone, in virtual time, against a scenario
 ///
@@ -42,10 +49,99 @@ pub struct SimArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// What kept it from ending well.
+/// If the mission or the scenario has errors, an expectation fails, the machine faults, or the trace cannot be written.
 pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm sim` is not connected yet"
-    )))
+    let verified = mission::compiled(&args.file, Audience::Person, console)?;
+    let directory = Arc::new(mission::names(&verified)?);
+    let text = file::read_text(&args.scenario, "scenario")?;
+    let bound =
+        scenario::parse(&text).and_then(|scenario| scenario::bind::bind(&scenario, &directory));
+    let bound = bound.map_err(|mistakes| tell_mistakes(&args.scenario, &mistakes, console))?;
+    let outcome = match args.trace.as_deref() {
+        None => sim::run(verified, &directory, &bound, std::io::sink())?,
+        Some(path) if path == Path::new("-") => {
+            sim::run(verified, &directory, &bound, console.out())?
+        }
+        Some(path) => sim::run(verified, &directory, &bound, file::create(path, "trace")?)?,
+    };
+    for failure in &outcome.failures {
+        let Place { line, col } = failure.name.place;
+        console.note(&format!(
+            "{}:{line}:{col}: {failure}",
+            args.scenario.display()
+        ));
+    }
+    tell_outcome(&outcome, args, console)
+}
+
+/// Tells what is wrong with a scenario.
+fn tell_mistakes(path: &Path, mistakes: &[Mistake], console: &mut Console) -> CommandError {
+    for Mistake { place, cause } in mistakes {
+        console.note(&format!("{}:{place}: error: {cause}", path.display()));
+    }
+    CommandError::Told
+}
+
+/// Tells how the run ended, where it does not disturb the trace.
+fn tell_outcome(
+    outcome: &Outcome,
+    args: &SimArgs,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    if let Some((at, fault)) = &outcome.fault {
+        let (step, ms) = (at.step, milliseconds(at.t_us));
+        console.note(&format!(
+            "fault: {} in macro step {step}, at {ms} ms: {}",
+            fault.code(),
+            remedy(*fault)
+        ));
+    }
+    let Outcome {
+        steps,
+        transitions,
+        met,
+        finished,
+        ..
+    } = outcome;
+    let mut told =
+        format!("{steps} macro steps, {transitions} transitions; {met} expectations met");
+    if !outcome.failures.is_empty() {
+        told += &format!(", {} failed", outcome.failures.len());
+    }
+    told += if *finished {
+        "; finished in "
+    } else {
+        "; ended in "
+    };
+    told += &outcome.active.join(", ");
+    if args.trace.as_deref() == Some(Path::new("-")) {
+        console.note(&told);
+    } else {
+        writeln!(console.out(), "{told}")?;
+    }
+    if outcome.is_good() {
+        Ok(())
+    } else {
+        Err(CommandError::Told)
+    }
+}
+
+/// What a person can do about a fault.
+fn remedy(fault: Fault) -> &'static str {
+    match fault {
+        Fault::EventQueueOverflow => {
+            "raise `queue`, or break the circle in which events cause each other"
+        }
+        Fault::MacroStepLimit => "break the circle in which events cause each other",
+    }
+}
+
+impl From<SimError> for CommandError {
+    fn from(error: SimError) -> Self {
+        match error {
+            // Standard output may be where the trace goes: then a reader that has gone is no failure.
+            SimError::Trace(error) => error.into(),
+            memory @ SimError::Memory { .. } => CommandError::Input(memory.into()),
+        }
+    }
 }

@@ -4,6 +4,7 @@
 //! is looked at after the first macro step at or after its. No flag changes by itself: what a robot's dispatchers would
 //! work out, such as busy flags, the scenario has to say.
 
+use std::fmt;
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -76,6 +77,63 @@ pub enum FailureCause {
         /// Start of the last macro step.
         last_us: u64,
     },
+}
+
+/// What a person reads behind the place of the failed line.
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (name, not) = (&self.name.text, if self.expected { "" } else { "not " });
+        write!(
+            f,
+            "expected {not}`{name}` at {} ms, but ",
+            milliseconds(self.at_us)
+        )?;
+        match &self.cause {
+            FailureCause::Otherwise {
+                t_us,
+                active,
+                set_flags,
+            } => {
+                if let Some(flags) = set_flags {
+                    let state = name
+                        .split_once('.')
+                        .map_or(name.as_str(), |(state, _)| state);
+                    let flags = if flags.is_empty() {
+                        "no flag".into()
+                    } else {
+                        flags.join(", ")
+                    };
+                    write!(f, "of `{state}` {flags} was set; ")?;
+                }
+                write!(
+                    f,
+                    "after the macro step at {} ms current was {}",
+                    milliseconds(*t_us),
+                    active.join(", ")
+                )
+            }
+            FailureCause::AfterFault { t_us } => {
+                write!(f, "the machine had faulted at {} ms", milliseconds(*t_us))
+            }
+            FailureCause::AfterUntil { last_us } => {
+                write!(
+                    f,
+                    "the last macro step was at {} ms: raise `until`",
+                    milliseconds(*last_us)
+                )
+            }
+        }
+    }
+}
+
+/// Microseconds as milliseconds, without decimals that say nothing.
+pub fn milliseconds(us: u64) -> String {
+    match us % 1_000 {
+        0 => (us / 1_000).to_string(),
+        rest => format!("{}.{rest:03}", us / 1_000)
+            .trim_end_matches('0')
+            .to_owned(),
+    }
 }
 
 /// Why a run could not be made.
