@@ -1,1 +1,11 @@
-//! See `tests/`.
+//! What the tests of this package share: an independent reading of the language's meaning, and a source of random machines.
+//!
+//! [`reference`](mod@reference) says what a machine does by the shortest route from the definition, with no regard for memory or time. It
+//! shares no line with the interpreter that the firmware runs, so that where the two agree, they agree about the language.
+//! [`random_machine`] writes machines that use all of it, and [`shrink`] makes a failing one small enough to think about.
+
+pub mod random;
+pub mod random_machine;
+pub mod reference;
+pub mod scenario;
+pub mod shrink;

@@ -1,0 +1,573 @@
+//! Random machines as `.esm` text, and random scenarios for them.
+//!
+//! A machine is free of errors by construction: every name it uses is defined, every flag is used in its direction, containers are
+//! used downwards only. Within that it uses the whole language, and is biased towards what is easy to get wrong: containers used many
+//! times, events that travel up and down through several of them, queues of one or two places, transitions that send in a circle,
+//! several regions that write one flag, timeouts that fall on a macro step exactly.
+
+use std::fmt::Write as _;
+
+use host_tools::model::{Direction, Model, StateKind};
+
+use crate::random::Random;
+use crate::reference;
+use crate::scenario::{Action, Entry, Scenario};
+
+/// No machine has more container instances, so that a run stays short.
+const MAX_INSTANCES: usize = 160;
+
+/// Control flags, events and so on draw their names from small pools, so that one name means different things in different places.
+const FLAG_NAMES: [&str; 5] = ["near", "far", "ready", "us", "f32"];
+const EVENT_NAMES: [&str; 6] = ["Go", "Back", "Up", "Down", "ms", "Hz"];
+
+/// A flag of a task or container.
+#[derive(Clone)]
+struct Flag {
+    name: &'static str,
+    out: bool,
+}
+
+struct Task {
+    name: String,
+    flags: Vec<Flag>,
+    params: Vec<&'static str>,
+    has_slot: bool,
+}
+
+struct Container {
+    name: String,
+    flags: Vec<Flag>,
+    /// Container instances that one use of it makes, itself included.
+    instances: usize,
+}
+
+/// What a state offers to the transitions around it.
+#[derive(Clone)]
+enum Kind {
+    Simple,
+    /// Task state or superstate, with its flags.
+    WithFlags(Vec<Flag>),
+}
+
+/// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
+pub fn machine(seed: u64) -> String {
+    Writer {
+        random: Random::new(seed),
+        text: String::new(),
+        tasks: Vec::new(),
+        containers: Vec::new(),
+        with_data: false,
+    }
+    .write()
+}
+
+struct Writer {
+    random: Random,
+    text: String,
+    tasks: Vec<Task>,
+    /// In the order of the file; each uses only those before it.
+    containers: Vec<Container>,
+    with_data: bool,
+}
+
+impl Writer {
+    fn write(mut self) -> String {
+        self.with_data = self.random.chance(25);
+        self.line(format_args!("interpreter slot 1;"));
+        let queue = match self.random.below(10) {
+            0 => None,
+            1..=3 => Some(self.random.between(1, 3)),
+            4..=8 => Some(self.random.between(4, 40)),
+            _ => Some(255),
+        };
+        if let Some(queue) = queue {
+            self.line(format_args!("queue {queue};"));
+        }
+        self.write_slots();
+        for index in 0..self.random.between(1, 4) {
+            self.write_task(index);
+        }
+        if self.with_data {
+            self.line(format_args!("task Source slot 2 {{"));
+            self.line(format_args!("  out data value: Sample;"));
+            self.line(format_args!("}}"));
+        }
+        let containers = if self.random.chance(5) {
+            30
+        } else {
+            self.random.below(6)
+        };
+        let deep = containers == 30;
+        for index in 0..containers {
+            self.write_container(format!("Part{index}"), false, deep);
+        }
+        self.write_container("Machine".to_owned(), true, deep);
+        self.text
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) {
+        writeln!(self.text, "{line}").expect("a string takes all that is written");
+    }
+
+    fn write_slots(&mut self) {
+        // Periods are multiples of the interpreter's and durations a small part of them, so that a schedule always exists.
+        let period_us = *self
+            .random
+            .pick(&[1_000, 5_000, 10_000, 7_777, 300])
+            .expect("not empty");
+        let duration_us = period_us / 5;
+        let rate = match period_us {
+            5_000 => Some(200),
+            10_000 => Some(100),
+            _ => None,
+        };
+        match rate {
+            Some(rate) if self.random.chance(50) => self.line(format_args!(
+                "slot 1 rate {rate} Hz duration {duration_us} us;"
+            )),
+            _ => self.line(format_args!(
+                "slot 1 period {period_us} us duration {duration_us}us;"
+            )),
+        }
+        let factor = self.random.between(1, 3);
+        self.line(format_args!(
+            "slot 2 period {} us duration {duration_us} us;",
+            period_us * factor
+        ));
+        self.line(format_args!(
+            "slot 7 period {} us duration {duration_us} us;",
+            period_us * factor * 2
+        ));
+    }
+
+    fn flags(&mut self) -> Vec<Flag> {
+        FLAG_NAMES
+            .iter()
+            .filter_map(|&name| {
+                self.random.chance(45).then(|| Flag {
+                    name,
+                    out: self.random.chance(60),
+                })
+            })
+            .collect()
+    }
+
+    fn write_flags(&mut self, flags: &[Flag]) {
+        for flag in flags {
+            let direction = if flag.out { "out" } else { "in" };
+            self.line(format_args!("  {direction} flag {};", flag.name));
+        }
+    }
+
+    fn write_task(&mut self, index: usize) {
+        let name = format!("Task{index}");
+        let slot = match self.random.below(5) {
+            0 => None,
+            1 => Some(0),
+            2 | 3 => Some(2),
+            _ => Some(7),
+        };
+        let mut head = format!("task {name}");
+        if let Some(slot) = slot {
+            write!(head, " slot {slot}").expect("a string takes all that is written");
+        }
+        if self.random.chance(20) {
+            head.push_str(" exclusive motors");
+        }
+        if self.random.chance(20) {
+            head.push_str(" wcet 1 us");
+        }
+        self.line(format_args!("{head} {{"));
+        let flags = self.flags();
+        self.write_flags(&flags);
+        if self.with_data {
+            self.line(format_args!("  in data value: Sample optional;"));
+        }
+        let mut params = Vec::new();
+        if self.random.chance(20) {
+            self.line(format_args!("  param gain: f32 = 0.5 min -1 max 2.5;"));
+            self.line(format_args!("  param count: i32 min -7 max 7;"));
+            params = vec!["count"];
+        }
+        self.line(format_args!("}}"));
+        self.tasks.push(Task {
+            name,
+            flags,
+            params,
+            has_slot: slot.is_some(),
+        });
+    }
+
+    fn write_container(&mut self, name: String, is_machine: bool, deep: bool) {
+        let keyword = if is_machine { "machine" } else { "container" };
+        self.line(format_args!("{keyword} {name} {{"));
+        let mut events = Vec::new();
+        for event in EVENT_NAMES {
+            if !self.random.chance(if is_machine { 70 } else { 55 }) {
+                continue;
+            }
+            events.push(event);
+            if is_machine {
+                self.line(format_args!("  event {event};"));
+                continue;
+            }
+            let (into, out) = match self.random.below(4) {
+                0 => (true, false),
+                1 => (false, true),
+                2 => (true, true),
+                _ => (false, false),
+            };
+            if !into && !out {
+                self.line(format_args!("  event {event};"));
+            }
+            if into {
+                self.line(format_args!("  in event {event};"));
+            }
+            if out {
+                self.line(format_args!("  out event {event};"));
+            }
+        }
+        let flags = if is_machine { Vec::new() } else { self.flags() };
+        self.write_flags(&flags);
+
+        let mut instances = 1;
+        let regions = self.random.between(1, 4);
+        let mut task_states = Vec::new();
+        for region in 0..regions {
+            self.line(format_args!("  region r{region} {{"));
+            let states = self.write_states(deep && region == 0, &mut instances);
+            for (state, (kind, is_task)) in states.iter().enumerate() {
+                if *is_task {
+                    task_states.push(format!("r{region}.s{state}.value"));
+                }
+                let _ = kind;
+            }
+            let kinds: Vec<Kind> = states.into_iter().map(|(kind, _)| kind).collect();
+            self.write_transitions(&kinds, &events, &flags, is_machine);
+            self.line(format_args!("  }}"));
+        }
+        if self.with_data {
+            self.line(format_args!("  region source {{"));
+            self.line(format_args!("    task Only: Source;"));
+            self.line(format_args!("    initial -> Only;"));
+            self.line(format_args!("  }}"));
+            if !task_states.is_empty() {
+                self.line(format_args!(
+                    "  path Only.value -> {};",
+                    task_states.join(", ")
+                ));
+            }
+        }
+        self.line(format_args!("}}"));
+        self.containers.push(Container {
+            name,
+            flags,
+            instances,
+        });
+    }
+
+    /// Writes the states of a region. Each comes back with whether it is a task state.
+    fn write_states(&mut self, must_nest: bool, instances: &mut usize) -> Vec<(Kind, bool)> {
+        let mut states = Vec::new();
+        for state in 0..self.random.between(1, 5) {
+            let timeout = match self.random.below(10) {
+                // Limits near small multiples of the period, where "strictly above" matters.
+                0..=2 => {
+                    let limit_us = self
+                        .random
+                        .pick(&[0, 999, 1_000, 5_000, 9_999, 10_000, 15_554, 20_000, 600])
+                        .copied()
+                        .unwrap_or(0);
+                    format!(" timeout {limit_us} us")
+                }
+                3 => format!(" timeout {} ms", self.random.between(1, 50)),
+                _ => String::new(),
+            };
+            let nest = (must_nest && state == 0) || self.random.chance(35);
+            let fitting: Vec<usize> = (0..self.containers.len())
+                .filter(|&index| *instances + self.containers[index].instances <= MAX_INSTANCES)
+                .collect();
+            let chosen = if must_nest && state == 0 {
+                fitting.last().copied()
+            } else {
+                self.random.pick(&fitting).copied()
+            };
+            if let Some(container) = chosen.filter(|_| nest) {
+                let inside = &self.containers[container];
+                *instances += inside.instances;
+                let kind = Kind::WithFlags(inside.flags.clone());
+                let name = inside.name.clone();
+                self.line(format_args!("    super s{state}: {name}{timeout};"));
+                states.push((kind, false));
+            } else if self.random.chance(60) {
+                let index = self.random.below(self.tasks.len());
+                let task = &self.tasks[index];
+                let (name, has_slot) = (task.name.clone(), task.has_slot);
+                let has_params = !task.params.is_empty();
+                let kind = Kind::WithFlags(task.flags.clone());
+                let slot = if !has_slot || self.random.chance(20) {
+                    let slot = self.random.pick(&[0, 2, 7]).copied().unwrap_or(2);
+                    format!(" slot {slot}")
+                } else {
+                    String::new()
+                };
+                let with = if has_params {
+                    format!(" with {{ count = {} }}", self.random.below(8) as i32 - 4)
+                } else {
+                    String::new()
+                };
+                self.line(format_args!(
+                    "    task s{state}: {name}{slot}{timeout}{with};"
+                ));
+                states.push((kind, true));
+            } else {
+                self.line(format_args!("    state s{state}{timeout};"));
+                states.push((Kind::Simple, false));
+            }
+        }
+        states
+    }
+
+    fn write_transitions(
+        &mut self,
+        states: &[Kind],
+        events: &[&'static str],
+        parent_flags: &[Flag],
+        is_machine: bool,
+    ) {
+        let parent_flags = if is_machine { &[] } else { parent_flags };
+        // The way in. Mostly unguarded, so that most of a machine is reached.
+        for _ in 0..self.random.below(2) {
+            self.write_transition(None, states, events, parent_flags);
+        }
+        let first = self.random.below(states.len());
+        let actions = self.actions(Some(&states[first]), events, parent_flags);
+        self.line(format_args!("    initial -> s{first}{actions};"));
+        for source in 0..states.len() {
+            for _ in 0..self.random.below(4) {
+                self.write_transition(Some(source), states, events, parent_flags);
+            }
+        }
+    }
+
+    fn write_transition(
+        &mut self,
+        source: Option<usize>,
+        states: &[Kind],
+        events: &[&'static str],
+        parent_flags: &[Flag],
+    ) {
+        let source_kind = source.map(|source| &states[source]);
+        let target = (!self.random.chance(8)).then(|| self.random.below(states.len()));
+        let trigger = match self.random.below(10) {
+            0 if matches!(source_kind, Some(Kind::WithFlags(_))) => " on *".to_owned(),
+            0..=2 => String::new(),
+            3 => " on pulse".to_owned(),
+            _ => match self.random.pick(events) {
+                Some(event) => format!(" on {event}"),
+                None => String::new(),
+            },
+        };
+        let on_pulse = !trigger.starts_with(" on ") || trigger.ends_with("pulse");
+        // Unguarded pulses would hurry through the machine: most of them wait for something.
+        let guard = if trigger != " on *" && self.random.chance(if on_pulse { 85 } else { 40 }) {
+            self.guard(source_kind, parent_flags, 3)
+                .map_or(String::new(), |guard| format!(" [{guard}]"))
+        } else {
+            String::new()
+        };
+        let actions = self.actions(target.map(|target| &states[target]), events, parent_flags);
+        let source = source.map_or("initial".to_owned(), |source| format!("s{source}"));
+        let target = target.map_or("final".to_owned(), |target| format!("s{target}"));
+        self.line(format_args!(
+            "    {source} -> {target}{trigger}{guard}{actions};"
+        ));
+    }
+
+    /// A guard that is allowed at a source, or nothing where none is.
+    fn guard(
+        &mut self,
+        source: Option<&Kind>,
+        parent_flags: &[Flag],
+        depth: usize,
+    ) -> Option<String> {
+        if depth > 0 && self.random.chance(45) {
+            let operator = match self.random.below(3) {
+                0 => {
+                    let inner = self.guard(source, parent_flags, depth - 1)?;
+                    return Some(format!("not ({inner})"));
+                }
+                1 => " and ",
+                _ => " or ",
+            };
+            let mut terms = Vec::new();
+            for _ in 0..self.random.between(2, 3) {
+                let term = self.guard(source, parent_flags, depth - 1)?;
+                // Sometimes without the parentheses: then it is precedence that decides.
+                terms.push(if self.random.chance(50) {
+                    format!("({term})")
+                } else {
+                    term
+                });
+            }
+            return Some(terms.join(operator));
+        }
+        let mut atoms: Vec<String> = parent_flags
+            .iter()
+            .map(|flag| format!("^{}", flag.name))
+            .collect();
+        if let Some(kind) = source {
+            atoms.push("timeout".to_owned());
+            if let Kind::WithFlags(flags) = kind {
+                atoms.extend(["exit".to_owned(), "busy".to_owned()]);
+                atoms.extend(
+                    flags
+                        .iter()
+                        .filter(|flag| flag.out)
+                        .map(|flag| format!(".{}", flag.name)),
+                );
+            }
+        }
+        let atom = self.random.pick(&atoms)?.clone();
+        Some(if self.random.chance(35) {
+            format!("not {atom}")
+        } else {
+            atom
+        })
+    }
+
+    fn actions(
+        &mut self,
+        target: Option<&Kind>,
+        events: &[&'static str],
+        parent_flags: &[Flag],
+    ) -> String {
+        let mut choices: Vec<String> = Vec::new();
+        for flag in parent_flags.iter().filter(|flag| flag.out) {
+            choices.push(format!("set ^{}", flag.name));
+            choices.push(format!("clear ^{}", flag.name));
+        }
+        if let Some(Kind::WithFlags(flags)) = target {
+            for flag in flags.iter().filter(|flag| !flag.out) {
+                choices.push(format!("set .{}", flag.name));
+                choices.push(format!("set .{}", flag.name));
+                choices.push(format!("clear .{}", flag.name));
+            }
+        }
+        let mut actions = Vec::new();
+        for _ in 0..self.random.below(4) {
+            if self.random.chance(35)
+                && let Some(event) = self.random.pick(events)
+            {
+                actions.push(format!("send {event}"));
+            } else if let Some(choice) = self.random.pick(&choices) {
+                actions.push(choice.clone());
+            }
+        }
+        if actions.is_empty() {
+            String::new()
+        } else {
+            format!(" / {}", actions.join(", "))
+        }
+    }
+}
+
+/// A random scenario for a machine: up to 60 macro steps, changes at and between them, in no order of time.
+pub fn scenario(seed: u64, model: &Model) -> Scenario {
+    let mut random = Random::new(seed ^ 0x5ce0_a210);
+    let slot_period_us = model
+        .interpreter_slot
+        .map_or(10_000, |slot| u64::from(model.slots[slot].period_us));
+    let period_us = match random.below(10) {
+        0 => Some(*random.pick(&[1, 10_000, 123_457]).expect("not empty")),
+        // So long that times leave 32 bits, and so do the differences that a timeout is compared with.
+        1 => Some(3_000_000_000),
+        _ => None,
+    };
+    let step_us = period_us.unwrap_or(slot_period_us);
+    let steps = random.between(5, 60) as u64;
+    let mut scenario = Scenario {
+        period_us,
+        until_us: steps * step_us + random.below(step_us as usize) as u64,
+        entries: Vec::new(),
+    };
+    let states = reference::states(model);
+    let tasks: Vec<(&str, &[host_tools::model::Flag])> = states
+        .iter()
+        .filter_map(|(path, kind)| match kind {
+            Some(StateKind::Task { task, .. }) => {
+                Some((path.as_str(), model.tasks[*task].flags.as_slice()))
+            }
+            _ => None,
+        })
+        .collect();
+    // Wherever a task state is reached is not known here: many changes, so that some hit.
+    for _ in 0..random.below(steps as usize * 6) {
+        let Some(&(path, flags)) = random.pick(&tasks) else {
+            break;
+        };
+        let state = path.to_owned();
+        let outs: Vec<&host_tools::model::Flag> = flags
+            .iter()
+            .filter(|flag| flag.direction == Direction::Out)
+            .collect();
+        let action = match random.below(10) {
+            0 | 1 => Action::Exit { state },
+            2 => Action::Busy {
+                state,
+                value: random.chance(70),
+            },
+            _ => match random.pick(&outs) {
+                Some(flag) => Action::Write {
+                    state,
+                    flag: flag.name.clone(),
+                    value: random.chance(75),
+                },
+                None => Action::Exit { state },
+            },
+        };
+        let at_us = random.below(steps as usize) as u64 * step_us
+            + if random.chance(30) {
+                random.below(step_us as usize) as u64
+            } else {
+                0
+            };
+        scenario.entries.push(Entry { at_us, action });
+    }
+    for _ in 0..random.below(8) {
+        if let Some(action) = expectation(&mut random, &states, model) {
+            let at_us = random.below((steps as usize + 3) * step_us as usize) as u64;
+            let place = random.below(scenario.entries.len() + 1);
+            scenario.entries.insert(place, Entry { at_us, action });
+        }
+    }
+    scenario
+}
+
+/// An expectation that may hold or not.
+fn expectation(
+    random: &mut Random,
+    states: &[(String, Option<StateKind>)],
+    model: &Model,
+) -> Option<Action> {
+    let (state, kind) = random.pick(states)?;
+    let mut flags: Vec<Option<String>> = vec![None, None];
+    let declared = match kind {
+        None => &[],
+        Some(StateKind::Simple) => {
+            flags.push(Some("timeout".to_owned()));
+            &[][..]
+        }
+        Some(StateKind::Task { task, .. }) => model.tasks[*task].flags.as_slice(),
+        Some(StateKind::Super { container }) => model.containers[*container].flags.as_slice(),
+    };
+    if matches!(kind, Some(StateKind::Task { .. } | StateKind::Super { .. })) {
+        flags.extend(["exit", "timeout", "busy"].map(|flag| Some(flag.to_owned())));
+    }
+    flags.extend(declared.iter().map(|flag| Some(flag.name.clone())));
+    Some(Action::Expect {
+        state: state.clone(),
+        flag: random.pick(&flags)?.clone(),
+        value: random.chance(50),
+    })
+}
