@@ -1,6 +1,24 @@
 //! From a resolved model to a blob.
+//!
+//! The passes run in the order of the modules: which containers the machine uses and how an instance of each is laid out
+//! ([`layout`]); guards and actions as code ([`code`]); templates as records ([`templates`]); the instance tree ([`instances`]); where events are visible
+//! ([`channels`]); which ports share a net ([`nets`]); names ([`names`]). What comes out is verified by the firmware's own code before anybody gets it.
+//!
+//! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
 
-use crate::model::Model;
+mod channels;
+mod code;
+mod instances;
+mod layout;
+mod names;
+mod nets;
+pub mod signature;
+mod templates;
+
+use esm_core::format::{self, Envelope, Section};
+use esm_core::{Cause, Refusal};
+
+use crate::model::{Model, Span};
 
 /// Why a model cannot become a blob.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -8,52 +26,239 @@ pub enum CompileError {
     /// The set of files has no machine.
     #[error("there is no machine to compile: add a `machine`, or name the file that has one")]
     NoMachine,
-    /// The set of files says not which slot runs the interpreter.
+    /// The set of files does not say which slot runs the interpreter.
     #[error("no slot runs the interpreter: add `interpreter slot N;`")]
     NoInterpreterSlot,
     /// Not as many start times as slots.
-    #[error("{starts} start times for {slots} slots")]
+    #[error("{starts} start times were given for {slots} slots: give one for each")]
     StartTimes {
         /// Slots of the model.
         slots: usize,
         /// Start times given.
         starts: usize,
     },
-    /// Something is more than the blob's format can hold.
-    #[error("{found} {what}, but a blob holds at most {limit}")]
+    /// With these start times a slot would overlap with another.
+    #[error(
+        "slot {number} overlaps with a slot before it at these start times, or its numbers are out of range: search a schedule first"
+    )]
+    Schedule {
+        /// The number of the slot.
+        number: u32,
+    },
+    /// The machine needs more of something than a blob can hold.
+    #[error(
+        "the machine needs {found} {capacity}, a blob holds at most {limit}: split the mission or use fewer instances"
+    )]
     Limit {
         /// What there is too much of.
-        what: Capacity,
-        /// How many the model needs.
+        capacity: Capacity,
+        /// How many the model needs, as far as it was counted.
         found: usize,
         /// How many there can be.
         limit: usize,
     },
-    /// The start times let slots overlap.
-    #[error("the start times of the slots do not fit: slot {0} overlaps with an earlier one")]
-    Schedule(u32),
-}
-
-/// Compiles the machine of a model, with the first start of each slot in microseconds, into a blob. Equal input gives equal bytes.
-///
-/// # Errors
-/// See [`CompileError`].
-pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError> {
-    let _ = (model, starts_us);
-    Err(CompileError::NoMachine)
+    /// The model says something that checked files cannot say, such as a guard on a flag that its state does not have.
+    #[error("the model contradicts itself in file {} at byte {}: check it before compiling", .0.file, .0.start)]
+    Contradiction(Span),
+    /// The verifier refuses what was compiled. A defect of the compiler: please report it with the files.
+    #[error("the compiled blob was refused ({0:?}): this is a defect of the compiler")]
+    Refused(Refusal),
 }
 
 /// What a blob's format limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Capacity {
+    /// Slots.
+    Slots,
+    /// Events.
+    Events,
+    /// Containers in use.
+    Containers,
+    /// Regions of all containers in use.
+    Regions,
+    /// States of all containers in use, pseudo-states included.
+    States,
+    /// Transitions of all containers in use.
+    Transitions,
+    /// Tests and actions of all transitions.
+    Code,
+    /// Tests of one guard.
+    GuardTests,
+    /// Container instances.
+    Instances,
+    /// Region instances.
+    RegionInstances,
+    /// Task states of all instances.
+    TaskInstances,
     /// Flag bits of all instances.
     Flags,
+    /// Flags of one state.
+    StateFlags,
+    /// Pairs of a container instance and an event that it sends.
+    Channels,
+    /// Bytes of visibility bits.
+    VisibilityBytes,
+    /// Tasks in use.
+    Tasks,
+    /// Bytes of all signatures.
+    SignatureBytes,
+    /// Task states of all containers in use.
+    TaskStates,
+    /// Parameter values of all task states.
+    Params,
+    /// Data ports of all task instances.
+    Ports,
+    /// Nets.
+    Nets,
 }
 
 impl std::fmt::Display for Capacity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::Flags => "flags",
+            Self::Slots => "slots",
+            Self::Events => "events",
+            Self::Containers => "containers",
+            Self::Regions => "regions",
+            Self::States => "states",
+            Self::Transitions => "transitions",
+            Self::Code => "tests and actions",
+            Self::GuardTests => "tests in one guard",
+            Self::Instances => "container instances",
+            Self::RegionInstances => "region instances",
+            Self::TaskInstances => "task instances",
+            Self::Flags => "flag bits",
+            Self::StateFlags => "flags of one state",
+            Self::Channels => "channels",
+            Self::VisibilityBytes => "bytes of visibility bits",
+            Self::Tasks => "tasks",
+            Self::SignatureBytes => "bytes of task signatures",
+            Self::TaskStates => "task states",
+            Self::Params => "parameter values",
+            Self::Ports => "data ports",
+            Self::Nets => "nets",
         })
+    }
+}
+
+/// Records that a table addressed with 16 bits holds at most.
+const MAX_RECORDS: usize = format::NONE as usize - 1;
+
+/// A limit that is checked before `found` things are numbered.
+fn within(capacity: Capacity, found: usize, limit: usize) -> Result<(), CompileError> {
+    if found <= limit {
+        Ok(())
+    } else {
+        Err(CompileError::Limit {
+            capacity,
+            found,
+            limit,
+        })
+    }
+}
+
+/// A table in the making: little-endian fields, one after another.
+#[derive(Default)]
+struct Table {
+    bytes: Vec<u8>,
+}
+
+impl Table {
+    /// Appends 16-bit fields. Their values are within the limits that were checked before.
+    fn words<const N: usize>(&mut self, fields: [usize; N]) {
+        for field in fields {
+            self.bytes.extend_from_slice(&(field as u16).to_le_bytes());
+        }
+    }
+
+    /// Appends 32-bit fields.
+    fn longs<const N: usize>(&mut self, fields: [u32; N]) {
+        for field in fields {
+            self.bytes.extend_from_slice(&field.to_le_bytes());
+        }
+    }
+}
+
+/// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in microseconds, in the order of
+/// [`Model::slots`].
+///
+/// # Errors
+/// See [`CompileError`].
+pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError> {
+    let machine = model.machine.ok_or(CompileError::NoMachine)?;
+    let interpreter_slot = model
+        .interpreter_slot
+        .ok_or(CompileError::NoInterpreterSlot)?;
+    if starts_us.len() != model.slots.len() {
+        return Err(CompileError::StartTimes {
+            slots: model.slots.len(),
+            starts: starts_us.len(),
+        });
+    }
+    within(Capacity::Slots, model.slots.len(), MAX_RECORDS)?;
+    let mut slots = Table::default();
+    for (slot, start_us) in model.slots.iter().zip(starts_us) {
+        slots.longs([slot.number, slot.period_us, slot.duration_us, *start_us]);
+    }
+
+    let layout = layout::Layout::of(model, machine)?;
+    let tree = instances::Tree::of(model, &layout)?;
+    let templates = templates::write(model, &layout, &tree)?;
+    let channels = channels::write(model, &layout, &tree)?;
+    let nets = nets::write(model, &layout, &tree)?;
+    let names = names::write(model, &layout, &templates.groups);
+    let instances = tree.write(&layout);
+
+    let mut mission = Table::default();
+    mission.words([
+        usize::from(model.queue),
+        interpreter_slot,
+        layout.events.len(),
+        layout.root().spans.flags,
+    ]);
+    let envelope = Envelope {
+        mission: &mission.bytes,
+        slots: &slots.bytes,
+        containers: &templates.containers.bytes,
+        regions: &templates.regions.bytes,
+        states: &templates.states.bytes,
+        transitions: &templates.transitions.bytes,
+        code: &templates.code.bytes,
+        instances: &instances.instances.bytes,
+        region_instances: &instances.region_instances.bytes,
+        channels: &channels.channels.bytes,
+        visibility: &channels.visibility,
+        tasks: &templates.tasks.bytes,
+        signatures: &templates.signatures,
+        task_states: &templates.task_states.bytes,
+        params: &templates.params.bytes,
+        task_instances: &nets.task_instances.bytes,
+        connections: &nets.connections.bytes,
+        nets: &nets.nets.bytes,
+        names: &names,
+    };
+    seal(model, &envelope)
+}
+
+/// Puts magic and CRC around the envelope, and lets the verifier have the last word.
+fn seal(model: &Model, envelope: &Envelope<'_>) -> Result<Vec<u8>, CompileError> {
+    let mut blob = format::MAGIC.to_vec();
+    blob = postcard::to_extend(envelope, blob).map_err(|_| CompileError::Refused(Refusal::Cut))?;
+    let crc = format::crc32(&blob);
+    blob.extend_from_slice(&crc.to_le_bytes());
+    match esm_core::verify(blob) {
+        Ok(verified) => Ok(verified.into_bytes()),
+        Err((_, refusal)) => Err(match refusal {
+            Refusal::Record {
+                section: Section::Slots,
+                index,
+                cause: Cause::Overlap | Cause::Range,
+            } => CompileError::Schedule {
+                number: model
+                    .slots
+                    .get(usize::from(index))
+                    .map_or(0, |slot| slot.number),
+            },
+            refusal => CompileError::Refused(refusal),
+        }),
     }
 }
