@@ -29,8 +29,8 @@ use crate::drivers::{AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter,
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, Chassis, Cruise, FollowWall, Logger, Odometry, RoundCorner, SafetyMonitor, SonarRing,
-    Stop, Turn, WheelSpeed,
+    Back, BatteryMonitor, Chassis, Cruise, FollowWall, Logger, Odometry, ProximityMonitor,
+    RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -129,7 +129,7 @@ pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
     /// The motors.
     pub wheel_speed: WheelSpeed<LP, LD, RP, RD>,
     /// The battery.
-    pub safety_monitor: SafetyMonitor<A>,
+    pub battery_monitor: BatteryMonitor<A>,
 }
 
 impl<LP, LD, RP, RD, LE, RE, T, E, A> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>
@@ -158,7 +158,7 @@ where
                 DcMotor::new(self.right_pwm, self.right_direction),
                 CHASSIS,
             ),
-            safety_monitor: SafetyMonitor::new(BatteryGauge::new(
+            battery_monitor: BatteryMonitor::new(BatteryGauge::new(
                 self.battery,
                 BATTERY_FULL_SCALE_V,
             )),
@@ -175,7 +175,8 @@ registry! {
         sonar_ring: SonarRing<T, E>[1],
         odometry: Odometry<LE, RE>[1],
         wheel_speed: WheelSpeed<LP, LD, RP, RD>[1],
-        safety_monitor: SafetyMonitor<A>[1],
+        battery_monitor: BatteryMonitor<A>[1],
+        proximity_monitor: ProximityMonitor[1],
         cruise: Cruise[2],
         back: Back[3],
         turn: Turn[4],
@@ -205,7 +206,8 @@ where
             sonar_ring: Bank::new([hardware.sonar_ring]),
             odometry: Bank::new([hardware.odometry]),
             wheel_speed: Bank::new([hardware.wheel_speed]),
-            safety_monitor: Bank::new([hardware.safety_monitor]),
+            battery_monitor: Bank::new([hardware.battery_monitor]),
+            proximity_monitor: Bank::new([ProximityMonitor]),
             cruise: Bank::new(array::from_fn(|_| Cruise)),
             back: Bank::new(array::from_fn(|_| Back::default())),
             turn: Bank::new(array::from_fn(|_| Turn::default())),

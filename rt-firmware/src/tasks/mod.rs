@@ -5,7 +5,8 @@
 //! | [`SonarRing`] | measures the ranges around the robot | sonars |
 //! | [`Odometry`] | works out pose and wheel speeds | encoders |
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
-//! | [`SafetyMonitor`] | watches battery and nearness | battery input |
+//! | [`BatteryMonitor`] | watches the battery | battery input |
+//! | [`ProximityMonitor`] | watches whether something comes too close | |
 //! | [`Cruise`] | drives ahead, towards free space | |
 //! | [`Back`] | backs up | |
 //! | [`Turn`] | turns on the spot by an angle | |
@@ -18,12 +19,13 @@
 //! data paths decide whose twist reaches the wheels.
 
 mod back;
+mod battery_monitor;
 mod cruise;
 mod follow_wall;
 mod logger;
 mod odometry;
+mod proximity_monitor;
 mod round_corner;
-mod safety_monitor;
 mod sonar_ring;
 mod stop;
 mod turn;
@@ -31,12 +33,13 @@ mod values;
 mod wheel_speed;
 
 pub use back::Back;
+pub use battery_monitor::BatteryMonitor;
 pub use cruise::Cruise;
 pub use follow_wall::FollowWall;
 pub use logger::Logger;
 pub use odometry::Odometry;
+pub use proximity_monitor::ProximityMonitor;
 pub use round_corner::RoundCorner;
-pub use safety_monitor::SafetyMonitor;
 pub use sonar_ring::SonarRing;
 pub use stop::Stop;
 pub use turn::Turn;
