@@ -18,22 +18,38 @@ extern crate std;
 #[doc(hidden)]
 pub use pastey;
 
+pub mod background;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
+pub mod blob;
+pub mod board;
 pub mod body;
+pub mod check;
 pub mod drivers;
 pub mod link;
+pub mod log;
+pub mod mail;
 pub mod odometry;
 pub mod ports;
+pub mod realtime;
 pub mod registry;
+pub mod ring;
 pub mod rover;
+pub mod runtime;
+pub mod status;
 pub mod task;
 pub mod tasks;
 
+pub use background::Background;
 #[cfg(any(test, feature = "std"))]
 pub use bench::TaskBench;
+pub use board::{Board, OccurrenceStart};
+pub use link::device::{LinkPort, LinkSide};
+pub use mail::Mail;
 pub use ports::{Bank, Executor, Io, Net, Registry, RegistryFault, TaskBank, assemble};
+pub use realtime::{Limits, RealTime};
 pub use registry::nets;
+pub use runtime::{About, Memory, Sides, split};
 pub use task::{
     Declaration, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step, Task,
     declaration_of,

@@ -477,8 +477,8 @@ pub enum RegistryFault {
         /// The task's name.
         task: &'static str,
     },
-    /// More banks than a registry can number.
-    TooManyBanks,
+    /// More banks, or more tasks in one, than a registry can number.
+    TooMany,
 }
 
 /// What a robot's tasks declare: a view that can be shared.
@@ -512,14 +512,27 @@ impl<'m> Registry<'m> {
         self.bank(index).map_or(0, |bank| bank.capacity())
     }
 
+    /// Index of the task type with this signature.
+    pub fn find(&self, signature_hash: u64) -> Option<u8> {
+        self.declarations()
+            .zip(0u8..)
+            .find(|(declared, _)| declared.signature_hash == signature_hash)
+            .map(|(_, index)| index)
+    }
+
     /// All declarations, in the order of the registry.
     pub fn declarations(self) -> impl Iterator<Item = &'static Declaration> + use<'m> {
         self.banks.iter().map(|bank| bank.declaration())
     }
 
     fn check(self) -> Result<(), RegistryFault> {
-        if self.banks.len() > usize::from(u8::MAX) {
-            return Err(RegistryFault::TooManyBanks);
+        if self.banks.len() >= usize::from(u8::MAX)
+            || self
+                .banks
+                .iter()
+                .any(|bank| bank.capacity() > usize::from(u8::MAX))
+        {
+            return Err(RegistryFault::TooMany);
         }
         for (index, bank) in self.banks.iter().enumerate() {
             let declaration = bank.declaration();

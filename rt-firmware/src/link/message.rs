@@ -1,5 +1,6 @@
 //! What host and robot say to each other. Messages are postcard, in [frames](super::frame).
 
+use esm_core::Refusal;
 use serde::{Deserialize, Serialize};
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
@@ -77,6 +78,11 @@ pub enum Request<'a> {
         trace: bool,
         /// Log bytes.
         log: bool,
+    },
+    /// What was counted of a task state. Answer: [`Response::TaskInstance`].
+    TaskCounters {
+        /// Index of the task instance in the running mission's blob.
+        task_instance: u16,
     },
 }
 
@@ -164,6 +170,8 @@ pub enum Response<'a> {
     },
     /// To [`Request::SlotCounters`].
     Slot(SlotCounters),
+    /// To [`Request::TaskCounters`].
+    TaskInstance(TaskCounters),
 }
 
 /// The state of a region that is not active.
@@ -262,11 +270,8 @@ pub enum LinkError {
     },
     /// The blob that was received is not the one that was announced: upload it again.
     WrongChecksum,
-    /// The blob is not valid; `esm inspect` says why.
-    Invalid {
-        /// Number of the verifier's reason.
-        reason: u16,
-    },
+    /// The blob is not valid, and why. It must be built again.
+    Invalid(Refusal),
     /// The firmware has no task of this name.
     UnknownTask {
         /// Index of the task type in the blob.
@@ -285,13 +290,6 @@ pub enum LinkError {
         needed: u16,
         /// Tasks of the firmware.
         available: u16,
-    },
-    /// A net joins ports of different types.
-    PortTypeDiffers {
-        /// Index of the task instance in the blob.
-        task_instance: u16,
-        /// Index of the port in the task's declaration.
-        port: u8,
     },
     /// The mission is too large for this robot.
     CapacityExceeded {
@@ -392,6 +390,17 @@ pub struct SlotCounters {
     pub min_delay_ns: u32,
     /// Longest delay between nominal and actual start, in nanoseconds.
     pub max_delay_ns: u32,
+}
+
+/// How a task state is, and what was counted of it since the mission started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TaskCounters {
+    /// Whether its task is enabled.
+    pub enabled: bool,
+    /// Whether it is enabled but cannot be executed.
+    pub busy: bool,
+    /// Executions that took longer than the slot's duration; saturates.
+    pub overruns: u16,
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
 //! sends [trace records](trace) and log bytes as streams, where there is room between answers.
 
+pub mod device;
 pub mod frame;
 pub mod message;
 pub mod trace;

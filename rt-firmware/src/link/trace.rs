@@ -89,7 +89,8 @@ pub enum FaultCode {
     MacroStepLimit,
 }
 
-/// Current local states: pairs of region instance and local state, ordered by region instance.
+/// Current states of the active regions: pairs of region instance and state, both indices in the blob's tables, ordered by region
+/// instance, which is depth first: each superstate is followed by what is inside.
 #[derive(Clone, Copy, PartialEq)]
 pub struct States<'a> {
     bytes: &'a [u8],

@@ -1,0 +1,42 @@
+//! What the real-time side asks of a board.
+
+use crate::link::message::SafeReason;
+
+/// A board's time, body and watchdog, as the slot timer's interrupt reaches them.
+pub trait Board {
+    /// Ticks of the clock in one microsecond.
+    const TICKS_PER_US: u32;
+
+    /// Ticks since the board started. Never goes back and never wraps.
+    fn now_ticks(&mut self) -> u64;
+
+    /// An occurrence of a slot begins; nothing of it was executed yet. This is where a simulated body is asked for its sensors.
+    ///
+    /// # Errors
+    /// Why the robot must go to its safe state.
+    fn begin_occurrence(&mut self, _occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+        Ok(())
+    }
+
+    /// The slots are alive. Called in each occurrence of the interpreter's slot, and now and then while there is no mission.
+    fn feed_watchdog(&mut self) {}
+
+    /// Stops all that moves. Called when the robot stops, again in each occurrence of the interpreter's slot until it starts, and now
+    /// and then while there is no mission.
+    fn motors_off(&mut self);
+}
+
+/// The beginning of an occurrence. Times are nominal, in microseconds since the first macro step of the first mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OccurrenceStart {
+    /// Index of the slot in the running mission's blob.
+    pub slot: usize,
+    /// Occurrences of all slots since the mission started, before this one.
+    pub number: u64,
+    /// Start of this occurrence.
+    pub start_us: u64,
+    /// End of the occurrence before, which is when what its tasks wrote takes effect; equal to `start_us` in the first one.
+    pub previous_end_us: u64,
+    /// Whether this slot runs the interpreter.
+    pub interpreter: bool,
+}

@@ -1,0 +1,509 @@
+//! The robot's end of the link: takes frames, answers requests, sends streams where there is room.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use heapless::spsc::{Consumer, Producer};
+
+use super::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use super::message::{
+    Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_STREAM_BYTES,
+    PROTOCOL_VERSION, Request, Response, Status, Stream, ToDevice,
+};
+use crate::blob::BlobBuffer;
+use crate::check::check;
+use crate::mail::Letter;
+use crate::ports::Registry;
+use crate::ring::RingReader;
+use crate::runtime::About;
+use crate::status::SnapshotReader;
+
+/// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
+/// checksum, COBS, delimiter.
+const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
+/// Streams.
+const CHANNELS: usize = 2;
+
+/// The byte link of a board, and its log.
+pub trait LinkPort {
+    /// The next byte that arrived. A board keeps at least as many as arrive while the link waits for its turn.
+    fn receive(&mut self) -> Option<u8>;
+
+    /// Sends a byte. False if there is no room for it now.
+    fn send(&mut self, byte: u8) -> bool;
+
+    /// Takes bytes off the log; returns how many.
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        let _ = room;
+        0
+    }
+
+    /// Bytes that the log dropped for want of room; wraps.
+    fn log_dropped(&self) -> u32 {
+        0
+    }
+}
+
+/// A frame on its way out.
+struct Outgoing<const N: usize> {
+    frame: [u8; N],
+    len: usize,
+    sent: usize,
+}
+
+impl<const N: usize> Outgoing<N> {
+    const NOTHING: Self = Outgoing {
+        frame: [0; N],
+        len: 0,
+        sent: 0,
+    };
+
+    fn is_done(&self) -> bool {
+        self.sent == self.len
+    }
+
+    fn is_begun(&self) -> bool {
+        self.sent > 0 && !self.is_done()
+    }
+
+    fn set(&mut self, message: &FromDevice<'_>) {
+        // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
+        self.len = encode(message, &mut self.frame).unwrap_or(0);
+        self.sent = 0;
+    }
+
+    /// Sends what the port takes. Returns whether the frame is gone.
+    fn send(&mut self, port: &mut impl LinkPort) -> bool {
+        while let Some(byte) = self.frame.get(self.sent..self.len).and_then(<[u8]>::first) {
+            if !port.send(*byte) {
+                return false;
+            }
+            self.sent += 1;
+        }
+        true
+    }
+}
+
+/// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
+pub struct LinkSide<'q, 'm> {
+    reader: FrameReader,
+    reply: Outgoing<MAX_FRAME_BYTES>,
+    stream: Outgoing<{ MAX_STREAM_BYTES + STREAM_OVERHEAD }>,
+    /// Number and checksum of the last request.
+    last: Option<(u8, u32)>,
+    /// The last request's answer is still to come.
+    awaited: bool,
+    stream_seq: [u8; CHANNELS],
+    /// Whose turn it is to send.
+    next_channel: Channel,
+    desk: Desk<'q, 'm>,
+}
+
+/// What requests are answered from.
+pub(crate) struct Desk<'q, 'm> {
+    pub(crate) registry: Registry<'m>,
+    pub(crate) capacities: Capacities,
+    pub(crate) about: About<'m>,
+    /// Buffers that no mission is in.
+    pub(crate) blobs: [Option<BlobBuffer<'m>>; 2],
+    pub(crate) upload: Option<Upload<'m>>,
+    /// The letter, while it is here.
+    pub(crate) letter: Option<&'m mut Letter<'m>>,
+    /// Number of the request whose answer the letter will bring.
+    pub(crate) asked: Option<u8>,
+    pub(crate) to_real_time: Producer<'q, &'m mut Letter<'m>>,
+    pub(crate) from_real_time: Consumer<'q, &'m mut Letter<'m>>,
+    pub(crate) snapshot: SnapshotReader<'m>,
+    pub(crate) trace: RingReader<'m>,
+    pub(crate) trace_wanted: &'m AtomicBool,
+    pub(crate) log_wanted: bool,
+}
+
+/// A blob that arrives.
+pub(crate) struct Upload<'m> {
+    blob: BlobBuffer<'m>,
+    len: u32,
+    crc: u32,
+}
+
+impl Upload<'_> {
+    fn received(&self) -> u32 {
+        self.blob.len() as u32
+    }
+}
+
+/// What becomes of a request.
+enum Reaction<'a> {
+    /// This is the answer.
+    Answer(Result<Response<'a>, LinkError>),
+    /// The real-time side was asked.
+    Later,
+}
+
+impl<'q, 'm> LinkSide<'q, 'm> {
+    pub(crate) fn new(desk: Desk<'q, 'm>) -> Self {
+        LinkSide {
+            reader: FrameReader::new(),
+            reply: Outgoing::NOTHING,
+            stream: Outgoing::NOTHING,
+            last: None,
+            awaited: false,
+            stream_seq: [0; CHANNELS],
+            next_channel: Channel::Trace,
+            desk,
+        }
+    }
+
+    /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
+    /// or streams to go on with.
+    pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
+        self.take_answer();
+        self.receive(port);
+        // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
+        if self.stream.is_begun() && !self.stream.send(port) {
+            return true;
+        }
+        if !self.reply.send(port) {
+            return true;
+        }
+        if self.stream.is_done() {
+            self.fill_stream(port);
+        }
+        let idle = self.stream.is_done();
+        self.stream.send(port);
+        !idle
+    }
+
+    /// Whether an answer of the real-time side is awaited: a board may poll again after the next slot.
+    pub fn is_waiting(&self) -> bool {
+        self.desk.asked.is_some()
+    }
+
+    /// Takes bytes up to the end of a request, and answers it.
+    fn receive(&mut self, port: &mut impl LinkPort) {
+        while self.reply.is_done() {
+            let Some(byte) = port.receive() else { return };
+            let Some(frame) = self.reader.push(byte) else {
+                continue;
+            };
+            // The checksum of the encoded bytes tells requests apart before they are decoded in place.
+            let crc = checksum(frame);
+            let message = match decode::<ToDevice<'_>>(frame) {
+                Ok(message) => message,
+                Err(super::frame::FrameError::NotAMessage) => {
+                    // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
+                    let seq = frame.first().copied().unwrap_or_default();
+                    self.last = None;
+                    self.reply.set(&FromDevice::Reply {
+                        seq,
+                        result: Err(LinkError::Malformed),
+                    });
+                    continue;
+                }
+                Err(_) => continue,
+            };
+            let seq = message.seq;
+            if message.request == Request::Hello {
+                self.stream_seq = [0; CHANNELS];
+            } else if self.last == Some((seq, crc)) {
+                // Asked again: the answer was lost, or is still to come.
+                if !self.awaited {
+                    self.reply.sent = 0;
+                }
+                continue;
+            }
+            self.last = Some((seq, crc));
+            match self.desk.react(seq, &message.request) {
+                Reaction::Answer(result) => {
+                    self.awaited = false;
+                    self.reply.set(&FromDevice::Reply { seq, result });
+                }
+                Reaction::Later => self.awaited = true,
+            }
+        }
+    }
+
+    /// Passes an answer of the real-time side on.
+    fn take_answer(&mut self) {
+        let Some((seq, letter)) = self.desk.open_letter() else {
+            return;
+        };
+        if let (true, Some((last, _))) = (self.awaited, self.last)
+            && Some(last) == seq
+        {
+            self.awaited = false;
+            self.reply.set(&FromDevice::Reply {
+                seq: last,
+                result: answer_of(letter),
+            });
+        }
+        self.desk.put_away(letter);
+    }
+
+    /// Makes a frame of what a stream holds, if one of them holds something.
+    fn fill_stream(&mut self, port: &mut impl LinkPort) {
+        for _ in 0..CHANNELS {
+            let channel = self.next_channel;
+            self.next_channel = match channel {
+                Channel::Trace => Channel::Log,
+                Channel::Log => Channel::Trace,
+            };
+            let mut bytes = [0; MAX_STREAM_BYTES];
+            let (len, continues, dropped) = match channel {
+                Channel::Trace => {
+                    let part = self.desk.trace.read(&mut bytes);
+                    (part.len, part.continues, self.desk.trace.dropped())
+                }
+                Channel::Log if self.desk.log_wanted => {
+                    (port.read_log(&mut bytes), false, port.log_dropped())
+                }
+                Channel::Log => continue,
+            };
+            let wanted = channel == Channel::Log || self.desk.trace_wanted.load(Ordering::Relaxed);
+            let (Some(bytes), Some(seq)) =
+                (bytes.get(..len), self.stream_seq.get_mut(channel as usize))
+            else {
+                continue;
+            };
+            if bytes.is_empty() || !wanted {
+                continue;
+            }
+            self.stream.set(&FromDevice::Stream(Stream {
+                channel,
+                seq: *seq,
+                continues,
+                dropped,
+                bytes,
+            }));
+            *seq = seq.wrapping_add(1);
+            return;
+        }
+    }
+}
+
+/// The answer that a letter brings.
+fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
+    match letter {
+        Letter::Swapped { mission, .. } => Ok(Response::Committed { mission: *mission }),
+        Letter::SwapFailed { error, .. } | Letter::Failed(error) => Err(*error),
+        Letter::Blob { total, bytes } => Ok(Response::Blob {
+            total: *total,
+            data: bytes.as_slice(),
+        }),
+        Letter::States { step, total, bytes } => Ok(Response::States {
+            step: *step,
+            total: *total,
+            states: bytes.as_slice(),
+        }),
+        Letter::Slot(counters) => Ok(Response::Slot(*counters)),
+        Letter::Task(counters) => Ok(Response::TaskInstance(*counters)),
+        _ => Ok(Response::Done),
+    }
+}
+
+impl<'m> Desk<'_, 'm> {
+    fn react<'a>(&'a mut self, seq: u8, request: &Request<'_>) -> Reaction<'a> {
+        match *request {
+            Request::Hello => {
+                self.trace_wanted.store(false, Ordering::Relaxed);
+                self.log_wanted = false;
+                Reaction::Answer(Ok(Response::Hello(self.introduce())))
+            }
+            Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc)),
+            Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
+            Request::Commit => match self.stage() {
+                Ok(letter) => self.ask(seq, letter),
+                Err(error) => Reaction::Answer(Err(error)),
+            },
+            Request::Abort => {
+                self.end_upload();
+                Reaction::Answer(Ok(Response::Done))
+            }
+            Request::Status => Reaction::Answer(self.status()),
+            Request::Stop => self.ask(seq, Letter::Stop),
+            Request::Start => self.ask(seq, Letter::Start),
+            Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
+            Request::ReadBlob { offset } => self.ask(seq, Letter::ReadBlob { offset }),
+            Request::States { first } => self.ask(seq, Letter::ReadStates { first }),
+            Request::SlotCounters { slot } => self.ask(seq, Letter::ReadSlot { slot }),
+            Request::TaskCounters { task_instance } => {
+                self.ask(seq, Letter::ReadTask { task_instance })
+            }
+            Request::Subscribe { trace, log } => {
+                self.trace_wanted.store(trace, Ordering::Relaxed);
+                self.log_wanted = log;
+                Reaction::Answer(Ok(Response::Done))
+            }
+        }
+    }
+
+    fn introduce(&self) -> DeviceInfo<'_> {
+        DeviceInfo {
+            protocol: PROTOCOL_VERSION,
+            firmware: self.about.firmware,
+            board: self.about.board,
+            task_types: self.registry.len() as u8,
+            capacities: self.capacities,
+            mission: self.snapshot.read().and_then(|health| health.mission),
+            reset: self.about.reset,
+        }
+    }
+
+    fn status(&self) -> Result<Response<'_>, LinkError> {
+        let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
+        Ok(Response::Status(Status {
+            mode: health.mode,
+            mission: health.mission,
+            steps: health.steps,
+            t_us: health.t_us,
+            executed: health.executed,
+            missed: health.missed,
+            overruns: health.overruns,
+            max_delay_ns: health.max_delay_ns,
+            trace_dropped: self.trace.dropped(),
+            background_busy: health.background_busy,
+            reset: self.about.reset,
+        }))
+    }
+
+    fn task_text(&self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
+        let declaration = self
+            .registry
+            .declaration(usize::from(index))
+            .ok_or(LinkError::NoSuchIndex)?;
+        let text = declaration.source.as_bytes();
+        let rest = text.get(usize::from(offset)..).unwrap_or_default();
+        Ok(Response::TaskText {
+            total: text.len() as u16,
+            text: rest.get(..MAX_CHUNK).unwrap_or(rest),
+        })
+    }
+
+    fn begin(&mut self, len: u32, crc: u32) -> Result<Response<'_>, LinkError> {
+        let resumed = self
+            .upload
+            .as_ref()
+            .filter(|upload| (upload.len, upload.crc) == (len, crc));
+        if let Some(upload) = resumed {
+            return Ok(Response::Received {
+                len: upload.received(),
+            });
+        }
+        if len > self.capacities.blob_bytes {
+            return Err(LinkError::CapacityExceeded {
+                what: Capacity::BlobBytes,
+                needed: len,
+                available: self.capacities.blob_bytes,
+            });
+        }
+        self.end_upload();
+        let mut blob = self
+            .blobs
+            .iter_mut()
+            .find_map(Option::take)
+            .ok_or(LinkError::Busy)?;
+        blob.clear();
+        self.upload = Some(Upload { blob, len, crc });
+        Ok(Response::Received { len: 0 })
+    }
+
+    fn chunk(&mut self, offset: u32, data: &[u8]) -> Result<Response<'_>, LinkError> {
+        let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
+        let received = upload.received();
+        if offset != received {
+            return Err(LinkError::WrongOffset { expected: received });
+        }
+        if data.len() as u32 > upload.len - received || !upload.blob.push(data) {
+            return Err(LinkError::TooLong);
+        }
+        Ok(Response::Received {
+            len: upload.received(),
+        })
+    }
+
+    /// Checks the blob that was uploaded.
+    fn stage(&mut self) -> Result<Letter<'m>, LinkError> {
+        if self.letter.is_none() {
+            return Err(LinkError::Busy);
+        }
+        let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
+        if upload.received() != upload.len {
+            return Err(LinkError::Incomplete {
+                received: upload.received(),
+            });
+        }
+        let crc = upload.crc;
+        let Some(Upload { blob, .. }) = self.upload.take() else {
+            return Err(LinkError::NoUpload);
+        };
+        if checksum(&blob) != crc {
+            self.keep(blob);
+            return Err(LinkError::WrongChecksum);
+        }
+        let verified = match esm_core::verify(blob) {
+            Ok(verified) => verified,
+            Err((blob, refusal)) => {
+                self.keep(blob);
+                return Err(LinkError::Invalid(refusal));
+            }
+        };
+        match check(&verified, self.registry, &self.capacities) {
+            Ok(()) => Ok(Letter::Swap(verified)),
+            Err(error) => {
+                self.keep(verified.into_bytes());
+                Err(error)
+            }
+        }
+    }
+
+    fn end_upload(&mut self) {
+        if let Some(upload) = self.upload.take() {
+            self.keep(upload.blob);
+        }
+    }
+
+    /// Puts a buffer back.
+    fn keep(&mut self, blob: BlobBuffer<'m>) {
+        if let Some(place) = self.blobs.iter_mut().find(|place| place.is_none()) {
+            *place = Some(blob);
+        }
+    }
+
+    /// Sends the letter to the real-time side.
+    fn ask<'a>(&mut self, seq: u8, question: Letter<'m>) -> Reaction<'a> {
+        let Some(letter) = self.letter.take() else {
+            return Reaction::Answer(Err(LinkError::Busy));
+        };
+        *letter = question;
+        match self.to_real_time.enqueue(letter) {
+            Ok(()) => {
+                self.asked = Some(seq);
+                Reaction::Later
+            }
+            // There is one letter, so that there is always room.
+            Err(letter) => {
+                self.put_away(letter);
+                Reaction::Answer(Err(LinkError::Busy))
+            }
+        }
+    }
+
+    /// The letter, if it has come back, and the request that it answers.
+    fn open_letter(&mut self) -> Option<(Option<u8>, &'m mut Letter<'m>)> {
+        let letter = self.from_real_time.dequeue()?;
+        Some((self.asked.take(), letter))
+    }
+
+    /// Keeps the letter until there is something to ask, and the buffers that were in it.
+    fn put_away(&mut self, letter: &'m mut Letter<'m>) {
+        let buffers = match core::mem::replace(letter, Letter::Empty) {
+            Letter::Swapped { old, .. } => [old, None],
+            Letter::SwapFailed { blob, old, .. } => [Some(blob), old],
+            Letter::Swap(verified) => [Some(verified.into_bytes()), None],
+            _ => [None, None],
+        };
+        for blob in buffers.into_iter().flatten() {
+            self.keep(blob);
+        }
+        self.letter = Some(letter);
+    }
+}

@@ -1,0 +1,792 @@
+//! The real-time side: owned by the slot timer's interrupt, it executes what is due and says when it wants to be called again.
+//!
+//! In an occurrence of a slot, in this order: a slot-0 run that has ended is taken back; in the interpreter's slot a new mission is switched
+//! to, or else a macro step is made; the slot's enabled tasks are executed in the order of the instance tree; a waiting slot-0 run is
+//! started. Nothing here waits or locks.
+//!
+//! After a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
+//! is executed.
+
+pub(crate) mod slots;
+pub(crate) mod tasks;
+pub(crate) mod trace;
+
+use esm_core::tables::Tables;
+use esm_core::{Dispatcher, Fault, Interpreter, Verified};
+use heapless::spsc::{Consumer, Producer};
+
+use crate::blob::BlobBuffer;
+use crate::board::{Board, OccurrenceStart};
+use crate::link::message::{Capacity, LinkError, Mode, SafeReason, TaskCounters};
+use crate::link::trace::TraceRecord;
+use crate::mail::{Bytes, Letter};
+use crate::ports::{Executor, Harvest, Inputs, Job, Outcome};
+use crate::status::{Health, SnapshotWriter};
+use crate::task::Step;
+use slots::{SlotEntry, nanoseconds};
+use tasks::TaskTable;
+use trace::{StepObserver, Trace};
+
+/// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
+pub const IDLE_POLL_US: u32 = 10_000;
+
+/// How much may go wrong before the robot goes to its safe state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Occurrences of one slot, one after another, that take longer than its duration.
+    pub overruns_in_a_row: u16,
+    /// Occurrences of one slot, one after another, that do not start within their period.
+    pub missed_in_a_row: u32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits {
+            overruns_in_a_row: 10,
+            missed_in_a_row: 10,
+        }
+    }
+}
+
+/// The mission that runs.
+struct Mission<'m, const SLOTS: usize> {
+    interpreter: Interpreter<'m, BlobBuffer<'m>>,
+    dispatcher: Dispatcher<SLOTS>,
+    /// When it started, on the board's clock.
+    epoch_ticks: u64,
+    /// When it started, since the first macro step of the first mission.
+    epoch_us: u64,
+    /// Occurrences of all slots so far.
+    occurrences: u64,
+    /// Number of the next macro step.
+    next_step: u64,
+}
+
+/// An occurrence that is being executed.
+#[derive(Clone, Copy)]
+struct Occurrence {
+    slot: usize,
+    /// Nominal start since the mission started.
+    start_us: u64,
+    number: u64,
+    interpreter: bool,
+}
+
+/// The real-time side of a runtime for missions with up to `SLOTS` slots.
+pub struct RealTime<'q, 'm, const SLOTS: usize> {
+    executor: Executor<'m>,
+    mission: Option<Mission<'m, SLOTS>>,
+    /// The interpreter's memory, while there is no mission.
+    arena: Option<&'m mut [u32]>,
+    tasks: TaskTable<'m>,
+    slots: &'m mut [SlotEntry],
+    mode: Mode,
+    limits: Limits,
+    /// Where a job is put to be passed around, while none is.
+    job: Option<&'m mut Option<Job<'m>>>,
+    /// The task instance of the job that is under way, if it belongs to this mission.
+    running: Option<u16>,
+    to_background: Producer<'q, &'m mut Option<Job<'m>>>,
+    from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
+    from_link: Consumer<'q, &'m mut Letter<'m>>,
+    to_link: Producer<'q, &'m mut Letter<'m>>,
+    /// A swap or a start, to be done at the interpreter's next occurrence.
+    waiting: Option<&'m mut Letter<'m>>,
+    trace: Trace<'m>,
+    snapshot: SnapshotWriter<'m>,
+    health: Health,
+    /// Nominal end of the last occurrence, since the first macro step of the first mission.
+    previous_end_us: u64,
+}
+
+/// What a real-time side is made of.
+pub(crate) struct Parts<'q, 'm> {
+    pub(crate) executor: Executor<'m>,
+    pub(crate) arena: &'m mut [u32],
+    pub(crate) tasks: TaskTable<'m>,
+    pub(crate) slots: &'m mut [SlotEntry],
+    pub(crate) limits: Limits,
+    pub(crate) job: &'m mut Option<Job<'m>>,
+    pub(crate) to_background: Producer<'q, &'m mut Option<Job<'m>>>,
+    pub(crate) from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
+    pub(crate) from_link: Consumer<'q, &'m mut Letter<'m>>,
+    pub(crate) to_link: Producer<'q, &'m mut Letter<'m>>,
+    pub(crate) trace: Trace<'m>,
+    pub(crate) snapshot: SnapshotWriter<'m>,
+}
+
+impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
+    pub(crate) fn new(parts: Parts<'q, 'm>) -> Self {
+        RealTime {
+            executor: parts.executor,
+            mission: None,
+            arena: Some(parts.arena),
+            tasks: parts.tasks,
+            slots: parts.slots,
+            mode: Mode::Empty,
+            limits: parts.limits,
+            job: Some(parts.job),
+            running: None,
+            to_background: parts.to_background,
+            from_background: parts.from_background,
+            from_link: parts.from_link,
+            to_link: parts.to_link,
+            waiting: None,
+            trace: parts.trace,
+            snapshot: parts.snapshot,
+            health: Health::EMPTY,
+            previous_end_us: 0,
+        }
+    }
+
+    /// Executes all that is due, and returns when to be called again, in ticks of the board's clock. To be called from the slot timer's
+    /// interrupt, first at any time. Being called early does no harm.
+    pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
+        let poll_ticks = u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US);
+        self.take_letter(board);
+        loop {
+            let now = board.now_ticks();
+            let Some(mission) = &mut self.mission else {
+                if self.waiting.is_some() {
+                    self.change_mission(now, self.previous_end_us);
+                    if self.mission.is_some() {
+                        continue;
+                    }
+                }
+                self.take_job_back(None);
+                board.feed_watchdog();
+                board.motors_off();
+                self.tell_health();
+                return now + poll_ticks;
+            };
+            let next = mission.dispatcher.next();
+            let start_ticks = mission.epoch_ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            let Some(late_ticks) = now.checked_sub(start_ticks) else {
+                // A slot is not delayed by a poll just before it.
+                return if start_ticks - now > 2 * poll_ticks {
+                    now + poll_ticks
+                } else {
+                    start_ticks
+                };
+            };
+            let late_us = microseconds(late_ticks, B::TICKS_PER_US);
+            let missed_before = mission.dispatcher.missed(next.slot);
+            let Some(taken) = mission.dispatcher.take(next.start_us + late_us) else {
+                return now + poll_ticks;
+            };
+            let missed = mission
+                .dispatcher
+                .missed(taken.slot)
+                .wrapping_sub(missed_before);
+            let interpreter = taken.slot == mission.interpreter.tables().interpreter_slot();
+            if interpreter && self.waiting.is_some() {
+                let epoch_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
+                let epoch_us = mission.epoch_us + taken.start_us;
+                self.change_mission(epoch_ticks, epoch_us);
+                continue;
+            }
+            let occurrence = Occurrence {
+                slot: taken.slot,
+                start_us: taken.start_us,
+                number: mission.occurrences,
+                interpreter,
+            };
+            mission.occurrences += 1;
+            if interpreter {
+                mission.interpreter.skip(missed);
+                mission.next_step += u64::from(missed);
+            }
+            let start_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
+            self.count_missed(board, &occurrence, missed);
+            self.execute(
+                board,
+                &occurrence,
+                now,
+                u32::try_from(now - start_ticks).unwrap_or(u32::MAX),
+            );
+        }
+    }
+
+    /// What the real-time side is doing.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
+    pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
+        if self.mode != Mode::Stopped {
+            self.mode = Mode::Safe(reason);
+        }
+        self.trace.record(TraceRecord::MotorsOff {
+            reason: Some(reason.number()),
+        });
+        board.motors_off();
+        self.tell_health();
+    }
+
+    fn count_missed(&mut self, board: &mut impl Board, occurrence: &Occurrence, missed: u32) {
+        if missed == 0 {
+            return;
+        }
+        self.health.missed = self.health.missed.saturating_add(missed);
+        self.trace.record(TraceRecord::Missed {
+            slot: occurrence.slot as u16,
+            count: missed,
+        });
+        if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
+            self.fail_safe(board, SafeReason::Missed);
+        }
+    }
+
+    /// Executes an occurrence that began at `began_ticks`, `delay_ticks` after its nominal start.
+    fn execute<B: Board>(
+        &mut self,
+        board: &mut B,
+        occurrence: &Occurrence,
+        began_ticks: u64,
+        delay_ticks: u32,
+    ) {
+        let Some(mission) = &self.mission else { return };
+        let Some(slot) = mission.interpreter.tables().slot(occurrence.slot) else {
+            return;
+        };
+        let start_us = mission.epoch_us + occurrence.start_us;
+        let start = OccurrenceStart {
+            slot: occurrence.slot,
+            number: occurrence.number,
+            start_us,
+            previous_end_us: self.previous_end_us.min(start_us),
+            interpreter: occurrence.interpreter,
+        };
+        self.previous_end_us = start_us + u64::from(slot.duration_us);
+        if let Some(entry) = self.slots.get_mut(occurrence.slot) {
+            entry.began(delay_ticks);
+        }
+        self.health.executed = self.health.executed.wrapping_add(1);
+        self.health.max_delay_ns = self
+            .health
+            .max_delay_ns
+            .max(nanoseconds(delay_ticks, B::TICKS_PER_US));
+        if let Err(reason) = board.begin_occurrence(&start)
+            && self.mode == Mode::Running
+        {
+            self.fail_safe(board, reason);
+        }
+        self.take_job_back(Some(occurrence.number));
+        if occurrence.interpreter {
+            board.feed_watchdog();
+            if self.mode == Mode::Running {
+                self.macro_step(board);
+            } else {
+                board.motors_off();
+            }
+        }
+        if self.mode == Mode::Running {
+            let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
+            self.execute_tasks(board, occurrence, slot.period_us, duration_ticks);
+            self.start_job(occurrence);
+            self.count_execution(board, occurrence, began_ticks, duration_ticks);
+        }
+        if occurrence.interpreter {
+            self.tell_health();
+        }
+    }
+
+    fn count_execution(
+        &mut self,
+        board: &mut impl Board,
+        occurrence: &Occurrence,
+        began_ticks: u64,
+        duration_ticks: u64,
+    ) {
+        let took_ticks = u32::try_from(board.now_ticks() - began_ticks).unwrap_or(u32::MAX);
+        let Some(entry) = self.slots.get_mut(occurrence.slot) else {
+            return;
+        };
+        if entry.ended(took_ticks, duration_ticks) {
+            let beyond_limit = entry.overruns_in_a_row() > self.limits.overruns_in_a_row;
+            self.health.overruns = self.health.overruns.saturating_add(1);
+            if beyond_limit {
+                self.fail_safe(board, SafeReason::Overruns);
+            }
+        }
+    }
+
+    fn macro_step(&mut self, board: &mut impl Board) {
+        let Some(mission) = &mut self.mission else {
+            return;
+        };
+        let mut observer = StepObserver {
+            tasks: &mut self.tasks,
+            trace: &mut self.trace,
+        };
+        match mission.interpreter.macro_step(&mut observer) {
+            Ok(summary) => {
+                mission.next_step = summary.step + 1;
+                self.health.steps = mission.next_step;
+                self.health.t_us = summary.t_us;
+                self.trace.step(&summary, &mission.interpreter);
+            }
+            Err(fault) => {
+                self.trace.fault(mission.next_step, fault);
+                let reason = match fault {
+                    Fault::EventQueueOverflow => SafeReason::EventQueueOverflow,
+                    Fault::MacroStepLimit => SafeReason::MacroStepLimit,
+                };
+                self.fail_safe(board, reason);
+            }
+        }
+    }
+
+    /// Executes the enabled tasks of a slot.
+    fn execute_tasks<B: Board>(
+        &mut self,
+        board: &mut B,
+        occurrence: &Occurrence,
+        period_us: u32,
+        duration_ticks: u64,
+    ) {
+        let mut next = self
+            .slots
+            .get(occurrence.slot)
+            .and_then(|slot| slot.first_task);
+        while let Some(instance) = next {
+            next = self.tasks.next_in_slot(instance);
+            self.execute_task(
+                board,
+                instance,
+                occurrence.start_us,
+                period_us,
+                duration_ticks,
+            );
+        }
+    }
+
+    fn execute_task<B: Board>(
+        &mut self,
+        board: &mut B,
+        instance: u16,
+        now_us: u64,
+        period_us: u32,
+        duration_ticks: u64,
+    ) {
+        let Some(Mission { interpreter, .. }) = &mut self.mission else {
+            return;
+        };
+        let index = usize::from(instance);
+        if !interpreter.is_enabled(index) {
+            return;
+        }
+        let began_ticks = board.now_ticks();
+        let outcome = if self.tasks.may_run(instance) {
+            let place = self.tasks.place(instance);
+            let inputs = inputs_of(interpreter, index, now_us, period_us);
+            let tables = interpreter.tables();
+            let fresh = self.tasks.is_fresh(instance);
+            self.executor
+                .execute(place, |port| net_of(&tables, index, port), &inputs, fresh)
+        } else {
+            None
+        };
+        interpreter.set_busy(index, outcome.is_none());
+        let Some(outcome) = outcome else { return };
+        self.tasks.executed(instance);
+        apply_flags(interpreter, index, &outcome);
+        if outcome.step == Step::Finished {
+            interpreter.report_exit(index);
+            self.tasks.disable(instance);
+            self.trace.enabled_changed();
+        }
+        let took_ticks = board.now_ticks() - began_ticks;
+        if took_ticks > duration_ticks {
+            self.tasks.overrun(instance);
+            let took_us =
+                u32::try_from(microseconds(took_ticks, B::TICKS_PER_US)).unwrap_or(u32::MAX);
+            self.trace.record(TraceRecord::Overrun {
+                task_instance: instance,
+                took_us,
+            });
+        }
+    }
+
+    /// Takes back a slot-0 run that has ended; it becomes known in the occurrence of this number.
+    fn take_job_back(&mut self, occurrence: Option<u64>) {
+        let Some(place) = self.from_background.dequeue() else {
+            return;
+        };
+        let job = place.take();
+        self.job = Some(place);
+        let running = self.running.take();
+        let Some(job) = job else { return };
+        let Some(mission) = &mut self.mission else {
+            self.executor.harvest(job, |_| None);
+            return;
+        };
+        let tables = mission.interpreter.tables();
+        let index = usize::from(running.unwrap_or(u16::MAX));
+        let harvest = self
+            .executor
+            .harvest(job, |port| net_of(&tables, index, port));
+        let (Some(instance), Harvest::Ended(outcome)) = (running, harvest) else {
+            return;
+        };
+        if self.tasks.is_fresh(instance) {
+            // Entered anew meanwhile: flags and enable bit belong to the next activation.
+            self.tasks.requeue(instance);
+        } else {
+            if mission.interpreter.is_current(index) {
+                apply_flags(&mut mission.interpreter, index, &outcome);
+                mission.interpreter.report_exit(index);
+            } else {
+                mission.interpreter.clear_enabled(index);
+            }
+            self.tasks.disable(instance);
+            self.trace.enabled_changed();
+        }
+        if let Some(occurrence) = occurrence {
+            self.trace.record(TraceRecord::JobEnded {
+                task_instance: instance,
+                occurrence,
+            });
+        }
+    }
+
+    /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.
+    fn start_job(&mut self, occurrence: &Occurrence) {
+        let Some(Mission { interpreter, .. }) = &mut self.mission else {
+            return;
+        };
+        let mut younger_than = None;
+        while let Some((instance, age)) = oldest_waiting(&self.tasks, younger_than) {
+            younger_than = Some(age);
+            let index = usize::from(instance);
+            let place = self.tasks.place(instance);
+            let blocked = self.executor.lent() == Some(place) || !self.tasks.may_run(instance);
+            if !blocked && self.job.is_none() {
+                // It waits for another task's run to end, which is not being busy.
+                interpreter.set_busy(index, false);
+                continue;
+            }
+            let inputs = inputs_of(interpreter, index, occurrence.start_us, 0);
+            let tables = interpreter.tables();
+            let job = if blocked {
+                None
+            } else {
+                self.executor
+                    .lend(place, |port| net_of(&tables, index, port), &inputs)
+            };
+            if interpreter.is_current(index) {
+                interpreter.set_busy(index, job.is_none());
+            }
+            let (Some(job), Some(carrier)) = (job, self.job.take()) else {
+                continue;
+            };
+            *carrier = Some(job);
+            // There is one job, so that there is room for it.
+            self.job = self.to_background.enqueue(carrier).err();
+            self.running = Some(instance);
+            self.tasks.executed(instance);
+            self.trace.record(TraceRecord::JobStarted {
+                task_instance: instance,
+                occurrence: occurrence.number,
+            });
+        }
+    }
+
+    /// Switches to the mission that waits, or starts the present one anew, at this time.
+    fn change_mission(&mut self, epoch_ticks: u64, epoch_us: u64) {
+        let Some(letter) = self.waiting.take() else {
+            return;
+        };
+        let (old, arena) = match self.mission.take() {
+            Some(mission) => {
+                let (verified, arena) = mission.interpreter.into_parts();
+                (Some(verified), Some(arena))
+            }
+            None => (None, self.arena.take()),
+        };
+        *letter = match (core::mem::replace(letter, Letter::Empty), arena) {
+            (Letter::Swap(new), Some(arena)) => {
+                let old = old.map(Verified::into_bytes);
+                let mission = new.hash();
+                match self.start_mission(new, arena, epoch_ticks, epoch_us) {
+                    Ok(()) => Letter::Swapped { mission, old },
+                    Err((error, blob)) => Letter::SwapFailed { error, blob, old },
+                }
+            }
+            (_, Some(arena)) => match old {
+                Some(verified) => {
+                    self.mode = Mode::Running;
+                    match self.start_mission(verified, arena, epoch_ticks, epoch_us) {
+                        Ok(()) => Letter::Done,
+                        Err((error, blob)) => Letter::SwapFailed {
+                            error,
+                            blob,
+                            old: None,
+                        },
+                    }
+                }
+                None => {
+                    self.arena = Some(arena);
+                    Letter::Failed(LinkError::NoMission)
+                }
+            },
+            // The arena is either in use or at hand.
+            (_, None) => Letter::Failed(LinkError::NoMission),
+        };
+        self.tell_health();
+        self.send(letter);
+    }
+
+    fn start_mission(
+        &mut self,
+        verified: Verified<BlobBuffer<'m>>,
+        arena: &'m mut [u32],
+        epoch_ticks: u64,
+        epoch_us: u64,
+    ) -> Result<(), (LinkError, BlobBuffer<'m>)> {
+        self.executor.clear();
+        self.running = None;
+        self.health = Health {
+            missed: self.health.missed,
+            overruns: self.health.overruns,
+            ..Health::EMPTY
+        };
+        self.mode = if self.mode == Mode::Stopped {
+            Mode::Stopped
+        } else {
+            Mode::Empty
+        };
+        let interpreter = match Interpreter::new(verified, arena) {
+            Ok(interpreter) => interpreter,
+            Err(refused) => {
+                let error = LinkError::CapacityExceeded {
+                    what: Capacity::ArenaWords,
+                    needed: refused.needed_words as u32,
+                    available: refused.arena.len() as u32,
+                };
+                self.arena = Some(refused.arena);
+                return Err((error, refused.verified.into_bytes()));
+            }
+        };
+        let tables = interpreter.tables();
+        let Ok(dispatcher) = Dispatcher::new(tables.slots()) else {
+            let error = LinkError::CapacityExceeded {
+                what: Capacity::Slots,
+                needed: tables.slots().len() as u32,
+                available: SLOTS as u32,
+            };
+            let (verified, arena) = interpreter.into_parts();
+            self.arena = Some(arena);
+            return Err((error, verified.into_bytes()));
+        };
+        self.tasks
+            .load(&tables, self.executor.registry(), self.slots);
+        let mission = interpreter.verified().hash();
+        self.health.mission = Some(mission);
+        if self.mode != Mode::Stopped {
+            self.mode = Mode::Running;
+        }
+        self.trace.enabled_changed();
+        self.trace.record(TraceRecord::Started { mission });
+        self.mission = Some(Mission {
+            interpreter,
+            dispatcher,
+            epoch_ticks,
+            epoch_us,
+            occurrences: 0,
+            next_step: 0,
+        });
+        Ok(())
+    }
+
+    /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.
+    fn take_letter<B: Board>(&mut self, board: &mut B) {
+        let Some(letter) = self.from_link.dequeue() else {
+            return;
+        };
+        let answer = match &*letter {
+            Letter::Swap(_) => {
+                self.waiting = Some(letter);
+                return;
+            }
+            Letter::Start => match (self.mode, &self.mission) {
+                (Mode::Running, _) => Letter::Done,
+                (_, None) => {
+                    self.mode = Mode::Empty;
+                    Letter::Done
+                }
+                (_, Some(_)) => {
+                    self.waiting = Some(letter);
+                    return;
+                }
+            },
+            Letter::Stop => {
+                self.mode = Mode::Stopped;
+                self.trace.record(TraceRecord::MotorsOff { reason: None });
+                board.motors_off();
+                Letter::Done
+            }
+            question => self.answer(question, B::TICKS_PER_US),
+        };
+        *letter = answer;
+        self.tell_health();
+        self.send(letter);
+    }
+
+    /// Answers a question about the mission.
+    fn answer(&self, question: &Letter<'m>, ticks_per_us: u32) -> Letter<'m> {
+        let Some(mission) = &self.mission else {
+            return Letter::Failed(LinkError::NoMission);
+        };
+        let tables = mission.interpreter.tables();
+        match *question {
+            Letter::ReadBlob { offset } => {
+                let blob = mission.interpreter.verified().bytes();
+                let bytes = blob.get(offset as usize..).unwrap_or_default();
+                Letter::Blob {
+                    total: blob.len() as u32,
+                    bytes: Bytes::first_of(bytes),
+                }
+            }
+            Letter::ReadStates { first } => {
+                let mut bytes = Bytes::EMPTY;
+                let total = tables.region_instance_count();
+                for region in usize::from(first)..total {
+                    if !bytes.push_u16(state_of(&mission.interpreter, region)) {
+                        break;
+                    }
+                }
+                Letter::States {
+                    step: mission.next_step,
+                    total: total as u16,
+                    bytes,
+                }
+            }
+            Letter::ReadSlot { slot } => {
+                let index = usize::from(slot);
+                match (tables.slot(index), self.slots.get(index)) {
+                    (Some(slot), Some(entry)) => Letter::Slot(entry.counters(
+                        slot.number,
+                        mission.dispatcher.missed(index),
+                        ticks_per_us,
+                    )),
+                    _ => Letter::Failed(LinkError::NoSuchIndex),
+                }
+            }
+            Letter::ReadTask { task_instance } => {
+                let index = usize::from(task_instance);
+                if index < tables.task_instance_count() {
+                    Letter::Task(TaskCounters {
+                        enabled: mission.interpreter.is_enabled(index),
+                        busy: mission.interpreter.is_busy(index),
+                        overruns: self.tasks.overruns(task_instance),
+                    })
+                } else {
+                    Letter::Failed(LinkError::NoSuchIndex)
+                }
+            }
+            _ => Letter::Failed(LinkError::NoSuchIndex),
+        }
+    }
+
+    fn send(&mut self, letter: &'m mut Letter<'m>) {
+        // There is one letter, so that there is room for it.
+        let refused = self.to_link.enqueue(letter);
+        debug_assert!(refused.is_ok());
+    }
+
+    fn tell_health(&mut self) {
+        self.health.mode = self.mode;
+        self.health.background_busy = self.executor.lent().is_some();
+        self.snapshot.write(&self.health);
+    }
+}
+
+/// The current state of a region instance, or none if the region is not active.
+fn state_of(interpreter: &Interpreter<'_, BlobBuffer<'_>>, region: usize) -> u16 {
+    let active = interpreter
+        .tables()
+        .region_instance(region)
+        .is_some_and(|region| interpreter.is_active(region.instance));
+    if active {
+        interpreter.current(region) as u16
+    } else {
+        crate::link::message::NO_STATE
+    }
+}
+
+/// The slot-0 task instance that was enabled longest ago among those that wait to be started, if younger than the last one looked at.
+fn oldest_waiting(tasks: &TaskTable<'_>, younger_than: Option<u32>) -> Option<(u16, u32)> {
+    let mut oldest: Option<(u16, u32)> = None;
+    let mut next = tasks.first_in_slot_0();
+    while let Some(instance) = next {
+        next = tasks.next_in_slot(instance);
+        let age = tasks.age(instance);
+        let candidate = tasks.is_fresh(instance) && younger_than.is_none_or(|last| age < last);
+        if candidate && oldest.is_none_or(|(_, oldest_age)| age > oldest_age) {
+            oldest = Some((instance, age));
+        }
+    }
+    oldest
+}
+
+/// The net of a data port.
+fn net_of(tables: &Tables<'_>, task_instance: usize, port: usize) -> Option<usize> {
+    let first = tables.task_instance(task_instance)?.first_connection;
+    tables.connection(first + port).flatten()
+}
+
+/// What enters the execution of a task beside the values on nets.
+fn inputs_of(
+    interpreter: &Interpreter<'_, BlobBuffer<'_>>,
+    task_instance: usize,
+    now_us: u64,
+    period_us: u32,
+) -> Inputs {
+    let tables = interpreter.tables();
+    let mut inputs = Inputs {
+        now_us,
+        period_us,
+        ..Inputs::default()
+    };
+    let Some(state) = tables.task_state_of(task_instance) else {
+        return inputs;
+    };
+    let Some(task) = tables.task(state.task) else {
+        return inputs;
+    };
+    for (index, bits) in inputs.params.iter_mut().enumerate().take(task.ports.params) {
+        *bits = tables.param(state.first_param + index).unwrap_or(0);
+    }
+    for flag in 0..task.ports.flags.min(crate::task::MAX_FLAGS) {
+        inputs.flags |= u16::from(interpreter.task_flag(task_instance, flag)) << flag;
+    }
+    inputs
+}
+
+/// Writes the control flags that a task wrote.
+fn apply_flags(
+    interpreter: &mut Interpreter<'_, BlobBuffer<'_>>,
+    task_instance: usize,
+    outcome: &Outcome,
+) {
+    let mut written = outcome.flags.written;
+    while written != 0 {
+        let flag = written.trailing_zeros();
+        written &= written - 1;
+        interpreter.set_flag(
+            task_instance,
+            flag as usize,
+            outcome.flags.values >> flag & 1 != 0,
+        );
+    }
+}
+
+/// Ticks in whole microseconds, by a short division where that is enough.
+fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
+    match u32::try_from(ticks) {
+        Ok(ticks) => u64::from(ticks / ticks_per_us.max(1)),
+        Err(_) => ticks / u64::from(ticks_per_us.max(1)),
+    }
+}

@@ -1,0 +1,298 @@
+//! What the real-time side keeps for each task instance of a mission: who serves it, whether it waits to be entered, who holds its
+//! `exclusive` group.
+
+use esm_core::tables::Tables;
+
+use super::slots::SlotEntry;
+use crate::ports::{Registry, TaskPlace};
+
+/// Stands for no task instance.
+const NONE: u16 = u16::MAX;
+/// Stands for no bank of the registry.
+const NO_BANK: u8 = u8::MAX;
+/// Stands for no group.
+const NO_GROUP: u8 = u8::MAX;
+
+/// What is kept for a task instance.
+#[derive(Clone, Copy, Debug)]
+pub struct TaskEntry {
+    /// When it was enabled: a number that grows with each task that becomes enabled.
+    order: u32,
+    /// The next task instance of the same slot, in instance order.
+    next_in_slot: u16,
+    overruns: u16,
+    place: TaskPlace,
+    group: u8,
+    enabled: bool,
+    /// Entered, and not executed since.
+    fresh: bool,
+}
+
+impl TaskEntry {
+    /// The entry of no task.
+    pub const EMPTY: TaskEntry = TaskEntry {
+        order: 0,
+        next_in_slot: NONE,
+        overruns: 0,
+        place: TaskPlace { bank: 0, place: 0 },
+        group: NO_GROUP,
+        enabled: false,
+        fresh: false,
+    };
+}
+
+/// An `exclusive` group: at most one of its enabled tasks is executed.
+#[derive(Clone, Copy, Debug)]
+pub struct Group {
+    /// The task instance that has been enabled longest.
+    holder: u16,
+}
+
+impl Group {
+    /// A group that nobody holds.
+    pub const FREE: Group = Group { holder: NONE };
+}
+
+/// The task instances of a mission.
+pub(crate) struct TaskTable<'m> {
+    entries: &'m mut [TaskEntry],
+    groups: &'m mut [Group],
+    first_in_slot_0: Option<u16>,
+    next_order: u32,
+}
+
+impl<'m> TaskTable<'m> {
+    pub(crate) fn new(entries: &'m mut [TaskEntry], groups: &'m mut [Group]) -> Self {
+        TaskTable {
+            entries,
+            groups,
+            first_in_slot_0: None,
+            next_order: 0,
+        }
+    }
+
+    /// Starts anew with the task instances of a mission that was [checked](crate::check): gives each its task, in instance order, and
+    /// links those of each slot.
+    pub(crate) fn load(
+        &mut self,
+        tables: &Tables<'_>,
+        registry: Registry<'_>,
+        slots: &mut [SlotEntry],
+    ) {
+        let count = tables.task_instance_count().min(self.entries.len());
+        self.entries.fill(TaskEntry::EMPTY);
+        self.groups.fill(Group::FREE);
+        self.first_in_slot_0 = None;
+        self.next_order = 0;
+        slots.fill(SlotEntry::EMPTY);
+        for instance in 0..count {
+            let Some((before, [entry, ..])) = self.entries.split_at_mut_checked(instance) else {
+                return;
+            };
+            let task = tables
+                .task_state_of(instance)
+                .and_then(|state| tables.task(state.task));
+            let bank = task.and_then(|task| registry.find(task.signature_hash));
+            entry.place.bank = bank.unwrap_or(NO_BANK);
+            entry.place.place = before
+                .iter()
+                .filter(|other| other.place.bank == entry.place.bank)
+                .count() as u8;
+            entry.group = task
+                .and_then(|task| task.exclusive)
+                .map_or(NO_GROUP, |group| group as u8);
+        }
+        // From the last to the first, so that each becomes the head of its slot's list.
+        for (instance, entry) in self.entries.iter_mut().enumerate().take(count).rev() {
+            let Some(state) = tables.task_state_of(instance) else {
+                return;
+            };
+            let head = match state.slot {
+                None => &mut self.first_in_slot_0,
+                Some(slot) => match slots.get_mut(slot) {
+                    Some(slot) => &mut slot.first_task,
+                    None => continue,
+                },
+            };
+            entry.next_in_slot = head.replace(instance as u16).unwrap_or(NONE);
+        }
+    }
+
+    fn entry(&self, instance: u16) -> TaskEntry {
+        self.entries
+            .get(usize::from(instance))
+            .copied()
+            .unwrap_or(TaskEntry::EMPTY)
+    }
+
+    /// The task that serves a task instance.
+    pub(crate) fn place(&self, instance: u16) -> TaskPlace {
+        self.entry(instance).place
+    }
+
+    /// The next task instance of the same slot.
+    pub(crate) fn next_in_slot(&self, instance: u16) -> Option<u16> {
+        let next = self.entry(instance).next_in_slot;
+        (next != NONE).then_some(next)
+    }
+
+    /// The first task instance of slot 0.
+    pub(crate) fn first_in_slot_0(&self) -> Option<u16> {
+        self.first_in_slot_0
+    }
+
+    /// The task's state was entered.
+    pub(crate) fn enable(&mut self, instance: u16) {
+        let order = self.next_order;
+        let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
+            return;
+        };
+        entry.fresh = true;
+        if entry.enabled {
+            // A slot-0 run goes on under the next activation: enabled it has been all the time.
+            return;
+        }
+        entry.enabled = true;
+        entry.order = order;
+        self.next_order = order.wrapping_add(1);
+        if let Some(group) = self.groups.get_mut(usize::from(entry.group))
+            && group.holder == NONE
+        {
+            group.holder = instance;
+        }
+    }
+
+    /// The task is enabled no more.
+    pub(crate) fn disable(&mut self, instance: u16) {
+        let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
+            return;
+        };
+        entry.enabled = false;
+        entry.fresh = false;
+        let group = entry.group;
+        let Some(held) = self
+            .groups
+            .get_mut(usize::from(group))
+            .filter(|held| held.holder == instance)
+        else {
+            return;
+        };
+        let now = self.next_order;
+        held.holder = self
+            .entries
+            .iter()
+            .zip(0u16..)
+            .filter(|(entry, _)| entry.enabled && entry.group == group)
+            .max_by_key(|(entry, _)| now.wrapping_sub(entry.order))
+            .map_or(NONE, |(_, instance)| instance);
+    }
+
+    /// The run of a slot-0 task ended, and its next activation waits behind those that wait already.
+    pub(crate) fn requeue(&mut self, instance: u16) {
+        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
+            entry.order = self.next_order;
+            self.next_order = self.next_order.wrapping_add(1);
+        }
+    }
+
+    /// Whether nobody else holds the task's group.
+    pub(crate) fn may_run(&self, instance: u16) -> bool {
+        let group = self.entry(instance).group;
+        self.groups
+            .get(usize::from(group))
+            .is_none_or(|group| group.holder == instance)
+    }
+
+    /// Whether the task was entered and not executed since.
+    pub(crate) fn is_fresh(&self, instance: u16) -> bool {
+        self.entry(instance).fresh
+    }
+
+    /// The task is executed.
+    pub(crate) fn executed(&mut self, instance: u16) {
+        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
+            entry.fresh = false;
+        }
+    }
+
+    /// How long ago, counted in tasks that became enabled, this one did.
+    pub(crate) fn age(&self, instance: u16) -> u32 {
+        self.next_order.wrapping_sub(self.entry(instance).order)
+    }
+
+    /// The task ran longer than its slot.
+    pub(crate) fn overrun(&mut self, instance: u16) {
+        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
+            entry.overruns = entry.overruns.saturating_add(1);
+        }
+    }
+
+    /// How often the task ran longer than its slot.
+    pub(crate) fn overruns(&self, instance: u16) -> u16 {
+        self.entry(instance).overruns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_group(test: impl FnOnce(&mut TaskTable<'_>)) {
+        let mut entries = [TaskEntry {
+            group: 0,
+            ..TaskEntry::EMPTY
+        }; 3];
+        let mut groups = [Group::FREE; 1];
+        test(&mut TaskTable::new(&mut entries, &mut groups));
+    }
+
+    fn holder(tasks: &TaskTable<'_>) -> u16 {
+        tasks.groups[0].holder
+    }
+
+    #[test]
+    fn the_task_that_was_enabled_first_holds_its_group() {
+        with_group(|tasks| {
+            tasks.enable(2);
+            tasks.enable(0);
+            tasks.enable(1);
+            assert_eq!(holder(tasks), 2);
+            tasks.disable(0);
+            tasks.enable(0);
+            assert_eq!(holder(tasks), 2);
+            tasks.disable(2);
+            assert_eq!(holder(tasks), 1);
+            assert!(tasks.may_run(1) && !tasks.may_run(0));
+            tasks.disable(1);
+            assert_eq!(holder(tasks), 0);
+            tasks.disable(0);
+            assert_eq!(holder(tasks), NONE);
+        });
+    }
+
+    #[test]
+    fn the_order_survives_the_wrap_of_its_counter() {
+        with_group(|tasks| {
+            tasks.next_order = u32::MAX - 1;
+            for instance in [1, 0, 2] {
+                tasks.enable(instance);
+            }
+            for expected in [1, 0, 2] {
+                assert_eq!(holder(tasks), expected);
+                tasks.disable(expected);
+            }
+        });
+    }
+
+    #[test]
+    fn entering_a_running_task_anew_changes_nothing_in_its_group() {
+        with_group(|tasks| {
+            tasks.enable(1);
+            tasks.executed(1);
+            tasks.enable(0);
+            tasks.enable(1);
+            assert!(tasks.is_fresh(1));
+            assert_eq!(holder(tasks), 1);
+        });
+    }
+}

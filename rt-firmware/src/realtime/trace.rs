@@ -1,0 +1,133 @@
+//! The observer: writes what the interpreter does into the trace ring.
+
+use core::ops::Deref;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use esm_core::tables::{StateKind, Tables};
+use esm_core::{Fault, Interpreter, Observer, StepSummary, TransitionTaken};
+
+use super::tasks::TaskTable;
+use crate::link::trace::{FaultCode, TraceRecord, write_step};
+use crate::ring::RingWriter;
+
+/// Writes trace records, if somebody wants them.
+pub(crate) struct Trace<'m> {
+    ring: RingWriter<'m>,
+    wanted: &'m AtomicBool,
+    /// The reader does not know the states and enabled tasks as they are: the next step is written in full.
+    stale: bool,
+}
+
+impl<'m> Trace<'m> {
+    pub(crate) fn new(ring: RingWriter<'m>, wanted: &'m AtomicBool) -> Self {
+        Trace {
+            ring,
+            wanted,
+            stale: true,
+        }
+    }
+
+    /// Something outside of macro steps changed which tasks are enabled.
+    pub(crate) fn enabled_changed(&mut self) {
+        self.stale = true;
+    }
+
+    /// Writes a record.
+    pub(crate) fn record(&mut self, record: TraceRecord<'_>) {
+        if !self.wanted.load(Ordering::Relaxed) || !self.ring.record(|sink| record.write(sink)) {
+            self.stale = true;
+        }
+    }
+
+    /// Writes the end of a macro step.
+    pub(crate) fn step<B: Deref<Target = [u8]>>(
+        &mut self,
+        summary: &StepSummary,
+        interpreter: &Interpreter<'_, B>,
+    ) {
+        if !self.stale && !summary.changed {
+            self.record(TraceRecord::Same {
+                micro_steps: summary.micro_steps,
+            });
+            return;
+        }
+        let written = self.wanted.load(Ordering::Relaxed)
+            && self.ring.record(|sink| {
+                let states = ActiveStates {
+                    tables: interpreter.tables(),
+                    current: |region| interpreter.current(region),
+                    at: 0,
+                };
+                let enabled = (0..interpreter.tables().task_instance_count())
+                    .filter(|instance| interpreter.is_enabled(*instance))
+                    .map(|instance| instance as u16);
+                write_step(sink, summary.step, summary.micro_steps, states, enabled);
+            });
+        self.stale = !written;
+    }
+
+    /// Writes the fault that ended a macro step.
+    pub(crate) fn fault(&mut self, step: u64, fault: Fault) {
+        let code = match fault {
+            Fault::EventQueueOverflow => FaultCode::EventQueueOverflow,
+            Fault::MacroStepLimit => FaultCode::MacroStepLimit,
+        };
+        self.record(TraceRecord::Fault { step, code });
+    }
+}
+
+/// The current states of the active regions, each superstate followed by what is inside.
+pub(crate) struct ActiveStates<'a, F> {
+    pub(crate) tables: Tables<'a>,
+    pub(crate) current: F,
+    pub(crate) at: usize,
+}
+
+impl<F: Clone> Clone for ActiveStates<'_, F> {
+    fn clone(&self) -> Self {
+        ActiveStates {
+            tables: self.tables,
+            current: self.current.clone(),
+            at: self.at,
+        }
+    }
+}
+
+impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
+    type Item = (u16, u16);
+
+    fn next(&mut self) -> Option<(u16, u16)> {
+        let region = self.tables.region_instance(self.at)?;
+        let state = (self.current)(self.at);
+        let item = (self.at as u16, state as u16);
+        self.at = match self.tables.state(state)?.kind {
+            StateKind::Super { region_offset, .. } => self.at + region_offset,
+            _ => region.next,
+        };
+        Some(item)
+    }
+}
+
+/// Watches a macro step: keeps the task table up to date and writes transitions.
+pub(crate) struct StepObserver<'o, 'm> {
+    pub(crate) tasks: &'o mut TaskTable<'m>,
+    pub(crate) trace: &'o mut Trace<'m>,
+}
+
+impl Observer for StepObserver<'_, '_> {
+    fn transition(&mut self, taken: TransitionTaken) {
+        self.trace.record(TraceRecord::Transition {
+            micro: taken.micro,
+            region_instance: taken.region_instance,
+            transition: taken.transition,
+        });
+    }
+
+    fn enabled(&mut self, task_instance: u16) {
+        self.tasks.enable(task_instance);
+    }
+
+    fn disabled(&mut self, task_instance: u16) {
+        self.tasks.disable(task_instance);
+    }
+}

@@ -1,0 +1,231 @@
+//! A runtime: its memory, and the three sides that it is split into.
+//!
+//! ```
+//! use rt_firmware::{About, Bank, Board, Io, Limits, LinkPort, Mail, Memory, Step, Task, registry, split, task};
+//!
+//! struct Blink;
+//! task! { impl Blink { flags { out lit; } } }
+//! impl Task for Blink {
+//!     fn step(&mut self, io: &mut Io<'_>) -> Step {
+//!         io.set(Self::LIT, true);
+//!         Step::Run
+//!     }
+//! }
+//! registry! { pub struct Lamp { blink: Blink[1] } }
+//!
+//! struct Timer(u64);
+//! impl Board for Timer {
+//!     const TICKS_PER_US: u32 = 1;
+//!     fn now_ticks(&mut self) -> u64 { self.0 }
+//!     fn motors_off(&mut self) {}
+//! }
+//!
+//! struct Uart;
+//! impl LinkPort for Uart {
+//!     fn receive(&mut self) -> Option<u8> { None }
+//!     fn send(&mut self, _byte: u8) -> bool { false }
+//! }
+//!
+//! // On a board these are in statics.
+//! let mut lamp = Lamp { blink: Bank::new([Blink]) };
+//! let mut banks = lamp.banks();
+//! let mut memory = Memory::<4096, 256, 8, 16, 16, 2, 1024>::new();
+//! let mut mail = Mail::new();
+//! let (mut real_time, mut background, mut link) =
+//!     split(&mut memory, &mut banks, &mut mail, About::new("lamp 1.0", "example"), Limits::default()).expect("names are unique");
+//!
+//! let mut timer = Timer(0);
+//! let next_ticks = real_time.on_timer(&mut timer); // from the slot timer's interrupt; set the timer to this
+//! let link_has_more = link.poll(&mut Uart); // from a task at a low priority
+//! let background_has_more = background.poll(); // from the idle loop
+//! assert!(next_ticks > 0 && !link_has_more && !background_has_more);
+//! ```
+
+use core::sync::atomic::AtomicBool;
+
+use crate::background::Background;
+use crate::blob::BlobBuffer;
+use crate::link::device::{Desk, LinkSide};
+use crate::link::message::{Capacities, ResetReason};
+use crate::mail::{Letter, Mail};
+use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
+use crate::realtime::slots::SlotEntry;
+use crate::realtime::tasks::{Group, TaskEntry, TaskTable};
+use crate::realtime::trace::Trace;
+use crate::realtime::{Limits, Parts, RealTime};
+use crate::ring::Ring;
+use crate::status::Snapshot;
+
+/// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
+/// interpreter, slots, task instances, nets, exclusive groups; and the bytes of the trace ring.
+pub struct Memory<
+    'm,
+    const BLOB_BYTES: usize,
+    const ARENA_WORDS: usize,
+    const SLOTS: usize,
+    const TASKS: usize,
+    const NETS: usize,
+    const GROUPS: usize,
+    const TRACE_BYTES: usize,
+> {
+    blobs: [[u8; BLOB_BYTES]; 2],
+    arena: [u32; ARENA_WORDS],
+    slots: [SlotEntry; SLOTS],
+    tasks: [TaskEntry; TASKS],
+    nets: [Net; NETS],
+    groups: [Group; GROUPS],
+    trace: Ring<TRACE_BYTES>,
+    trace_wanted: AtomicBool,
+    snapshot: Snapshot,
+    job: Option<Job<'m>>,
+    letter: Letter<'m>,
+}
+
+impl<
+    const BLOB_BYTES: usize,
+    const ARENA_WORDS: usize,
+    const SLOTS: usize,
+    const TASKS: usize,
+    const NETS: usize,
+    const GROUPS: usize,
+    const TRACE_BYTES: usize,
+> Memory<'_, BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>
+{
+    /// Memory that nothing uses yet.
+    pub const fn new() -> Self {
+        Memory {
+            blobs: [[0; BLOB_BYTES]; 2],
+            arena: [0; ARENA_WORDS],
+            slots: [SlotEntry::EMPTY; SLOTS],
+            tasks: [TaskEntry::EMPTY; TASKS],
+            nets: [Net::EMPTY; NETS],
+            groups: [Group::FREE; GROUPS],
+            trace: Ring::new(),
+            trace_wanted: AtomicBool::new(false),
+            snapshot: Snapshot::new(),
+            job: None,
+            letter: Letter::Empty,
+        }
+    }
+}
+
+impl<
+    const BLOB_BYTES: usize,
+    const ARENA_WORDS: usize,
+    const SLOTS: usize,
+    const TASKS: usize,
+    const NETS: usize,
+    const GROUPS: usize,
+    const TRACE_BYTES: usize,
+> Default for Memory<'_, BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What a robot says of itself.
+#[derive(Clone, Copy, Debug)]
+pub struct About<'m> {
+    /// Name and version of the firmware; at most 40 bytes, so that the answer fits into a frame.
+    pub firmware: &'m str,
+    /// Name of the board; at most 40 bytes.
+    pub board: &'m str,
+    /// Why the robot started.
+    pub reset: ResetReason,
+}
+
+impl<'m> About<'m> {
+    /// A robot that started because the power came on.
+    pub const fn new(firmware: &'m str, board: &'m str) -> Self {
+        About {
+            firmware,
+            board,
+            reset: ResetReason::PowerOn,
+        }
+    }
+}
+
+/// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for a task at a low priority.
+pub type Sides<'q, 'm, const SLOTS: usize> = (
+    RealTime<'q, 'm, SLOTS>,
+    Background<'q, 'm>,
+    LinkSide<'q, 'm>,
+);
+
+/// Makes a runtime of its memory and a robot's banks, and splits it into its sides.
+///
+/// # Errors
+/// What is wrong with the declarations of the tasks.
+pub fn split<
+    'q,
+    'm,
+    const BLOB_BYTES: usize,
+    const ARENA_WORDS: usize,
+    const SLOTS: usize,
+    const TASKS: usize,
+    const NETS: usize,
+    const GROUPS: usize,
+    const TRACE_BYTES: usize,
+>(
+    memory: &'m mut Memory<'m, BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>,
+    banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
+    mail: &'q mut Mail<'m>,
+    about: About<'m>,
+    limits: Limits,
+) -> Result<Sides<'q, 'm, SLOTS>, RegistryFault> {
+    let capacities = Capacities {
+        blob_bytes: BLOB_BYTES as u32,
+        arena_words: ARENA_WORDS as u32,
+        slots: SLOTS as u16,
+        task_instances: TASKS as u16,
+        nets: NETS as u16,
+        exclusive_groups: GROUPS as u16,
+    };
+    let (executor, registry) = assemble(banks, &mut memory.nets)?;
+    let (trace_writer, trace_reader) = memory.trace.split();
+    let (snapshot_writer, snapshot_reader) = memory.snapshot.split();
+    let (to_real_time, from_link) = mail.to_real_time.split();
+    let (to_link, from_real_time) = mail.to_link.split();
+    let (to_background, jobs) = mail.to_background.split();
+    let (ended, from_background) = mail.from_background.split();
+    let trace_wanted = &memory.trace_wanted;
+    let real_time = RealTime::new(Parts {
+        executor,
+        arena: &mut memory.arena,
+        tasks: TaskTable::new(&mut memory.tasks, &mut memory.groups),
+        slots: &mut memory.slots,
+        limits,
+        job: &mut memory.job,
+        to_background,
+        from_background,
+        from_link,
+        to_link,
+        trace: Trace::new(trace_writer, trace_wanted),
+        snapshot: snapshot_writer,
+    });
+    let background = Background {
+        jobs,
+        ended,
+        current: None,
+    };
+    let link = LinkSide::new(Desk {
+        registry,
+        capacities,
+        about,
+        blobs: memory
+            .blobs
+            .each_mut()
+            .map(|storage| Some(BlobBuffer::new(storage))),
+        upload: None,
+        letter: Some(&mut memory.letter),
+        asked: None,
+        to_real_time,
+        from_real_time,
+        snapshot: snapshot_reader,
+        trace: trace_reader,
+        trace_wanted,
+        log_wanted: false,
+    });
+    Ok((real_time, background, link))
+}

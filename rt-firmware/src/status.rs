@@ -1,0 +1,266 @@
+//! What the real-time side tells of itself without being asked.
+
+use core::sync::atomic::{AtomicU32, Ordering, fence};
+
+use crate::link::message::{Mode, SafeReason};
+
+/// How the real-time side is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Health {
+    /// What it is doing.
+    pub mode: Mode,
+    /// Hash of its mission.
+    pub mission: Option<u32>,
+    /// Macro steps that were completed since the mission started.
+    pub steps: u64,
+    /// Nominal start of the last macro step, in microseconds since the mission started.
+    pub t_us: u64,
+    /// Occurrences that were executed since the mission started.
+    pub executed: u32,
+    /// Occurrences missed since the robot started.
+    pub missed: u32,
+    /// Overruns since the robot started.
+    pub overruns: u32,
+    /// Longest start delay since the mission started, in nanoseconds.
+    pub max_delay_ns: u32,
+    /// Whether a slot-0 run is under way.
+    pub background_busy: bool,
+}
+
+impl Health {
+    /// A robot without a mission.
+    pub const EMPTY: Health = Health {
+        mode: Mode::Empty,
+        mission: None,
+        steps: 0,
+        t_us: 0,
+        executed: 0,
+        missed: 0,
+        overruns: 0,
+        max_delay_ns: 0,
+        background_busy: false,
+    };
+}
+
+const WORDS: usize = 10;
+const HAS_MISSION: u32 = 1 << 16;
+const BACKGROUND_BUSY: u32 = 1 << 17;
+/// Attempts to read a snapshot between two writes. On one core, with the writer above the reader, the first fails at most once.
+const ATTEMPTS: usize = 64;
+
+/// A [`Health`] that one side writes and another reads, neither waiting for the other.
+///
+/// The version is odd while the words are being written. A reader takes what it read only if the version was even and the same
+/// before and after.
+pub struct Snapshot {
+    version: AtomicU32,
+    words: [AtomicU32; WORDS],
+}
+
+impl Default for Snapshot {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Snapshot {
+    /// The snapshot of a robot without a mission.
+    pub const fn new() -> Self {
+        Snapshot {
+            version: AtomicU32::new(0),
+            words: [const { AtomicU32::new(0) }; WORDS],
+        }
+    }
+
+    /// Its two sides.
+    pub fn split(&mut self) -> (SnapshotWriter<'_>, SnapshotReader<'_>) {
+        (SnapshotWriter(self), SnapshotReader(self))
+    }
+}
+
+/// The side that writes.
+pub struct SnapshotWriter<'a>(&'a Snapshot);
+
+impl SnapshotWriter<'_> {
+    /// Replaces the snapshot.
+    pub fn write(&mut self, health: &Health) {
+        let Snapshot { version, words } = self.0;
+        let before = version.load(Ordering::Relaxed);
+        version.store(before.wrapping_add(1), Ordering::Relaxed);
+        fence(Ordering::Release);
+        for (place, word) in words.iter().zip(pack(health)) {
+            place.store(word, Ordering::Relaxed);
+        }
+        version.store(before.wrapping_add(2), Ordering::Release);
+    }
+}
+
+/// The side that reads.
+pub struct SnapshotReader<'a>(&'a Snapshot);
+
+impl SnapshotReader<'_> {
+    /// The last snapshot. `None` if each attempt met a write, which cannot be on one core.
+    pub fn read(&self) -> Option<Health> {
+        let Snapshot { version, words } = self.0;
+        for _ in 0..ATTEMPTS {
+            let before = version.load(Ordering::Acquire);
+            let mut copy = [0; WORDS];
+            for (place, word) in copy.iter_mut().zip(words) {
+                *place = word.load(Ordering::Relaxed);
+            }
+            fence(Ordering::Acquire);
+            if before.is_multiple_of(2) && version.load(Ordering::Relaxed) == before {
+                return Some(unpack(&copy));
+            }
+        }
+        None
+    }
+}
+
+fn pack(health: &Health) -> [u32; WORDS] {
+    let mode = match health.mode {
+        Mode::Empty => 0,
+        Mode::Running => 1,
+        Mode::Stopped => 2,
+        Mode::Safe(reason) => 3 + u32::from(reason.number()),
+    };
+    let mission = if health.mission.is_some() {
+        HAS_MISSION
+    } else {
+        0
+    };
+    let background = if health.background_busy {
+        BACKGROUND_BUSY
+    } else {
+        0
+    };
+    [
+        mode | mission | background,
+        health.mission.unwrap_or(0),
+        health.steps as u32,
+        (health.steps >> 32) as u32,
+        health.t_us as u32,
+        (health.t_us >> 32) as u32,
+        health.executed,
+        health.missed,
+        health.overruns,
+        health.max_delay_ns,
+    ]
+}
+
+fn unpack(words: &[u32; WORDS]) -> Health {
+    let [
+        first,
+        mission,
+        steps,
+        steps_high,
+        t_us,
+        t_us_high,
+        executed,
+        missed,
+        overruns,
+        max_delay_ns,
+    ] = *words;
+    let wide = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+    Health {
+        mode: match first as u8 {
+            0 => Mode::Empty,
+            1 => Mode::Running,
+            2 => Mode::Stopped,
+            safe => Mode::Safe(SafeReason::from_number(safe - 3).unwrap_or(SafeReason::Board)),
+        },
+        mission: (first & HAS_MISSION != 0).then_some(mission),
+        steps: wide(steps, steps_high),
+        t_us: wide(t_us, t_us_high),
+        executed,
+        missed,
+        overruns,
+        max_delay_ns,
+        background_busy: first & BACKGROUND_BUSY != 0,
+    }
+}
+
+impl SafeReason {
+    /// All reasons, in the order of their numbers.
+    const ALL: [SafeReason; 8] = [
+        SafeReason::EventQueueOverflow,
+        SafeReason::MacroStepLimit,
+        SafeReason::Overruns,
+        SafeReason::Missed,
+        SafeReason::BodyLost,
+        SafeReason::LowBattery,
+        SafeReason::LinkLost,
+        SafeReason::Board,
+    ];
+
+    /// The reason's number, as trace records and snapshots carry it.
+    pub fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// The reason with this number.
+    pub fn from_number(number: u8) -> Option<SafeReason> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_snapshot_reads_back_as_it_was_written() {
+        let modes = [Mode::Empty, Mode::Running, Mode::Stopped];
+        for mode in modes.into_iter().chain(SafeReason::ALL.map(Mode::Safe)) {
+            for (mission, background_busy) in
+                [(None, true), (Some(0), false), (Some(u32::MAX), true)]
+            {
+                let health = Health {
+                    mode,
+                    mission,
+                    steps: 1 << 40 | 7,
+                    t_us: 1 << 50 | 9,
+                    executed: 1,
+                    missed: 2,
+                    overruns: 3,
+                    max_delay_ns: 4,
+                    background_busy,
+                };
+                let mut snapshot = Snapshot::new();
+                let (mut writer, reader) = snapshot.split();
+                assert_eq!(reader.read(), Some(Health::EMPTY));
+                writer.write(&health);
+                assert_eq!(reader.read(), Some(health));
+            }
+        }
+    }
+
+    #[test]
+    fn a_reader_never_sees_half_a_write() {
+        let mut snapshot = Snapshot::new();
+        let (mut writer, reader) = snapshot.split();
+        let stop = core::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|threads| {
+            threads.spawn(|| {
+                for number in 0..20_000 {
+                    let wide = u64::from(number);
+                    writer.write(&Health {
+                        steps: wide,
+                        t_us: wide,
+                        executed: number,
+                        missed: number,
+                        ..Health::EMPTY
+                    });
+                }
+                stop.store(true, Ordering::Release);
+            });
+            while !stop.load(Ordering::Acquire) {
+                if let Some(health) = reader.read() {
+                    assert_eq!(health.steps, health.t_us);
+                    assert_eq!(health.executed, health.missed);
+                    assert_eq!(health.steps, u64::from(health.executed));
+                }
+            }
+        });
+    }
+}
