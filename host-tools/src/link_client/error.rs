@@ -68,15 +68,11 @@ impl ClientError {
 
 /// A refusal in words, as far as the robot's numbers go. [`refusal_with_names`] knows the mission's names too.
 pub fn reason(error: LinkError) -> String {
-    refusal_with_names(error, |_| None, |_| None)
+    refusal_with_names(error, |_| None)
 }
 
-/// A refusal in words. `task_name` gives the name of a task type of the blob, `state_path` the path of a task instance.
-pub fn refusal_with_names(
-    error: LinkError,
-    task_name: impl Fn(usize) -> Option<String>,
-    state_path: impl Fn(usize) -> Option<String>,
-) -> String {
+/// A refusal in words. `task_name` gives the name of a task type of the blob.
+pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<String>) -> String {
     let task = |index: u16| match task_name(usize::from(index)) {
         Some(name) => format!("the task `{name}`"),
         None => format!("the mission's task number {index}"),
@@ -92,8 +88,8 @@ pub fn refusal_with_names(
             format!("only {received} bytes of the mission have arrived")
         }
         LinkError::WrongChecksum => "the mission was spoiled on its way; upload it again".into(),
-        LinkError::Invalid { reason } => {
-            format!("the mission is no valid blob (reason {reason}); `esm inspect` says why")
+        LinkError::Invalid(refusal) => {
+            format!("the mission is no valid blob ({refusal:?}); build it again")
         }
         LinkError::UnknownTask { task: index } => format!(
             "its firmware lacks {}; `esm tasks` lists what it has",
@@ -111,16 +107,6 @@ pub fn refusal_with_names(
             "the mission has {needed} states of {}, its firmware has room for {available}",
             task(index)
         ),
-        LinkError::PortTypeDiffers {
-            task_instance,
-            port,
-        } => {
-            let state = match state_path(usize::from(task_instance)) {
-                Some(path) => format!("`{path}`"),
-                None => format!("task state number {task_instance}"),
-            };
-            format!("data port number {port} of {state} is on a net of another type")
-        }
         LinkError::CapacityExceeded {
             what,
             needed,
@@ -156,7 +142,6 @@ mod tests {
                 .get(index)
                 .map(|name| (*name).to_owned())
         };
-        let none = |_: usize| None;
         let cases = [
             (
                 LinkError::UnknownTask { task: 1 },
@@ -180,7 +165,7 @@ mod tests {
             ),
         ];
         for (error, expected) in cases {
-            assert_eq!(refusal_with_names(error, name, none), expected);
+            assert_eq!(refusal_with_names(error, name), expected);
         }
     }
 }
