@@ -9,3 +9,4 @@ pub mod random_machine;
 pub mod reference;
 pub mod scenario;
 pub mod shrink;
+pub mod subject;
