@@ -105,7 +105,7 @@ impl Tree {
                         }
                     }
                 }
-                at = at + region.region_span;
+                at += region.region_span;
             }
             tree.instances[index] = instance;
         }

@@ -14,6 +14,10 @@ mod names;
 mod nets;
 pub mod signature;
 mod templates;
+#[cfg(test)]
+pub(crate) mod test_models;
+#[cfg(test)]
+mod tests;
 
 use esm_core::format::{self, Envelope, Section};
 use esm_core::{Cause, Refusal};

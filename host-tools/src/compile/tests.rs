@@ -1,0 +1,1026 @@
+//! Behaviour of compiled machines on the interpreter, and the verifier against what is no blob.
+
+use esm_core::format::{self, Envelope, PULSE, Section};
+use esm_core::tables::{Code, StateKind as BlobStateKind};
+use esm_core::{
+    Cause, Fault, Interpreter, Observer, Refusal, StepSummary, TransitionTaken, Verified, verify,
+};
+use proptest::prelude::*;
+
+use super::test_models::{
+    STARTS_US, cd_player, container, everything, flag, limited, model, pulse, region, simple,
+    superstate, task, task_state,
+};
+use super::{Capacity, CompileError, compile};
+use crate::model::{Action, Direction, Guard, Model, SlotRef, Trigger};
+
+fn verified(model: &Model) -> Verified<Vec<u8>> {
+    verify(compile(model, &STARTS_US).unwrap())
+        .map_err(|(_, refusal)| refusal)
+        .unwrap()
+}
+
+/// A machine that owns its arena.
+struct Machine {
+    interpreter: Interpreter<'static, Vec<u8>>,
+}
+
+/// Remembers what it was told.
+#[derive(Default, Debug, PartialEq)]
+struct Log {
+    taken: Vec<TransitionTaken>,
+    enabled: Vec<u16>,
+    disabled: Vec<u16>,
+}
+
+impl Observer for Log {
+    fn transition(&mut self, taken: TransitionTaken) {
+        self.taken.push(taken);
+    }
+
+    fn enabled(&mut self, task_instance: u16) {
+        self.enabled.push(task_instance);
+    }
+
+    fn disabled(&mut self, task_instance: u16) {
+        self.disabled.push(task_instance);
+    }
+}
+
+impl Machine {
+    fn of(model: &Model) -> Self {
+        Self::run(verified(model))
+    }
+
+    fn run(verified: Verified<Vec<u8>>) -> Self {
+        let arena = vec![0; verified.arena_words()].leak();
+        let interpreter = Interpreter::new(verified, arena).unwrap();
+        Self { interpreter }
+    }
+
+    fn step(&mut self) -> Result<StepSummary, Fault> {
+        self.interpreter.macro_step(&mut ())
+    }
+
+    fn steps(&mut self, count: usize) {
+        for _ in 0..count {
+            self.step().unwrap();
+        }
+    }
+
+    fn log(&mut self) -> Log {
+        let mut log = Log::default();
+        self.interpreter.macro_step(&mut log).unwrap();
+        log
+    }
+
+    /// Current states of active regions, by their place in the region: `i` for initial, `f` for final.
+    fn active(&self) -> String {
+        let tables = self.interpreter.tables();
+        let mut at = 0;
+        let mut text = String::new();
+        while let Some(region) = tables.region_instance(at) {
+            let current = self.interpreter.current(at);
+            let state = tables.state(current).unwrap();
+            let place = match state.kind {
+                BlobStateKind::Initial => "i".to_owned(),
+                BlobStateKind::Final => "f".to_owned(),
+                _ => (current - region.initial - 1).to_string(),
+            };
+            text.push_str(&place);
+            at = match state.kind {
+                BlobStateKind::Super { region_offset, .. } => {
+                    text.push('(');
+                    at + region_offset
+                }
+                _ => region.next,
+            };
+        }
+        text
+    }
+}
+
+#[test]
+fn the_cd_player_plays() {
+    let mut machine = Machine::of(&cd_player());
+    let (play, stop, pause, open_close, cd, next, end_pause) = (0, 2, 3, 4, 5, 6, 1);
+    machine.steps(1);
+    let script = [
+        (open_close, "10"),
+        (open_close, "00"),
+        (cd, "20"),
+        (play, "4(i0"),
+        // The first pulse inside takes the song region out of `initial`, then the event moves it.
+        (next, "4(10"),
+        (next, "4(20"),
+        (next, "4(20"),
+        (pause, "30"),
+        (end_pause, "4(i0"),
+        (stop, "20"),
+        (stop, "20"),
+    ];
+    for (button, expected) in script {
+        machine.interpreter.set_flag(0, button, true);
+        machine.steps(1);
+        assert_eq!(machine.active(), expected, "button {button}");
+    }
+}
+
+#[test]
+fn the_cd_player_takes_at_most_ten_bytes_a_transition_and_two_words_a_region() {
+    let machine = verified(&cd_player());
+    let tables = machine.tables();
+    let bytes = 6 * tables.transition_count() + 4 * tables.code_count();
+    assert!(
+        bytes <= 10 * tables.transition_count(),
+        "{bytes} bytes for {} transitions",
+        tables.transition_count()
+    );
+    let flag_words = tables.flag_count().div_ceil(32);
+    let task_words = tables.task_instance_count().div_ceil(32);
+    let queue_words = tables.queue_capacity().div_ceil(2);
+    let region_words = machine.arena_words() - flag_words - task_words - queue_words;
+    assert_eq!(region_words, 2 * tables.region_instance_count());
+}
+
+#[test]
+fn the_envelope_is_postcard() {
+    let blob = compile(&everything(), &STARTS_US).unwrap();
+    let body = &blob[format::MAGIC.len()..blob.len() - format::CRC_BYTES];
+    let envelope: Envelope<'_> = postcard::from_bytes(body).unwrap();
+    assert_eq!(
+        envelope.nets.len(),
+        8 * verify(blob.clone()).unwrap().tables().net_count()
+    );
+    assert_eq!(postcard::to_stdvec(&envelope).unwrap(), body);
+}
+
+#[test]
+fn equal_models_give_equal_blobs() {
+    for model in [cd_player(), everything()] {
+        let first = compile(&model, &STARTS_US);
+        assert!(first.is_ok());
+        assert_eq!(first, compile(&model, &STARTS_US));
+    }
+}
+
+#[test]
+fn a_container_is_stored_once_however_often_it_is_used() {
+    let machine = verified(&everything());
+    let tables = machine.tables();
+    assert_eq!(tables.containers().len(), 3);
+    // Rover, First, Nested, Left, Right.
+    assert_eq!(tables.instance_count(), 5);
+    let containers: Vec<_> = (0..5)
+        .map(|index| tables.instance(index).unwrap().container)
+        .collect();
+    assert_eq!(containers, [0, 1, 2, 1, 1]);
+    // Three legs with Back and Log each, then Ring.
+    assert_eq!(tables.task_instance_count(), 7);
+}
+
+#[test]
+fn paths_through_container_ports_make_one_net() {
+    let machine = verified(&everything());
+    let tables = machine.tables();
+    let connections: Vec<_> = (0..tables.task_instance_count())
+        .map(|index| {
+            let first = tables.task_instance(index).unwrap().first_connection;
+            let task = tables.task_state_of(index).unwrap().task;
+            let ports = tables.task(task).unwrap().ports.data;
+            (first..first + ports)
+                .map(|index| tables.connection(index).unwrap())
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    // Only the first leg's scan is joined outside; in the others each port has a net of its own.
+    let expected = [
+        vec![Some(0), Some(1)],
+        vec![None],
+        vec![Some(2), Some(3)],
+        vec![None],
+        vec![Some(4), Some(5)],
+        vec![None],
+        vec![Some(0)],
+    ];
+    assert_eq!(connections, expected);
+}
+
+/// A chain of superstates: each holds one region, whose one state is the next superstate, down to a simple state.
+fn nested(depth: usize) -> Model {
+    let mut containers: Vec<_> = (1..depth)
+        .map(|inside| {
+            let inside = superstate("Inside", inside);
+            container(
+                "Level",
+                &[],
+                vec![region("r", vec![inside], vec![pulse(None, Some(0))])],
+            )
+        })
+        .collect();
+    containers.push(container(
+        "Bottom",
+        &[],
+        vec![region(
+            "r",
+            vec![simple("Last")],
+            vec![pulse(None, Some(0))],
+        )],
+    ));
+    model(&[], Vec::new(), containers)
+}
+
+#[test]
+fn going_down_takes_a_pulse_a_level() {
+    let depth = 300;
+    let mut machine = Machine::of(&nested(depth));
+    for level in 1..=depth {
+        machine.steps(1);
+        let entered = machine.active().matches('(').count();
+        assert_eq!(entered, level.min(depth - 1));
+    }
+    assert!(machine.active().ends_with("(0"));
+    // Nothing is left to do, and the machine knows it.
+    let summary = machine.step().unwrap();
+    assert!(!summary.changed);
+    assert_eq!(summary.step, depth as u64);
+}
+
+#[test]
+fn thousands_of_states_fit() {
+    let count = 5_000;
+    let chain = |from| pulse(Some(from), Some((from + 1) % count));
+    let mut transitions = vec![pulse(None, Some(0))];
+    transitions.extend((0..count).map(chain));
+    let states = (0..count).map(|_| simple("S")).collect();
+    let one_region = model(
+        &[],
+        Vec::new(),
+        vec![container(
+            "Wide",
+            &[],
+            vec![region("r", states, transitions)],
+        )],
+    );
+    let mut machine = Machine::of(&one_region);
+    machine.steps(1 + count);
+    assert_eq!(machine.active(), "0");
+
+    let leaf = container(
+        "Leaf",
+        &[(0, true, true)],
+        vec![region(
+            "r",
+            vec![simple("A"), simple("B")],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(1)).on_event(0),
+                pulse(Some(1), Some(0)).act(Action::Send(0)),
+            ],
+        )],
+    );
+    let regions =
+        (0..2_000).map(|_| region("r", vec![superstate("S", 1)], vec![pulse(None, Some(0))]));
+    let mut root = container("Many", &[(0, false, false)], regions.collect());
+    root.regions.push(region(
+        "kick",
+        vec![simple("K"), simple("L"), simple("M")],
+        vec![
+            pulse(None, Some(0)),
+            pulse(Some(0), Some(1)),
+            pulse(Some(1), Some(2)).act(Action::Send(0)),
+        ],
+    ));
+    let mut machine = Machine::of(&model(&["E"], Vec::new(), vec![root, leaf]));
+    machine.steps(3);
+    assert_eq!(machine.active(), "0(1".repeat(2_000) + "2");
+}
+
+#[test]
+fn nesting_that_explodes_is_refused_with_the_capacity() {
+    let mut containers: Vec<_> = (1..64)
+        .map(|inside| {
+            let both = vec![superstate("A", inside), superstate("B", inside)];
+            container(
+                "Level",
+                &[],
+                vec![region("r", both, vec![pulse(None, Some(0))])],
+            )
+        })
+        .collect();
+    containers.push(container(
+        "Bottom",
+        &[],
+        vec![region("r", vec![simple("S")], vec![pulse(None, Some(0))])],
+    ));
+    let error = compile(&model(&[], Vec::new(), containers), &STARTS_US).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            CompileError::Limit {
+                capacity: Capacity::Flags | Capacity::RegionInstances | Capacity::Instances,
+                ..
+            }
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn outer_wins_over_inner_and_regions_act_in_order() {
+    let inside = container(
+        "Inside",
+        &[(0, true, false)],
+        vec![region(
+            "r",
+            vec![simple("A"), simple("B")],
+            vec![pulse(None, Some(0)), pulse(Some(0), Some(1)).on_event(0)],
+        )],
+    );
+    let root = container(
+        "Root",
+        &[(0, false, false)],
+        vec![
+            region(
+                "motion",
+                vec![superstate("S", 1), simple("Out")],
+                vec![pulse(None, Some(0)), pulse(Some(0), Some(1)).on_event(0)],
+            ),
+            region(
+                "kick",
+                vec![simple("A"), simple("B"), simple("C")],
+                vec![
+                    pulse(None, Some(0)),
+                    pulse(Some(0), Some(1)),
+                    pulse(Some(1), Some(2)).act(Action::Send(0)),
+                ],
+            ),
+        ],
+    );
+    let mut machine = Machine::of(&model(&["E"], Vec::new(), vec![root, inside]));
+    machine.steps(2);
+    assert_eq!(machine.active(), "0(01");
+    let log = machine.log();
+    let order: Vec<_> = log
+        .taken
+        .iter()
+        .map(|taken| (taken.micro, taken.region_instance))
+        .collect();
+    assert_eq!(order, [(0, 2), (1, 0)]);
+    assert_eq!(machine.active(), "12");
+}
+
+/// A root region that goes from a state with a limit to another when that is over.
+fn timer(limit_us: u32, period_us: u32) -> Model {
+    let root = container(
+        "Root",
+        &[],
+        vec![region(
+            "r",
+            vec![limited("A", limit_us), simple("B")],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(1)).if_(Guard::Timeout),
+            ],
+        )],
+    );
+    let mut model = model(&[], Vec::new(), vec![root]);
+    model.slots.truncate(1);
+    model.slots[0].period_us = period_us;
+    model
+}
+
+#[test]
+fn timeouts_are_strict_at_any_scale() {
+    // Entered at t = 0; left at the first multiple of the period that is above the limit.
+    let cases = [
+        (0, 1_000, 1),
+        (999, 1_000, 1),
+        (1_000, 1_000, 2),
+        (5_000, 1_000, 6),
+        (4_000_000_000, 1_000_000_000, 5),
+        (4_000_000_000, 4_000_000_000, 2),
+        (3_999_999_999, 4_000_000_000, 1),
+        (4_000_000_000, 3_999_999_999, 2),
+        (4_000_000_000, 300_000_000, 14),
+    ];
+    for (limit_us, period_us, expected) in cases {
+        let model = timer(limit_us, period_us);
+        let blob = verify(compile(&model, &[0]).unwrap()).unwrap();
+        let mut machine = Machine::run(blob);
+        machine.steps(1);
+        let mut steps = 1;
+        while machine.active() == "0" && steps < 100 {
+            machine.steps(1);
+            steps += 1;
+        }
+        assert_eq!(steps - 1, expected, "limit {limit_us}, period {period_us}");
+    }
+}
+
+#[test]
+fn missed_occurrences_count_as_time() {
+    let mut machine = Machine::run(verify(compile(&timer(5_000, 1_000), &[0]).unwrap()).unwrap());
+    machine.steps(1);
+    machine.interpreter.skip(5);
+    let summary = machine.step().unwrap();
+    assert_eq!((summary.step, summary.t_us), (6, 6_000));
+    assert_eq!(machine.active(), "1");
+}
+
+#[test]
+fn entering_resets_and_leaving_disables() {
+    let inside = container(
+        "Inside",
+        &[],
+        vec![region(
+            "r",
+            vec![
+                task_state("Fast", 0, SlotRef::Slot(1)),
+                task_state("Slow", 0, SlotRef::NonRealTime),
+            ],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(1)).if_(Guard::Own(0)),
+            ],
+        )],
+    );
+    let root = container(
+        "Root",
+        &[],
+        vec![
+            region(
+                "motion",
+                vec![superstate("S", 1), simple("Out")],
+                vec![
+                    pulse(None, Some(0)),
+                    pulse(Some(0), Some(1)).on_event(0),
+                    pulse(Some(1), Some(0)).if_(Guard::Timeout),
+                ],
+            ),
+            region(
+                "control",
+                vec![task_state("C", 0, SlotRef::Slot(1))],
+                vec![
+                    pulse(None, Some(0)),
+                    pulse(Some(0), Some(0))
+                        .if_(Guard::Own(0))
+                        .act(Action::Send(0)),
+                ],
+            ),
+        ],
+    );
+    let mut root = root;
+    root.regions[0].states[1].timeout_us = Some(0);
+    root.events = container("", &[(0, false, false)], Vec::new()).events;
+    let flags = vec![flag("f", Direction::Out)];
+    let model = model(&["E"], vec![task("T", flags)], vec![root, inside]);
+    let mut machine = Machine::of(&model);
+    let (fast, slow, control) = (0, 1, 2);
+    machine.steps(2);
+    assert_eq!(machine.active(), "0(00");
+    assert_eq!(machine.interpreter.enabled_words(), [0b101]);
+
+    machine.interpreter.set_busy(fast, true);
+    assert!(machine.interpreter.is_busy_inside(0, 1));
+    machine.interpreter.set_flag(control, 0, true);
+    let log = machine.log();
+    // C left and entered anew; then S, and with it Fast, left.
+    assert_eq!(log.disabled, [2, 0]);
+    assert_eq!(log.enabled, [2]);
+    assert!(!machine.interpreter.task_flag(control, 0));
+    assert!(machine.interpreter.is_busy(fast));
+    assert_eq!(machine.interpreter.enabled_words(), [0b100]);
+
+    machine.steps(2);
+    assert_eq!(machine.active(), "0(00");
+    assert!(!machine.interpreter.is_busy(fast));
+    machine.interpreter.set_flag(fast, 0, true);
+    machine.steps(1);
+    assert_eq!(machine.active(), "0(10");
+    assert_eq!(machine.interpreter.enabled_words(), [0b110]);
+    // A slot-0 task goes on though its state is left.
+    machine.interpreter.set_flag(control, 0, true);
+    machine.steps(1);
+    assert_eq!(machine.active(), "10");
+    assert!(machine.interpreter.is_enabled(slow) && !machine.interpreter.is_current(slow));
+    machine.interpreter.clear_enabled(slow);
+    assert!(!machine.interpreter.is_enabled(slow) && !machine.interpreter.has_exited(slow));
+    machine.interpreter.report_exit(control);
+    assert!(machine.interpreter.has_exited(control) && !machine.interpreter.is_enabled(control));
+}
+
+#[test]
+fn any_final_sets_the_exit_flag_around_it() {
+    let inside = container(
+        "Inside",
+        &[],
+        vec![
+            region("a", vec![], vec![pulse(None, None)]),
+            region("b", vec![simple("Stays")], vec![pulse(None, Some(0))]),
+        ],
+    );
+    let root = container(
+        "Root",
+        &[],
+        vec![region(
+            "r",
+            vec![superstate("S", 1), simple("After")],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(1)).on(Trigger::Star),
+                pulse(Some(1), None),
+            ],
+        )],
+    );
+    let mut machine = Machine::of(&model(&[], Vec::new(), vec![root, inside]));
+    let mut seen = Vec::new();
+    for _ in 0..5 {
+        let finished = machine.step().unwrap().finished;
+        seen.push((machine.active(), finished));
+    }
+    let expected = [
+        ("0(ii", false),
+        ("0(f0", false),
+        ("1", false),
+        ("f", true),
+        ("f", true),
+    ];
+    assert!(
+        seen.iter()
+            .map(|(active, finished)| (active.as_str(), *finished))
+            .eq(expected),
+        "{seen:?}"
+    );
+}
+
+#[test]
+fn guards_mean_what_they_say() {
+    // Every guard over four flags, against a direct evaluation, for all sixteen patterns.
+    fn value(guard: &Guard, flags: u32) -> bool {
+        match guard {
+            Guard::Own(flag) => flags >> flag & 1 != 0,
+            Guard::Not(inner) => !value(inner, flags),
+            Guard::And(terms) => terms.iter().all(|term| value(term, flags)),
+            Guard::Or(terms) => terms.iter().any(|term| value(term, flags)),
+            _ => unreachable!("not generated"),
+        }
+    }
+    let atom = (0..4_usize).prop_map(Guard::Own);
+    let guard = atom.prop_recursive(5, 24, 4, |inner| {
+        let terms = || prop::collection::vec(inner.clone(), 2..5);
+        prop_oneof![
+            inner.clone().prop_map(|guard| Guard::Not(Box::new(guard))),
+            terms().prop_map(Guard::And),
+            terms().prop_map(Guard::Or),
+        ]
+    });
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(64));
+    runner
+        .run(&guard, |guard| {
+            let flags = ["a", "b", "c", "d"].map(|name| flag(name, Direction::Out));
+            let root = container(
+                "Root",
+                &[],
+                vec![region(
+                    "r",
+                    vec![task_state("T", 0, SlotRef::Slot(1)), simple("Yes")],
+                    vec![
+                        pulse(None, Some(0)),
+                        pulse(Some(0), Some(1)).if_(guard.clone()),
+                        pulse(Some(1), Some(0)),
+                    ],
+                )],
+            );
+            let tasks = vec![task("T", flags.to_vec())];
+            let mut machine = Machine::of(&model(&[], tasks, vec![root]));
+            machine.steps(1);
+            for pattern in 0..16 {
+                for flag in 0..4 {
+                    machine
+                        .interpreter
+                        .set_flag(0, flag, pattern >> flag & 1 != 0);
+                }
+                machine.steps(1);
+                let expected = if value(&guard, pattern) { "1" } else { "0" };
+                prop_assert_eq!(machine.active(), expected);
+                if expected == "1" {
+                    machine.steps(1);
+                }
+            }
+            Ok(())
+        })
+        .unwrap();
+}
+
+#[test]
+fn faults_stop_the_machine_and_its_real_time_tasks() {
+    let sends = |count: usize| {
+        let mut kick = pulse(Some(0), Some(0));
+        for _ in 0..count {
+            kick = kick.act(Action::Send(0));
+        }
+        let root = container(
+            "Root",
+            &[(0, false, false)],
+            vec![
+                region(
+                    "tasks",
+                    vec![
+                        task_state("Fast", 0, SlotRef::Slot(1)),
+                        task_state("Slow", 0, SlotRef::NonRealTime),
+                    ],
+                    vec![pulse(None, Some(0))],
+                ),
+                region(
+                    "slow",
+                    vec![task_state("Slow", 0, SlotRef::NonRealTime)],
+                    vec![pulse(None, Some(0))],
+                ),
+                region("kick", vec![simple("K")], vec![pulse(None, Some(0)), kick]),
+                region(
+                    "echo",
+                    vec![simple("E")],
+                    vec![
+                        pulse(None, Some(0)),
+                        pulse(Some(0), Some(0)).on_event(0).act(Action::Send(0)),
+                    ],
+                ),
+            ],
+        );
+        model(&["E"], vec![task("T", Vec::new())], vec![root])
+    };
+    let cases = [
+        (2, Fault::MacroStepLimit),
+        (32, Fault::MacroStepLimit),
+        (33, Fault::EventQueueOverflow),
+    ];
+    for (count, fault) in cases {
+        let mut machine = Machine::of(&sends(count));
+        machine.steps(1);
+        assert_eq!(machine.interpreter.enabled_words(), [0b101]);
+        let mut log = Log::default();
+        assert_eq!(machine.interpreter.macro_step(&mut log), Err(fault));
+        let last = log.taken.last().map(|taken| taken.micro);
+        let expected = match fault {
+            Fault::MacroStepLimit => Some(254),
+            Fault::EventQueueOverflow => None,
+        };
+        assert_eq!(last, expected, "{count} sends");
+        assert_eq!(machine.interpreter.enabled_words(), [0b100]);
+        assert_eq!(machine.step(), Err(fault));
+    }
+}
+
+#[test]
+fn events_are_seen_where_they_are_forwarded_to() {
+    // Root holds A and B side by side; each holds an inner one. Who is in state 1 has seen the event.
+    // By container: forwarded in, forwarded out. The sender is the inner one of A.
+    let cases: [(&str, [(bool, bool); 3], [bool; 5]); 5] = [
+        (
+            "local",
+            [(false, false); 3],
+            [false, false, true, false, false],
+        ),
+        (
+            "up one",
+            [(false, false), (false, false), (false, true)],
+            [false, true, true, false, false],
+        ),
+        (
+            "up to the root",
+            [(false, false), (false, true), (false, true)],
+            [true, true, true, false, false],
+        ),
+        (
+            "up and down one",
+            [(false, false), (true, true), (false, true)],
+            [true, true, true, true, false],
+        ),
+        (
+            "everywhere",
+            [(false, false), (true, true), (true, true)],
+            [true; 5],
+        ),
+    ];
+    for (name, [root_forwards, outer_forwards, inner_forwards], expected) in cases {
+        let listen = || {
+            region(
+                "listen",
+                vec![simple("No"), simple("Yes")],
+                vec![pulse(None, Some(0)), pulse(Some(0), Some(1)).on_event(0)],
+            )
+        };
+        let kick = region(
+            "kick",
+            vec![task_state("K", 0, SlotRef::Slot(1)), simple("Sent")],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(1))
+                    .if_(Guard::Own(0))
+                    .act(Action::Send(0)),
+            ],
+        );
+        let inside = |index| {
+            region(
+                "r",
+                vec![superstate("S", index)],
+                vec![pulse(None, Some(0))],
+            )
+        };
+        let forwards = |(down, up)| [(0, down, up)];
+        let containers = vec![
+            container(
+                "Root",
+                &forwards(root_forwards),
+                vec![listen(), inside(1), inside(1)],
+            ),
+            container(
+                "Outer",
+                &forwards(outer_forwards),
+                vec![listen(), inside(2)],
+            ),
+            container("Inner", &forwards(inner_forwards), vec![listen(), kick]),
+        ];
+        let kicker = task("Kick", vec![flag("f", Direction::Out)]);
+        let mut machine = Machine::of(&model(&["E"], vec![kicker], containers));
+        machine.steps(4);
+        machine.interpreter.set_flag(0, 0, true);
+        machine.steps(1);
+        // The listening regions of Root, A, A's inner, B, B's inner.
+        let tables = machine.interpreter.tables();
+        let seen = [0, 1, 2, 3, 4].map(|instance| {
+            let region = tables.instance(instance).unwrap().first_region;
+            let initial = tables.region_instance(region).unwrap().initial;
+            machine.interpreter.current(region) == initial + 2
+        });
+        assert_eq!(seen, expected, "{name}");
+    }
+}
+
+#[test]
+fn every_flipped_byte_and_every_prefix_is_refused() {
+    let blob = compile(&everything(), &STARTS_US).unwrap();
+    for at in 0..blob.len() {
+        let mut flipped = blob.clone();
+        flipped[at] ^= 0x10;
+        assert!(verify(flipped).is_err(), "byte {at}");
+        assert!(verify(&blob[..at]).is_err(), "prefix {at}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_told() {
+    let blob = compile(&cd_player(), &STARTS_US).unwrap();
+    let mut other = blob.clone();
+    other[3] = b'9';
+    assert_eq!(verify(other).unwrap_err().1, Refusal::Magic);
+    let mut other = blob.clone();
+    *other.last_mut().unwrap() ^= 1;
+    assert!(matches!(
+        verify(other).unwrap_err().1,
+        Refusal::Checksum { .. }
+    ));
+    let error = compile(&cd_player(), &[0, 50]).unwrap_err();
+    assert_eq!(error, CompileError::Schedule { number: 2 });
+    let truncated = sealed(&blob[..blob.len() / 2]);
+    assert_eq!(verify(truncated).unwrap_err().1, Refusal::Cut);
+}
+
+/// Puts a right CRC behind a body.
+fn sealed(body: &[u8]) -> Vec<u8> {
+    let mut blob = body.to_vec();
+    blob.extend_from_slice(&format::crc32(body).to_le_bytes());
+    blob
+}
+
+/// Runs a blob that passed the verifier with random flags, for as long as it may. What it must not do is panic or hang.
+fn survive(blob: Verified<Vec<u8>>, seed: u64) {
+    if blob.arena_words() > 1 << 16 {
+        return;
+    }
+    let tasks = blob.tables().task_instance_count();
+    let mut machine = Machine::run(blob);
+    let mut random = seed | 1;
+    for _ in 0..50 {
+        for task in 0..tasks.min(64) {
+            random = random
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            let bits = random >> 33;
+            machine
+                .interpreter
+                .set_flag(task, (bits & 3) as usize, bits & 4 != 0);
+            machine.interpreter.set_busy(task, bits & 8 != 0);
+            if bits & 0x70 == 0 {
+                machine.interpreter.report_exit(task);
+            }
+        }
+        if machine.step().is_err() {
+            break;
+        }
+    }
+    let end = machine.interpreter.tables().region_instance_count();
+    assert!((0..end).all(|region| {
+        let tables = machine.interpreter.tables();
+        let initial = tables.region_instance(region).unwrap().initial;
+        let region_of = |state| tables.region_of_state(state);
+        region_of(machine.interpreter.current(region)) == region_of(initial)
+    }));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// The CRC is right, the content is not: it is the verifier that stands between.
+    #[test]
+    fn mutated_blobs_are_refused_or_run(
+        everything_else in any::<bool>(),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), any::<bool>()), 1..4),
+        seed in any::<u64>(),
+    ) {
+        let model = if everything_else { everything() } else { cd_player() };
+        let blob = compile(&model, &STARTS_US).unwrap();
+        let mut body = blob[..blob.len() - format::CRC_BYTES].to_vec();
+        for (index, value, small) in changes {
+            let at = index.index(body.len());
+            body[at] = if small { body[at].wrapping_add(value % 5).wrapping_sub(2) } else { value };
+        }
+        if let Ok(verified) = verify(sealed(&body)) {
+            survive(verified, seed);
+        }
+    }
+
+    #[test]
+    fn random_bytes_are_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let mut body = format::MAGIC.to_vec();
+        body.extend_from_slice(&bytes);
+        prop_assert!(verify(sealed(&body)).is_err());
+        prop_assert!(verify(bytes).is_err());
+    }
+}
+
+#[test]
+fn every_single_byte_change_with_a_right_crc_is_refused_or_runs() {
+    let blob = compile(&everything(), &STARTS_US).unwrap();
+    let body = &blob[..blob.len() - format::CRC_BYTES];
+    let mut refused = 0;
+    for at in 0..body.len() {
+        for change in [1, 0x80, 0xFF] {
+            let mut other = body.to_vec();
+            other[at] ^= change;
+            match verify(sealed(&other)) {
+                Ok(verified) => survive(verified, at as u64),
+                Err(_) => refused += 1,
+            }
+        }
+    }
+    // Names, parameter values, operands within range and the like are free; the rest is not.
+    assert!(
+        refused > body.len(),
+        "{refused} of {} refused",
+        3 * body.len()
+    );
+}
+
+/// A change of one field, and what it must be refused with.
+type Planted = (&'static str, Section, usize, u16, Cause);
+
+#[test]
+fn each_rule_of_the_format_is_kept() {
+    // Field numbers count 16-bit fields from the table's start; values replace them. `everything` has 5 instances, 10 region instances.
+    let blob = compile(&everything(), &STARTS_US).unwrap();
+    let body = &blob[format::MAGIC.len()..blob.len() - format::CRC_BYTES];
+    let cases: [Planted; 22] = [
+        ("queue of 0", Section::Mission, 0, 0, Cause::Range),
+        ("queue of 256", Section::Mission, 0, 256, Cause::Range),
+        ("interpreter slot", Section::Mission, 1, 2, Cause::Index),
+        (
+            "start behind period",
+            Section::Slots,
+            6,
+            1_000,
+            Cause::Range,
+        ),
+        (
+            "slots on each other",
+            Section::Slots,
+            14,
+            50,
+            Cause::Overlap,
+        ),
+        ("region order", Section::Containers, 8, 3, Cause::Order),
+        ("region span", Section::Containers, 6, 11, Cause::Template),
+        ("self-contained", Section::Instances, 8, 0, Cause::Template),
+        (
+            "walk back",
+            Section::RegionInstances,
+            4,
+            0,
+            Cause::Direction,
+        ),
+        (
+            "walk in place",
+            Section::RegionInstances,
+            4,
+            1,
+            Cause::Direction,
+        ),
+        (
+            "walk out of an instance",
+            Section::RegionInstances,
+            4,
+            9,
+            Cause::Direction,
+        ),
+        (
+            "foreign state",
+            Section::RegionInstances,
+            2,
+            1,
+            Cause::Template,
+        ),
+        (
+            "foreign flags",
+            Section::RegionInstances,
+            5,
+            0,
+            Cause::Template,
+        ),
+        ("target initial", Section::Transitions, 1, 0, Cause::Index),
+        ("target elsewhere", Section::Transitions, 1, 5, Cause::Index),
+        ("unknown event", Section::Transitions, 3, 9, Cause::Index),
+        ("pseudo-state kind", Section::States, 3, 0x4000, Cause::Kind),
+        ("flag order", Section::States, 10, 3, Cause::Order),
+        ("unknown net", Section::Connections, 0, 99, Cause::Index),
+        (
+            "net of another type",
+            Section::Connections,
+            0,
+            1,
+            Cause::Type,
+        ),
+        (
+            "channel of the pulse",
+            Section::Channels,
+            0,
+            PULSE,
+            Cause::Index,
+        ),
+        ("signature hash", Section::Tasks, 0, 0, Cause::Text),
+    ];
+    for (name, section, field, value, expected) in cases {
+        let mut envelope: Envelope<'_> = postcard::from_bytes(body).unwrap();
+        let mut changed = section_of(&mut envelope, section).to_vec();
+        changed[2 * field..2 * field + 2].copy_from_slice(&value.to_le_bytes());
+        *section_of(&mut envelope, section) = &changed;
+        let mut other = format::MAGIC.to_vec();
+        other.extend(postcard::to_stdvec(&envelope).unwrap());
+        let (_, refusal) = verify(sealed(&other)).expect_err(name);
+        let Refusal::Record { cause, .. } = refusal else {
+            panic!("{name}: {refusal:?}");
+        };
+        assert_eq!(cause, expected, "{name}: {refusal:?}");
+    }
+}
+
+fn section_of<'e, 'a>(envelope: &'e mut Envelope<'a>, section: Section) -> &'e mut &'a [u8] {
+    match section {
+        Section::Mission => &mut envelope.mission,
+        Section::Slots => &mut envelope.slots,
+        Section::Containers => &mut envelope.containers,
+        Section::States => &mut envelope.states,
+        Section::Transitions => &mut envelope.transitions,
+        Section::Instances => &mut envelope.instances,
+        Section::RegionInstances => &mut envelope.region_instances,
+        Section::Channels => &mut envelope.channels,
+        Section::Tasks => &mut envelope.tasks,
+        Section::Connections => &mut envelope.connections,
+        other => panic!("no case changes {other:?}"),
+    }
+}
+
+#[test]
+fn jumps_stay_inside_their_guard() {
+    let blob = compile(&everything(), &STARTS_US).unwrap();
+    let verified = verify(blob).unwrap();
+    let tables = verified.tables();
+    let mut jumps = 0;
+    for transition in 0..tables.transition_count() {
+        let code: Vec<_> = tables.code_of(transition).collect();
+        let tests = code
+            .iter()
+            .take_while(|code| matches!(code, Code::Test { .. } | Code::TestBusyInside { .. }))
+            .count();
+        for (at, code) in code.iter().enumerate() {
+            if let Code::Test {
+                jump: Some(jump), ..
+            } = code
+            {
+                assert!(at + jump <= tests);
+                jumps += 1;
+            }
+        }
+    }
+    assert!(jumps > 0);
+}
