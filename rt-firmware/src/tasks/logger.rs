@@ -22,7 +22,44 @@ task! {
 
 impl Task for Logger {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let _ = (io.read(Self::POSE), io.read(Self::BATTERY));
+        let pose = io.read(Self::POSE);
+        let battery = io.read(Self::BATTERY);
+        // Whole numbers: a log line is made of them without any arithmetic of floats.
+        crate::info!(
+            "at x {} mm, y {} mm, heading {} mrad, battery {} mV",
+            thousandths(pose.x_m),
+            thousandths(pose.y_m),
+            thousandths(pose.heading_rad),
+            thousandths(battery.voltage_v)
+        );
         Step::Finished
+    }
+}
+
+/// Thousandths of `value`, cut to a whole number.
+fn thousandths(value: f32) -> i32 {
+    (value * 1e3) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+
+    #[test]
+    fn it_writes_one_line_and_is_done_once_it_knows_pose_and_battery() {
+        let mut bench = TaskBench::new(Logger);
+        bench.give(Logger::POSE, Pose::START);
+        assert_eq!(bench.step(), None, "the battery is not known yet");
+        bench.give(Logger::BATTERY, Battery { voltage_v: 7.4 });
+        assert_eq!(bench.step(), Some(Step::Finished));
+        assert_eq!(bench.enter_anew().step(), Some(Step::Finished));
+    }
+
+    #[test]
+    fn values_are_logged_in_thousandths() {
+        for (value, expected) in [(1.2345, 1_234), (-0.5, -500), (0.0, 0), (f32::NAN, 0)] {
+            assert_eq!(thousandths(value), expected);
+        }
     }
 }
