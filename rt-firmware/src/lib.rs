@@ -18,6 +18,10 @@ extern crate std;
 #[doc(hidden)]
 pub use pastey;
 
+// First: the macros are in scope in the modules that follow.
+#[macro_use]
+pub mod log;
+
 pub mod background;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
@@ -27,7 +31,6 @@ pub mod body;
 pub mod check;
 pub mod drivers;
 pub mod link;
-pub mod log;
 pub mod mail;
 pub mod odometry;
 pub mod ports;

@@ -25,7 +25,7 @@ impl Task for Logger {
         let pose = io.read(Self::POSE);
         let battery = io.read(Self::BATTERY);
         // Whole numbers: a log line is made of them without any arithmetic of floats.
-        crate::info!(
+        info!(
             "at x {} mm, y {} mm, heading {} mrad, battery {} mV",
             thousandths(pose.x_m),
             thousandths(pose.y_m),
