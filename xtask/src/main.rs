@@ -1,1 +1,140 @@
-fn main() {}
+//! The project's own commands: `cargo xtask demo`, `test`, `firmware`, `size`, `setup`.
+//!
+//! What needs the network, root or minutes is told before it is done. What cannot be done ends with the exact command that would.
+//! There are no dependencies, so that the first command on a fresh machine starts at once.
+
+mod demo;
+mod elf;
+mod firmware;
+mod process;
+mod setup;
+mod size;
+mod test;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use process::Failure;
+use setup::Choice;
+
+const HELP: &str = "\
+The project's own commands.
+
+Usage: cargo xtask <COMMAND> [OPTIONS]
+
+Commands:
+  demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
+  test       Run every check that CI runs; ends with a line `N passed, M failed`
+  firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
+  size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
+  setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
+
+Options:
+  --toolchain <rustup|debian|auto>   Which compiler builds firmware (also ESM_TOOLCHAIN) [default: auto]:
+                                     rustup's with its target installed, or Debian's, which builds the core library from source
+  --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
+  --example                          firmware: build examples/my_robot instead
+  --quick                            test: leave out what takes minutes (emulator, my_robot)
+  --write                            size: keep the sizes as the expected ones
+  -h, --help                         This text
+";
+
+/// The command line.
+#[derive(Debug, Default)]
+struct Options {
+    toolchain: Option<Choice>,
+    bins: Vec<String>,
+    example: bool,
+    quick: bool,
+    write: bool,
+}
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let command = arguments.next();
+    let result = match command.as_deref() {
+        None | Some("-h" | "--help" | "help") => {
+            print!("{HELP}");
+            Ok(())
+        }
+        Some(command) => parse(arguments).and_then(|options| run(command, &options)),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Usage(problem)) => {
+            eprintln!("xtask: {problem}\n\n{HELP}");
+            ExitCode::from(2)
+        }
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure> {
+    let mut options = Options::default();
+    while let Some(argument) = arguments.next() {
+        let (name, mut value) = match argument.split_once('=') {
+            Some((name, value)) => (name.to_owned(), Some(value.to_owned())),
+            None => (argument, None),
+        };
+        let mut value = || {
+            value
+                .take()
+                .or_else(|| arguments.next())
+                .ok_or_else(|| Failure::Usage(format!("{name} needs a value")))
+        };
+        match name.as_str() {
+            "--toolchain" => options.toolchain = Some(Choice::from_name(&value()?)?),
+            "--bin" => options.bins.push(value()?),
+            "--example" => options.example = true,
+            "--quick" => options.quick = true,
+            "--write" => options.write = true,
+            "-h" | "--help" => {
+                print!("{HELP}");
+                std::process::exit(0);
+            }
+            _ => return Err(Failure::Usage(format!("unknown option {name}"))),
+        }
+    }
+    Ok(options)
+}
+
+fn run(command: &str, options: &Options) -> Result<(), Failure> {
+    let root = root();
+    let choice = match options.toolchain {
+        Some(choice) => choice,
+        None => match std::env::var("ESM_TOOLCHAIN") {
+            Ok(name) => Choice::from_name(&name)?,
+            Err(_) => Choice::Auto,
+        },
+    };
+    match command {
+        "setup" => {
+            setup::emulator()?;
+            setup::toolchain(choice)?;
+            println!("Ready: `cargo xtask demo` shows the robot, `cargo xtask test` runs all checks.");
+            Ok(())
+        }
+        "firmware" => {
+            let toolchain = setup::toolchain(choice)?;
+            if options.example {
+                return firmware::build_example(&root, &toolchain).map(drop);
+            }
+            let default = [firmware::DEFAULT_BIN.to_owned()];
+            let bins = if options.bins.is_empty() { &default[..] } else { &options.bins };
+            firmware::build(&root, &toolchain, bins).map(drop)
+        }
+        "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
+        "test" => test::command(&root, choice, options.quick),
+        "demo" => demo::command(&root, choice),
+        unknown => Err(Failure::Usage(format!("unknown command {unknown}"))),
+    }
+}
+
+/// The top of the checkout.
+fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here).to_owned()
+}

@@ -1,0 +1,80 @@
+//! Building firmware for the board.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::process::{self, Failure, make_folder};
+use crate::setup::{BOARD_TARGET, Toolchain};
+
+/// The folder of the default board.
+pub const BOARD_FOLDER: &str = "boards/lm3s6965";
+
+/// What the default board runs.
+pub const DEFAULT_BIN: &str = "rover";
+
+/// The firmware with tasks that misbehave, for the tests.
+pub const FAULTS_BIN: &str = "faults";
+
+/// The example of a robot outside the workspace, and its firmware.
+pub const EXAMPLE_FOLDER: &str = "examples/my_robot";
+/// See [`EXAMPLE_FOLDER`].
+pub const EXAMPLE_BIN: &str = "my_robot";
+
+/// Where finished firmware goes, below the checkout.
+const FIRMWARE_FOLDER: &str = "target/firmware/lm3s6965";
+
+/// Where cargo builds it: one folder for the board and the example, which have most crates in common.
+const BUILD_FOLDER: &str = "target/firmware-build";
+
+/// Builds the board's `bins`; returns where each ELF file is.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn build(root: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<PathBuf>, Failure> {
+    build_in(root, &root.join(BOARD_FOLDER), toolchain, bins)
+}
+
+/// Builds the example's firmware; returns where its ELF file is.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
+    build_in(root, &root.join(EXAMPLE_FOLDER).join("firmware"), toolchain, &[EXAMPLE_BIN.to_owned()])
+}
+
+/// Runs clippy on the crate in `folder` with warnings as errors.
+///
+/// # Errors
+/// [`Failure::Ended`] if it found something.
+pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Failure> {
+    let mut cargo = toolchain.cargo(folder);
+    cargo
+        .args(["clippy", "--quiet", "--release", "--target-dir"])
+        .arg(root.join(BUILD_FOLDER))
+        .args(["--", "-D", "warnings"]);
+    process::run(&mut cargo)
+}
+
+fn build_in(root: &Path, folder: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<PathBuf>, Failure> {
+    let started = Instant::now();
+    println!("Building firmware {} in {} (the first time takes minutes) …", bins.join(", "), folder.display());
+    let build_folder = root.join(BUILD_FOLDER);
+    let mut cargo = toolchain.cargo(folder);
+    cargo.args(["build", "--release", "--target-dir"]).arg(&build_folder);
+    for bin in bins {
+        cargo.args(["--bin", bin]);
+    }
+    process::run(&mut cargo)?;
+    let to = root.join(FIRMWARE_FOLDER);
+    make_folder(&to)?;
+    let mut files = Vec::new();
+    for bin in bins {
+        let built = build_folder.join(BOARD_TARGET).join("release").join(bin);
+        let file = to.join(format!("{bin}.elf"));
+        std::fs::copy(&built, &file).map_err(|cause| Failure::File { path: built, cause })?;
+        println!("{}", file.display());
+        files.push(file);
+    }
+    println!("Built in {:.0} s.", started.elapsed().as_secs_f32());
+    Ok(files)
+}

@@ -1,0 +1,160 @@
+//! Running other programs: told before, timed, and never left behind.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Why a command of ours ended badly.
+#[derive(Debug)]
+pub enum Failure {
+    /// The command line was wrong.
+    Usage(String),
+    /// Something is missing that this program may not or cannot install.
+    Missing {
+        /// What is missing.
+        what: String,
+        /// The command that installs it, to be run by the user.
+        command: String,
+    },
+    /// A program could not be started.
+    Start {
+        /// The program and its arguments.
+        command: String,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// A program ended with another status than 0.
+    Ended {
+        /// The program and its arguments.
+        command: String,
+        /// How it ended.
+        status: ExitStatus,
+    },
+    /// A file could not be read or written.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// A file does not hold what it should.
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+    /// Checks did not hold; they were told one by one.
+    Checks {
+        /// How many.
+        failed: usize,
+    },
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Failure::Usage(problem) => to.write_str(problem),
+            Failure::Missing { what, command } => {
+                write!(to, "{what} is missing. Install it with:\n\n    {command}\n\nand run this again.")
+            }
+            Failure::Start { command, cause } => write!(to, "cannot start `{command}`: {cause}"),
+            Failure::Ended { command, status } => write!(to, "`{command}` failed ({status})"),
+            Failure::File { path, cause } => write!(to, "{}: {cause}", path.display()),
+            Failure::Content { path, problem } => write!(to, "{}: {problem}", path.display()),
+            Failure::Checks { failed } => write!(to, "{failed} failed"),
+        }
+    }
+}
+
+/// A command for `program` that ends with this process, whatever ends it. (A terminal's Ctrl-C reaches both by itself; `setpriv`, where it is
+/// installed, has the system end the child if only this process is ended.)
+pub fn command(program: impl AsRef<OsStr>) -> Command {
+    if find_program("setpriv").is_none() {
+        return Command::new(program);
+    }
+    let mut command = Command::new("setpriv");
+    command.args(["--pdeathsig", "TERM"]).arg(program);
+    command
+}
+
+/// The command as a person would type it.
+pub fn shown(command: &Command) -> String {
+    let mut words: Vec<_> = std::iter::once(command.get_program())
+        .chain(command.get_args())
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect();
+    if words.starts_with(&["setpriv".into(), "--pdeathsig".into()]) {
+        words.drain(..3);
+    }
+    words.join(" ")
+}
+
+/// Runs `command` with this process's terminal.
+///
+/// # Errors
+/// [`Failure::Start`], [`Failure::Ended`].
+pub fn run(command: &mut Command) -> Result<(), Failure> {
+    let status = command.status().map_err(|cause| Failure::Start {
+        command: shown(command),
+        cause,
+    })?;
+    if status.success() {
+        Ok(())
+    } else {
+        Err(Failure::Ended {
+            command: shown(command),
+            status,
+        })
+    }
+}
+
+/// What `command` prints to standard output; `None` if it cannot be started or fails.
+pub fn output(command: &mut Command) -> Option<String> {
+    let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Runs `command` for at most `limit`; whether it ended well in that time. One that did not end is ended.
+pub fn run_within(command: &mut Command, limit: Duration) -> bool {
+    const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+    let Ok(mut child) = command.stdin(Stdio::null()).spawn() else {
+        return false;
+    };
+    let deadline = Instant::now() + limit;
+    while Instant::now() < deadline {
+        match child.try_wait() {
+            Ok(None) => std::thread::sleep(LOOK_INTERVAL),
+            Ok(Some(status)) => return status.success(),
+            Err(_) => break,
+        }
+    }
+    let _ = child.kill();
+    let _ = child.wait();
+    false
+}
+
+/// Where `program` is on the search path; a link that leads nowhere is no program.
+pub fn find_program(program: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path)
+        .map(|folder| folder.join(program))
+        .find(|candidate| candidate.is_file())
+}
+
+/// Makes `folder` and those above it.
+///
+/// # Errors
+/// [`Failure::File`].
+pub fn make_folder(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|cause| Failure::File {
+        path: folder.to_owned(),
+        cause,
+    })
+}

@@ -1,0 +1,321 @@
+//! Finding or installing what building and running firmware needs: emulator, a compiler with a core library for the board, linker.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use crate::process::{self, Failure, command, find_program, output};
+
+/// The emulator, and its package in Debian and what descends from it.
+const EMULATOR: (&str, &str) = ("qemu-system-arm", "qemu-system-arm");
+
+/// What the boards' cores run: the default board's, and the smaller one that the libraries must also compile for.
+pub const BOARD_TARGET: &str = "thumbv7m-none-eabi";
+/// See [`BOARD_TARGET`].
+pub const SMALL_TARGET: &str = "thumbv6m-none-eabi";
+
+/// The oldest compiler that the project's code is for; the workspace's `rust-version`.
+const OLDEST_RUSTC: (u32, u32) = (1, 95);
+
+/// How long `rustup target add` may take. Where its server is out of reach it would try for minutes.
+const RUSTUP_LIMIT: Duration = Duration::from_secs(30);
+
+/// Debian's packages of the compiler, by release: backported for browsers in the stable releases, plain in the newer ones.
+const DEBIAN_PACKAGES: [[&str; 3]; 2] =
+    [["rustc-web", "cargo-web", "rust-web-src"], ["rustc", "cargo", "rust-src"]];
+
+/// Where Debian puts the compiler.
+const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+
+/// Which compiler to use, as the user says it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// rustup's if its target is there or can be had, else Debian's.
+    Auto,
+    /// rustup's, with `rustup target add`.
+    Rustup,
+    /// Debian's, with the core library built from its source package.
+    Debian,
+}
+
+impl Choice {
+    /// The choice of this name.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for any other name.
+    pub fn from_name(name: &str) -> Result<Self, Failure> {
+        match name {
+            "auto" => Ok(Choice::Auto),
+            "rustup" => Ok(Choice::Rustup),
+            "debian" => Ok(Choice::Debian),
+            _ => Err(Failure::Usage(format!("toolchain `{name}` is none of rustup, debian, auto"))),
+        }
+    }
+}
+
+/// A compiler that can build firmware.
+#[derive(Clone, Debug)]
+pub enum Toolchain {
+    /// The cargo that runs this program; the targets come from rustup.
+    Rustup,
+    /// Debian's, which builds the core library from source.
+    Debian {
+        /// The linker: rustc's own `lld`.
+        linker: PathBuf,
+    },
+}
+
+impl Toolchain {
+    /// A cargo command in `folder`, which builds with this compiler.
+    pub fn cargo(&self, folder: &Path) -> Command {
+        let mut cargo;
+        match self {
+            Toolchain::Rustup => {
+                cargo = command(host_cargo());
+                cargo.arg("--color=auto");
+            }
+            Toolchain::Debian { linker } => {
+                cargo = command(DEBIAN_CARGO);
+                // RUSTC_BOOTSTRAP lets a stable compiler take `-Zbuild-std`. What rustup's cargo set for its children would mislead this one.
+                cargo
+                    .env("RUSTC_BOOTSTRAP", "1")
+                    .env("RUSTC", DEBIAN_RUSTC)
+                    .env("CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER", linker)
+                    .env_remove("RUSTUP_TOOLCHAIN")
+                    .env_remove("CARGO");
+            }
+        }
+        cargo.current_dir(folder);
+        cargo
+    }
+
+    /// Further arguments of a cargo command outside the boards' folders, whose own settings have them.
+    pub fn core_from_source(&self) -> &'static [&'static str] {
+        match self {
+            Toolchain::Rustup => &[],
+            Toolchain::Debian { .. } => &["-Zbuild-std=core"],
+        }
+    }
+
+    /// Whether the lints can be run on firmware: they need the lint driver and a core library of one compiler.
+    pub fn has_clippy(&self) -> bool {
+        match self {
+            Toolchain::Rustup => true,
+            Toolchain::Debian { .. } => Path::new("/usr/bin/clippy-driver").is_file(),
+        }
+    }
+}
+
+/// The cargo that runs this program, for all that is built for the host.
+pub fn host_cargo() -> String {
+    std::env::var("CARGO").unwrap_or_else(|_| "cargo".into())
+}
+
+/// Finds or installs the emulator.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that installs it.
+pub fn emulator() -> Result<(), Failure> {
+    let (program, package) = EMULATOR;
+    if find_program(program).is_none() {
+        install("the emulator", &[package])?;
+    }
+    let version = output(command(program).arg("--version")).unwrap_or_default();
+    println!("Emulator: {}", version.lines().next().unwrap_or(program));
+    Ok(())
+}
+
+/// Finds or installs a compiler for firmware.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that installs it.
+pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
+    let toolchain = match choice {
+        Choice::Rustup => rustup_target(BOARD_TARGET)
+            .then_some(Toolchain::Rustup)
+            .ok_or_else(|| Failure::Missing {
+                what: format!("rustup's target {BOARD_TARGET}"),
+                command: format!("rustup target add {BOARD_TARGET}"),
+            })?,
+        Choice::Debian => debian()?,
+        Choice::Auto if rustup_target(BOARD_TARGET) => Toolchain::Rustup,
+        Choice::Auto => debian()?,
+    };
+    match &toolchain {
+        Toolchain::Rustup => println!("Compiler for firmware: rustup's, target {BOARD_TARGET}"),
+        Toolchain::Debian { linker } => println!(
+            "Compiler for firmware: Debian's {DEBIAN_RUSTC}, core library from source, linker {}",
+            linker.display()
+        ),
+    }
+    Ok(toolchain)
+}
+
+/// Whether `toolchain` can build for the small target, installing that if it must.
+pub fn has_small_target(toolchain: &Toolchain) -> bool {
+    match toolchain {
+        Toolchain::Rustup => rustup_target(SMALL_TARGET),
+        Toolchain::Debian { .. } => true,
+    }
+}
+
+/// Whether rustup is there and has `target`, which it is told to fetch if it has not.
+fn rustup_target(target: &str) -> bool {
+    if find_program("rustup").is_none() {
+        return false;
+    }
+    let installed = output(command("rustup").args(["target", "list", "--installed"]));
+    if installed.is_some_and(|list| list.lines().any(|line| line.trim() == target)) {
+        return true;
+    }
+    println!("Fetching the target {target} with `rustup target add {target}` …");
+    if process::run_within(command("rustup").args(["target", "add", target]), RUSTUP_LIMIT) {
+        return true;
+    }
+    println!("rustup gave no target within {} s.", RUSTUP_LIMIT.as_secs());
+    false
+}
+
+/// Finds or installs Debian's compiler, its sources and a linker.
+fn debian() -> Result<Toolchain, Failure> {
+    if !debian_is_complete() {
+        let packages = debian_packages().ok_or_else(|| Failure::Missing {
+            what: format!(
+                "a compiler for {BOARD_TARGET} (rustup's server did not answer, and no Debian package has rustc {}.{} or newer)",
+                OLDEST_RUSTC.0, OLDEST_RUSTC.1
+            ),
+            command: format!("rustup target add {BOARD_TARGET}"),
+        })?;
+        install("a compiler that can build for the board", &packages)?;
+    }
+    let linker = match find_linker() {
+        Some(linker) => linker,
+        None => {
+            install("the linker", &[&linker_package()])?;
+            find_linker().ok_or_else(|| Failure::Missing {
+                what: "the linker rust-lld".into(),
+                command: format!("apt-get install {}", linker_package()),
+            })?
+        }
+    };
+    Ok(Toolchain::Debian { linker })
+}
+
+/// Whether Debian's compiler is there, new enough, with cargo and the sources of the core library.
+fn debian_is_complete() -> bool {
+    let version = output(Command::new(DEBIAN_RUSTC).arg("--version"));
+    let sysroot = output(Command::new(DEBIAN_RUSTC).args(["--print", "sysroot"]));
+    let (Some(version), Some(sysroot)) = (version, sysroot) else {
+        return false;
+    };
+    let new_enough = version
+        .split(' ')
+        .nth(1)
+        .is_some_and(|version| is_new_enough(version));
+    let sources = Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core");
+    new_enough && sources.is_dir() && Path::new(DEBIAN_CARGO).is_file()
+}
+
+/// The first set of packages whose compiler is new enough.
+fn debian_packages() -> Option<[&'static str; 3]> {
+    DEBIAN_PACKAGES.into_iter().find(|[rustc, ..]| {
+        let policy = output(Command::new("apt-cache").args(["policy", rustc]));
+        policy.is_some_and(|policy| {
+            policy
+                .lines()
+                .filter_map(|line| line.trim().strip_prefix("Candidate: "))
+                .any(is_new_enough)
+        })
+    })
+}
+
+/// Whether a version such as `1.96.0+dfsg1-1` is [`OLDEST_RUSTC`] or newer.
+fn is_new_enough(version: &str) -> bool {
+    let mut numbers = version.split('.').map_while(|number| number.parse().ok());
+    let version = (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0));
+    version >= OLDEST_RUSTC
+}
+
+/// A linker that rustc drives as its own: on the search path, or in a toolchain of rustup's.
+fn find_linker() -> Option<PathBuf> {
+    const LINKER: &str = "rust-lld";
+    find_program(LINKER).or_else(|| {
+        let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
+        let host = output(Command::new("rustc").args(["--print", "host-tuple"]))?;
+        let linker = Path::new(sysroot.trim())
+            .join("lib/rustlib")
+            .join(host.trim())
+            .join("bin")
+            .join(LINKER);
+        linker.is_file().then_some(linker)
+    })
+}
+
+/// The package of the linker: Debian's `rust-lld` is a link to the `lld` of the LLVM that its compiler was built with, in a package of that name.
+fn linker_package() -> String {
+    std::fs::read_link("/usr/bin/rust-lld")
+        .ok()
+        .and_then(|target| Some(target.file_name()?.to_str()?.to_owned()))
+        .unwrap_or_else(|| "lld".into())
+}
+
+/// Installs packages with apt, as root or through sudo.
+fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
+    let by_hand = format!("sudo apt-get install {}", packages.join(" "));
+    let missing = || Failure::Missing {
+        what: format!("{what} ({})", packages.join(", ")),
+        command: by_hand.clone(),
+    };
+    if find_program("apt-get").is_none() {
+        return Err(missing());
+    }
+    let Some(prefix) = root_prefix() else {
+        return Err(missing());
+    };
+    let apt = |arguments: &[&str]| {
+        let words: Vec<&str> = prefix.iter().copied().chain(["apt-get"]).chain(arguments.iter().copied()).collect();
+        let (program, arguments) = words.split_first().unwrap_or((&"apt-get", &[]));
+        let mut apt = command(program);
+        apt.args(arguments).env("DEBIAN_FRONTEND", "noninteractive");
+        apt
+    };
+    let arguments = [&["install", "-y", "--no-install-recommends"][..], packages].concat();
+    println!("Installing {what}: `apt-get install {}` …", packages.join(" "));
+    if process::run(&mut apt(&arguments)).is_ok() {
+        return Ok(());
+    }
+    println!("Fetching the lists of packages first: `apt-get update` …");
+    process::run(&mut apt(&["update"])).map_err(|_| missing())?;
+    process::run(&mut apt(&arguments)).map_err(|_| missing())
+}
+
+/// What to put before a command that needs root; `None` if this user cannot become root without being asked for a password.
+fn root_prefix() -> Option<&'static [&'static str]> {
+    if output(Command::new("id").arg("-u"))?.trim() == "0" {
+        return Some(&[]);
+    }
+    find_program("sudo")?;
+    output(Command::new("sudo").args(["-n", "true"])).map(|_| &["sudo", "-n"][..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_new_enough;
+
+    #[test]
+    fn versions_are_compared_by_number() {
+        for (version, expected) in [
+            ("1.96.0+dfsg1-1~deb12u2", true),
+            ("1.95.0", true),
+            ("1.100.0", true),
+            ("2.0.0", true),
+            ("1.85.0+dfsg3-1", false),
+            ("1.9.0", false),
+            ("(none)", false),
+            ("", false),
+        ] {
+            assert_eq!(is_new_enough(version), expected, "{version}");
+        }
+    }
+}
