@@ -24,7 +24,7 @@ pub const EXAMPLE_BIN: &str = "my_robot";
 const FIRMWARE_FOLDER: &str = "target/firmware/lm3s6965";
 
 /// Where cargo builds it: one folder for the board and the example, which have most crates in common.
-const BUILD_FOLDER: &str = "target/firmware-build";
+pub const BUILD_FOLDER: &str = "target/firmware-build";
 
 /// Builds the board's `bins`; returns where each ELF file is.
 ///
@@ -39,7 +39,12 @@ pub fn build(root: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<
 /// # Errors
 /// [`Failure`]: what did not build.
 pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
-    build_in(root, &root.join(EXAMPLE_FOLDER).join("firmware"), toolchain, &[EXAMPLE_BIN.to_owned()])
+    build_in(
+        root,
+        &root.join(EXAMPLE_FOLDER).join("firmware"),
+        toolchain,
+        &[EXAMPLE_BIN.to_owned()],
+    )
 }
 
 /// Runs clippy on the crate in `folder` with warnings as errors.
@@ -55,12 +60,23 @@ pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Fai
     process::run(&mut cargo)
 }
 
-fn build_in(root: &Path, folder: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<PathBuf>, Failure> {
+fn build_in(
+    root: &Path,
+    folder: &Path,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
     let started = Instant::now();
-    println!("Building firmware {} in {} (the first time takes minutes) …", bins.join(", "), folder.display());
+    println!(
+        "Building firmware {} in {} (the first time takes minutes) …",
+        bins.join(", "),
+        folder.display()
+    );
     let build_folder = root.join(BUILD_FOLDER);
     let mut cargo = toolchain.cargo(folder);
-    cargo.args(["build", "--release", "--target-dir"]).arg(&build_folder);
+    cargo
+        .args(["build", "--release", "--target-dir"])
+        .arg(&build_folder);
     for bin in bins {
         cargo.args(["--bin", bin]);
     }

@@ -75,12 +75,12 @@ fn main() -> ExitCode {
 fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure> {
     let mut options = Options::default();
     while let Some(argument) = arguments.next() {
-        let (name, mut value) = match argument.split_once('=') {
+        let (name, mut given) = match argument.split_once('=') {
             Some((name, value)) => (name.to_owned(), Some(value.to_owned())),
             None => (argument, None),
         };
         let mut value = || {
-            value
+            given
                 .take()
                 .or_else(|| arguments.next())
                 .ok_or_else(|| Failure::Usage(format!("{name} needs a value")))
@@ -114,7 +114,9 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         "setup" => {
             setup::emulator()?;
             setup::toolchain(choice)?;
-            println!("Ready: `cargo xtask demo` shows the robot, `cargo xtask test` runs all checks.");
+            println!(
+                "Ready: `cargo xtask demo` shows the robot, `cargo xtask test` runs all checks."
+            );
             Ok(())
         }
         "firmware" => {
@@ -123,7 +125,11 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 return firmware::build_example(&root, &toolchain).map(drop);
             }
             let default = [firmware::DEFAULT_BIN.to_owned()];
-            let bins = if options.bins.is_empty() { &default[..] } else { &options.bins };
+            let bins = if options.bins.is_empty() {
+                &default[..]
+            } else {
+                &options.bins
+            };
             firmware::build(&root, &toolchain, bins).map(drop)
         }
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),

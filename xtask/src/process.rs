@@ -59,7 +59,10 @@ impl fmt::Display for Failure {
         match self {
             Failure::Usage(problem) => to.write_str(problem),
             Failure::Missing { what, command } => {
-                write!(to, "{what} is missing. Install it with:\n\n    {command}\n\nand run this again.")
+                write!(
+                    to,
+                    "{what} is missing. Install it with:\n\n    {command}\n\nand run this again."
+                )
             }
             Failure::Start { command, cause } => write!(to, "cannot start `{command}`: {cause}"),
             Failure::Ended { command, status } => write!(to, "`{command}` failed ({status})"),
@@ -114,7 +117,11 @@ pub fn run(command: &mut Command) -> Result<(), Failure> {
 
 /// What `command` prints to standard output; `None` if it cannot be started or fails.
 pub fn output(command: &mut Command) -> Option<String> {
-    let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
+    let output = command
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .output()
+        .ok()?;
     output
         .status
         .success()

@@ -21,8 +21,10 @@ const OLDEST_RUSTC: (u32, u32) = (1, 95);
 const RUSTUP_LIMIT: Duration = Duration::from_secs(30);
 
 /// Debian's packages of the compiler, by release: backported for browsers in the stable releases, plain in the newer ones.
-const DEBIAN_PACKAGES: [[&str; 3]; 2] =
-    [["rustc-web", "cargo-web", "rust-web-src"], ["rustc", "cargo", "rust-src"]];
+const DEBIAN_PACKAGES: [[&str; 3]; 2] = [
+    ["rustc-web", "cargo-web", "rust-web-src"],
+    ["rustc", "cargo", "rust-src"],
+];
 
 /// Where Debian puts the compiler.
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
@@ -49,7 +51,9 @@ impl Choice {
             "auto" => Ok(Choice::Auto),
             "rustup" => Ok(Choice::Rustup),
             "debian" => Ok(Choice::Debian),
-            _ => Err(Failure::Usage(format!("toolchain `{name}` is none of rustup, debian, auto"))),
+            _ => Err(Failure::Usage(format!(
+                "toolchain `{name}` is none of rustup, debian, auto"
+            ))),
         }
     }
 }
@@ -152,11 +156,17 @@ pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
     Ok(toolchain)
 }
 
-/// Whether `toolchain` can build for the small target, installing that if it must.
-pub fn has_small_target(toolchain: &Toolchain) -> bool {
+/// Has `toolchain` build for the small target too.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that installs it.
+pub fn small_target(toolchain: &Toolchain) -> Result<(), Failure> {
     match toolchain {
-        Toolchain::Rustup => rustup_target(SMALL_TARGET),
-        Toolchain::Debian { .. } => true,
+        Toolchain::Rustup if !rustup_target(SMALL_TARGET) => Err(Failure::Missing {
+            what: format!("rustup's target {SMALL_TARGET}"),
+            command: format!("rustup target add {SMALL_TARGET}"),
+        }),
+        Toolchain::Rustup | Toolchain::Debian { .. } => Ok(()),
     }
 }
 
@@ -170,7 +180,10 @@ fn rustup_target(target: &str) -> bool {
         return true;
     }
     println!("Fetching the target {target} with `rustup target add {target}` …");
-    if process::run_within(command("rustup").args(["target", "add", target]), RUSTUP_LIMIT) {
+    if process::run_within(
+        command("rustup").args(["target", "add", target]),
+        RUSTUP_LIMIT,
+    ) {
         return true;
     }
     println!("rustup gave no target within {} s.", RUSTUP_LIMIT.as_secs());
@@ -209,10 +222,7 @@ fn debian_is_complete() -> bool {
     let (Some(version), Some(sysroot)) = (version, sysroot) else {
         return false;
     };
-    let new_enough = version
-        .split(' ')
-        .nth(1)
-        .is_some_and(|version| is_new_enough(version));
+    let new_enough = version.split(' ').nth(1).is_some_and(is_new_enough);
     let sources = Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core");
     new_enough && sources.is_dir() && Path::new(DEBIAN_CARGO).is_file()
 }
@@ -274,14 +284,22 @@ fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
         return Err(missing());
     };
     let apt = |arguments: &[&str]| {
-        let words: Vec<&str> = prefix.iter().copied().chain(["apt-get"]).chain(arguments.iter().copied()).collect();
+        let words: Vec<&str> = prefix
+            .iter()
+            .copied()
+            .chain(["apt-get"])
+            .chain(arguments.iter().copied())
+            .collect();
         let (program, arguments) = words.split_first().unwrap_or((&"apt-get", &[]));
         let mut apt = command(program);
         apt.args(arguments).env("DEBIAN_FRONTEND", "noninteractive");
         apt
     };
     let arguments = [&["install", "-y", "--no-install-recommends"][..], packages].concat();
-    println!("Installing {what}: `apt-get install {}` …", packages.join(" "));
+    println!(
+        "Installing {what}: `apt-get install {}` …",
+        packages.join(" ")
+    );
     if process::run(&mut apt(&arguments)).is_ok() {
         return Ok(());
     }

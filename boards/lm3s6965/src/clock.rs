@@ -1,4 +1,4 @@
-//! The system clock, and the time in microseconds since start-up.
+//! The system clock, and the time since start-up.
 //!
 //! The core runs at 50 MHz, the most that the part can do: 50 ticks a microsecond, and SysTick's 24 bits last for a third of a second.
 //! (QEMU derives the ticks of SysTick, timers and watchdog from the divisor in RCC; how long an instruction takes is set by `-icount`.)
@@ -20,10 +20,9 @@ const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
 
 /// An instant at which [`advance`] read SysTick.
 struct Base {
-    low_us: AtomicU32,
-    high_us: AtomicU32,
-    /// Ticks beyond the whole microseconds.
-    rest_ticks: AtomicU32,
+    /// Ticks since start-up, in two halves.
+    low_ticks: AtomicU32,
+    high_ticks: AtomicU32,
     /// SysTick's value at that instant.
     count: AtomicU32,
 }
@@ -31,11 +30,19 @@ struct Base {
 impl Base {
     const fn zero() -> Self {
         Self {
-            low_us: AtomicU32::new(0),
-            high_us: AtomicU32::new(0),
-            rest_ticks: AtomicU32::new(0),
+            low_ticks: AtomicU32::new(0),
+            high_ticks: AtomicU32::new(0),
             count: AtomicU32::new(SYS_TICK_MASK),
         }
+    }
+
+    /// The time in ticks when SysTick stands at `count`.
+    fn ticks_at(&self, count: u32) -> u64 {
+        let base = u64::from(self.high_ticks.load(Ordering::Relaxed)) << 32
+            | u64::from(self.low_ticks.load(Ordering::Relaxed));
+        // SysTick counts down.
+        let since = self.count.load(Ordering::Relaxed).wrapping_sub(count) & SYS_TICK_MASK;
+        base + u64::from(since)
     }
 }
 
@@ -43,15 +50,6 @@ impl Base {
 static BASES: [Base; 2] = [const { Base::zero() }; 2];
 /// Number of times that the base was moved; its last bit tells which of the two holds.
 static MOVES: AtomicU32 = AtomicU32::new(0);
-
-/// Time since the base, or the base itself.
-#[derive(Clone, Copy)]
-pub struct Instant {
-    /// Whole microseconds since start-up.
-    pub us: u64,
-    /// Ticks beyond them, below [`TICKS_PER_US`].
-    pub rest_ticks: u32,
-}
 
 /// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that counts time.
 pub fn start() {
@@ -80,46 +78,41 @@ pub fn start() {
     sys_tick::CSR.write(ENABLE_FROM_CORE_CLOCK);
 }
 
-/// The time since start-up in microseconds. From any context.
-pub fn now_us() -> u64 {
-    now().us
-}
-
-/// The time since start-up to the tick. From any context.
-pub fn now() -> Instant {
+/// Ticks since start-up. From any context.
+pub fn now_ticks() -> u64 {
     loop {
         let moves = MOVES.load(Ordering::Acquire);
-        let base = &BASES[(moves & 1) as usize];
-        let us = u64::from(base.high_us.load(Ordering::Relaxed)) << 32
-            | u64::from(base.low_us.load(Ordering::Relaxed));
-        let rest_ticks = base.rest_ticks.load(Ordering::Relaxed);
-        let count = base.count.load(Ordering::Relaxed);
-        let ticks = rest_ticks + (count.wrapping_sub(sys_tick::CVR.read()) & SYS_TICK_MASK);
+        let [even, odd] = &BASES;
+        let base = if moves.is_multiple_of(2) { even } else { odd };
+        let ticks = base.ticks_at(sys_tick::CVR.read());
+        // Moved meanwhile: what was read may be of two bases. The next attempt meets no move, since moves are further apart than this takes.
         if MOVES.load(Ordering::Acquire) == moves {
-            return Instant {
-                us: us + u64::from(ticks / TICKS_PER_US),
-                rest_ticks: ticks % TICKS_PER_US,
-            };
+            return ticks;
         }
     }
 }
 
-/// Moves the base to now. For the slot timer's interrupt alone; it must come at least once in each round of SysTick (a third of a second).
-pub fn advance() -> Instant {
+/// Microseconds since start-up. From any context.
+pub fn now_us() -> u64 {
+    now_ticks() / u64::from(TICKS_PER_US)
+}
+
+/// Moves the base to now, and returns it in ticks. For the slot timer's interrupt alone; it must come at least once in each round of
+/// SysTick (a third of a second).
+pub fn advance() -> u64 {
     let moves = MOVES.load(Ordering::Relaxed);
-    let old = &BASES[(moves & 1) as usize];
-    let new = &BASES[(moves.wrapping_add(1) & 1) as usize];
+    let [even, odd] = &BASES;
+    let (old, new) = if moves.is_multiple_of(2) {
+        (even, odd)
+    } else {
+        (odd, even)
+    };
     let count = sys_tick::CVR.read();
-    let ticks = old.rest_ticks.load(Ordering::Relaxed)
-        + (old.count.load(Ordering::Relaxed).wrapping_sub(count) & SYS_TICK_MASK);
-    let us = (u64::from(old.high_us.load(Ordering::Relaxed)) << 32
-        | u64::from(old.low_us.load(Ordering::Relaxed)))
-        + u64::from(ticks / TICKS_PER_US);
-    let rest_ticks = ticks % TICKS_PER_US;
-    new.low_us.store(us as u32, Ordering::Relaxed);
-    new.high_us.store((us >> 32) as u32, Ordering::Relaxed);
-    new.rest_ticks.store(rest_ticks, Ordering::Relaxed);
+    let ticks = old.ticks_at(count);
+    new.low_ticks.store(ticks as u32, Ordering::Relaxed);
+    new.high_ticks
+        .store((ticks >> 32) as u32, Ordering::Relaxed);
     new.count.store(count, Ordering::Relaxed);
     MOVES.store(moves.wrapping_add(1), Ordering::Release);
-    Instant { us, rest_ticks }
+    ticks
 }

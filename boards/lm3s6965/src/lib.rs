@@ -1,19 +1,118 @@
 //! The board lm3s6965evb: a Cortex-M3 with 256 KiB of flash and 64 KiB of RAM, as QEMU emulates it.
+//!
+//! The crate is what an RTIC app for this board is made of, and the app itself, as the macro [`app!`]: a robot's firmware is its registry of
+//! tasks and one line.
+//!
+//! ```ignore
+//! #![no_std]
+//! #![no_main]
+//!
+//! lm3s6965::app! {
+//!     firmware: "my robot 1.0",
+//!     robot: MyRobot<'static> = MyRobot::new,
+//! }
+//! ```
+//!
+//! Who runs at which priority, highest first:
+//!
+//! | priority | interrupt | does |
+//! |---|---|---|
+//! | 8 | watchdog | last words of a firmware whose slots have stopped |
+//! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
+//! | 3 | UART 0 | bytes between the wire and the queues |
+//! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
+//! | 0 | none: the idle loop | slot-0 tasks; sleep |
+//!
+//! A critical section masks everything below the slot timer ([`critical`]), so nothing delays a slot. The sides share nothing but queues
+//! with one reader and one writer.
+//!
+//! Nothing here names a robot: pins are a [`PinImage`] whose other end is the simulated plant ([`plant`]).
 #![no_std]
 
 pub mod clock;
 pub mod critical;
+pub mod line;
 pub mod log;
 pub mod plant;
 pub mod post_mortem;
 pub mod registers;
 pub mod slot_timer;
+pub mod slots;
 pub mod stack;
 pub mod uart;
 pub mod watchdog;
 
-pub use cortex_m;
-pub use heapless;
-pub use pac;
-pub use rt_firmware;
-pub use rtic;
+mod app;
+
+use rt_firmware::body::PinImage;
+use rt_firmware::link::message::ResetReason;
+
+use post_mortem::Cause;
+use slots::SlotBoard;
+
+#[doc(hidden)]
+pub use cortex_m_rt as rt;
+#[doc(hidden)]
+pub use {cortex_m, heapless, pac, rt_firmware, rtic};
+
+/// Name of the board, as it tells it over the link.
+pub const NAME: &str = "lm3s6965";
+
+/// Bytes of the largest blob; there are two such buffers.
+pub const BLOB_BYTES: usize = 4 * 1024;
+/// 32-bit words for the interpreter.
+pub const ARENA_WORDS: usize = 128;
+/// Slots of a mission.
+pub const SLOTS: usize = 32;
+/// Task instances of a mission.
+pub const TASKS: usize = 32;
+/// Nets of a mission.
+pub const NETS: usize = 24;
+/// Groups of exclusive tasks.
+pub const EXCLUSIVE_GROUPS: usize = 4;
+/// Bytes of the ring of trace records.
+pub const TRACE_BYTES: usize = 1024;
+
+/// A runtime's memory, of this board's size.
+pub type Memory<'m> = rt_firmware::Memory<
+    'm,
+    BLOB_BYTES,
+    ARENA_WORDS,
+    SLOTS,
+    TASKS,
+    NETS,
+    EXCLUSIVE_GROUPS,
+    TRACE_BYTES,
+>;
+
+/// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's handler carries them to the plant.
+pub static PINS: PinImage = PinImage::new();
+
+/// What the first code of the firmware finds out.
+pub struct Start {
+    /// Why the firmware starts.
+    pub reset: ResetReason,
+    /// The board for the slot timer's handler.
+    pub board: SlotBoard,
+}
+
+/// Brings up stack paint, clock, serial line and the way to the plant. To be called once, first of all, with interrupts off.
+pub fn start() -> Start {
+    stack::paint();
+    clock::start();
+    uart::start();
+    plant::open();
+    let (cause, plant_time_us) = post_mortem::take();
+    match cause {
+        Cause::PowerOn => defmt::info!("power on"),
+        Cause::Panic { line } => defmt::error!("started again after a panic in line {=u32}", line),
+        Cause::HardFault { address } => {
+            defmt::error!("started again after a fault at {=u32:#x}", address)
+        }
+        Cause::Watchdog => defmt::error!("started again by the watchdog: the slots had stopped"),
+    }
+    Start {
+        reset: cause.into(),
+        board: SlotBoard::new(plant_time_us),
+    }
+}

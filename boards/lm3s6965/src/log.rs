@@ -7,8 +7,8 @@
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
 
-use cortex_m::peripheral::scb::VectActive;
 use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::scb::VectActive;
 use critical_section::RestoreState;
 use defmt::{Encoder, Logger};
 use pac::Interrupt;

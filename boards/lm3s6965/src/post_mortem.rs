@@ -11,6 +11,7 @@ use core::ptr;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
 use rt_firmware::body::{Actuators, Request};
+use rt_firmware::link::message::ResetReason;
 
 use crate::plant;
 
@@ -29,13 +30,19 @@ pub enum Cause {
         /// The program counter.
         address: u32,
     },
-    /// The slot timer's handler did not return in time: a task never returned, or interrupts were masked.
-    Watchdog {
-        /// Where the core was; 0 if even the watchdog's interrupt could not run.
-        address: u32,
-    },
-    /// The host asked for it.
-    Requested,
+    /// The slot timer's handler did not return in time: a task never returned, or interrupts were masked for good.
+    Watchdog,
+}
+
+impl From<Cause> for ResetReason {
+    fn from(cause: Cause) -> Self {
+        match cause {
+            Cause::PowerOn => ResetReason::PowerOn,
+            Cause::Panic { .. } => ResetReason::Panic,
+            Cause::HardFault { .. } => ResetReason::CpuFault,
+            Cause::Watchdog => ResetReason::Watchdog,
+        }
+    }
 }
 
 /// The kept words. Every bit pattern is valid, so reading what power-on left there is harmless.
@@ -57,7 +64,6 @@ const NO_REASON: u32 = 0;
 const PANIC: u32 = 1;
 const HARD_FAULT: u32 = 2;
 const WATCHDOG: u32 = 3;
-const REQUESTED: u32 = 4;
 
 struct KeptCell(UnsafeCell<MaybeUninit<Kept>>);
 // SAFETY: it is touched through `read` and `write` below, with volatile accesses of plain words on a single core; a torn one can at worst
@@ -96,10 +102,7 @@ pub fn take() -> (Cause, u64) {
         (true, HARD_FAULT) => Cause::HardFault {
             address: kept.detail,
         },
-        (true, REQUESTED) => Cause::Requested,
-        (true, _) => Cause::Watchdog {
-            address: kept.detail,
-        },
+        (true, _) => Cause::Watchdog,
     };
     (cause, plant_time_us)
 }
@@ -119,8 +122,7 @@ pub fn end(cause: Cause) -> ! {
         Cause::PowerOn => (NO_REASON, 0),
         Cause::Panic { line } => (PANIC, line),
         Cause::HardFault { address } => (HARD_FAULT, address),
-        Cause::Watchdog { address } => (WATCHDOG, address),
-        Cause::Requested => (REQUESTED, 0),
+        Cause::Watchdog => (WATCHDOG, 0),
     };
     let kept = read();
     write(Kept {

@@ -31,17 +31,19 @@ pub fn acknowledge() {
     timer0::ICR.write(TIMER_A_TIMEOUT);
 }
 
-/// Lets the next interrupt come at `start_us`, at once if that is past, and after [`LONGEST_SLEEP_US`] at the latest.
-pub fn set(start_us: u64) {
-    let now = clock::now();
-    let sleep_us = start_us.saturating_sub(now.us).min(LONGEST_SLEEP_US.into()) as u32;
+/// Lets the next interrupt come when the clock shows `at_ticks`, at once if it has, and after [`LONGEST_SLEEP_US`] at the latest.
+pub fn set(at_ticks: u64) {
+    const LONGEST_SLEEP_TICKS: u32 = LONGEST_SLEEP_US * TICKS_PER_US;
     timer0::CTL.write(0);
-    if let Some(ticks) = (sleep_us * TICKS_PER_US).checked_sub(now.rest_ticks)
-        && ticks > 0
+    // The distance fits 32 bits where it is below the longest sleep.
+    match at_ticks
+        .saturating_sub(clock::now_ticks())
+        .min(LONGEST_SLEEP_TICKS.into()) as u32
     {
-        timer0::TAILR.write(ticks);
-        timer0::CTL.write(TIMER_A_ENABLE);
-    } else {
-        NVIC::pend(Interrupt::TIMER_0A);
+        0 => NVIC::pend(Interrupt::TIMER_0A),
+        ticks => {
+            timer0::TAILR.write(ticks);
+            timer0::CTL.write(TIMER_A_ENABLE);
+        }
     }
 }

@@ -14,7 +14,10 @@ unsafe extern "C" {
 
 /// Addresses of the stack's lowest word and of the word above its highest.
 fn bounds() -> (usize, usize) {
-    ((&raw const _stack_end).addr(), (&raw const _stack_start).addr())
+    (
+        (&raw const _stack_end).addr(),
+        (&raw const _stack_start).addr(),
+    )
 }
 
 /// Paints the part of the stack that is not in use yet. To be called once, early, with interrupts off.

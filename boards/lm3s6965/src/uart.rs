@@ -1,9 +1,6 @@
 //! UART0, the serial line of the link: 115,200 baud, 8 bits, no parity.
 //!
-//! Both directions go through queues, so that nobody ever waits for the wire: the interrupt handler moves bytes between them and the part's
-//! 16-byte FIFOs, the link task holds the other ends.
-
-use heapless::spsc::{Consumer, Producer};
+//! Only its interrupt handler calls what moves bytes; [`line`](crate::line) has the queues around it.
 
 use crate::clock::TICKS_PER_US;
 use crate::registers::{gpio_a, system_control, uart0};
@@ -12,12 +9,12 @@ use crate::registers::{gpio_a, system_control, uart0};
 pub const BAUD: u32 = 115_200;
 
 /// Bytes that the part's own FIFO holds; as many are moved in one interrupt at most.
-const FIFO_BYTES: usize = 16;
+pub const FIFO_BYTES: usize = 16;
 
-const RECEIVE_EMPTY: u32 = 1 << 4;
-const TRANSMIT_FULL: u32 = 1 << 5;
+const RECEIVER_EMPTY: u32 = 1 << 4;
+const TRANSMITTER_FULL: u32 = 1 << 5;
 const RECEIVED: u32 = 1 << 4;
-const TRANSMITTED: u32 = 1 << 5;
+const SENT: u32 = 1 << 5;
 const RECEIVE_TIMEOUT: u32 = 1 << 6;
 
 /// Starts the UART, with the interrupt of received bytes on.
@@ -41,57 +38,32 @@ pub fn start() {
     uart0::CTL.write(ENABLE_BOTH_DIRECTIONS);
 }
 
-/// The interrupt handler's ends of the two queues.
-pub struct Line {
-    received: Producer<'static, u8>,
-    to_transmit: Consumer<'static, u8>,
-    lost_bytes: u32,
+/// Takes the interrupt back. To be called first in its handler.
+pub fn acknowledge() {
+    uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | SENT);
 }
 
-impl Line {
-    /// The handler's state.
-    pub fn new(received: Producer<'static, u8>, to_transmit: Consumer<'static, u8>) -> Self {
-        Self {
-            received,
-            to_transmit,
-            lost_bytes: 0,
-        }
+/// The next byte of the receiver's FIFO.
+pub fn receive() -> Option<u8> {
+    if uart0::FR.read() & RECEIVER_EMPTY != 0 {
+        return None;
     }
+    // The bits above the byte tell of line errors, which the link's checksum finds as well.
+    Some(uart0::DR.read() as u8)
+}
 
-    /// Moves bytes between the FIFOs and the queues. To be called by the UART's interrupt, and, by pending that, whenever bytes were queued
-    /// for transmission. A received byte that finds its queue full is lost: the frame that it belongs to fails its CRC and is asked for again.
-    ///
-    /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
-    pub fn serve(&mut self) -> bool {
-        uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | TRANSMITTED);
-        let mut worth_a_look = false;
-        for _ in 0..FIFO_BYTES {
-            if uart0::FR.read() & RECEIVE_EMPTY != 0 {
-                break;
-            }
-            // The bits above the byte tell of line errors, which the CRC finds as well.
-            let byte = uart0::DR.read() as u8;
-            worth_a_look = true;
-            if self.received.enqueue(byte).is_err() {
-                self.lost_bytes = self.lost_bytes.saturating_add(1);
-            }
-        }
-        for _ in 0..FIFO_BYTES {
-            if uart0::FR.read() & TRANSMIT_FULL != 0 {
-                break;
-            }
-            let Some(byte) = self.to_transmit.dequeue() else {
-                break;
-            };
-            uart0::DR.write(u32::from(byte));
-            worth_a_look |= !self.to_transmit.ready();
-        }
-        let more = if self.to_transmit.ready() {
-            TRANSMITTED
-        } else {
-            0
-        };
-        uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | more);
-        worth_a_look
-    }
+/// Whether the transmitter's FIFO has room.
+pub fn can_send() -> bool {
+    uart0::FR.read() & TRANSMITTER_FULL == 0
+}
+
+/// Puts a byte into the transmitter's FIFO; only where it [has room](can_send).
+pub fn send(byte: u8) {
+    uart0::DR.write(u32::from(byte));
+}
+
+/// Sets whether the interrupt comes when the transmitter's FIFO runs empty; that of received bytes always comes.
+pub fn want_sent_interrupt(wanted: bool) {
+    let sent = if wanted { SENT } else { 0 };
+    uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);
 }

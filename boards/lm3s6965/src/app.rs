@@ -1,0 +1,100 @@
+//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot be generic over the robot.
+
+/// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
+///
+/// `robot` is the registry's type, with the function that builds it from the pins (a `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that
+/// the robot tells of itself, in at most 40 bytes.
+#[macro_export]
+macro_rules! app {
+    (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(,)?) => {
+        #[$crate::rtic::app(device = $crate::pac, peripherals = false)]
+        // RTIC calls unsafe functions in unsafe functions without a block around the call.
+        #[allow(unsafe_op_in_unsafe_fn, missing_docs)]
+        mod app {
+            use core::mem::MaybeUninit;
+
+            use super::*;
+            use $crate::heapless::spsc::Queue;
+            use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
+            use $crate::pac::Interrupt;
+            use $crate::rt_firmware::{About, Background, Limits, LinkSide, Mail, RealTime, TaskBank, split};
+            use $crate::slots::SlotBoard;
+            use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
+
+            #[shared]
+            struct Shared {}
+
+            #[local]
+            struct Local {
+                real_time: RealTime<'static, 'static, { $crate::SLOTS }>,
+                board: SlotBoard,
+                background: Background<'static, 'static>,
+                link: LinkSide<'static, 'static>,
+                link_end: LinkEnd,
+                line: line::Line,
+            }
+
+            #[init(local = [
+                robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
+                banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
+                memory: $crate::Memory<'static> = $crate::Memory::new(),
+                mail: Mail<'static> = Mail::new(),
+                received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
+                to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
+            ])]
+            fn init(cx: init::Context) -> (Shared, Local) {
+                let start = $crate::start();
+                let make: fn($crate::rt_firmware::body::Parts<'static>) -> $robot = $make;
+                let robot = cx.local.robot.write(make($crate::PINS.parts()));
+                let banks = cx.local.banks.write(robot.banks());
+                let about = About { reset: start.reset, ..About::new($firmware, $crate::NAME) };
+                let Ok((real_time, background, link)) = split(cx.local.memory, banks, cx.local.mail, about, Limits::default()) else {
+                    panic!("two tasks have one name, or two port types do");
+                };
+                let (line, link_end) = line::split(cx.local.received, cx.local.to_transmit);
+                slot_timer::start();
+                watchdog::start();
+                (
+                    Shared {},
+                    Local { real_time, board: start.board, background, link, link_end, line },
+                )
+            }
+
+            #[idle(local = [background])]
+            fn idle(cx: idle::Context) -> ! {
+                loop {
+                    if !cx.local.background.poll() {
+                        // An interrupt that gives it work ends the sleep, or has come already and made it pending.
+                        cortex_m::asm::wfi();
+                    }
+                }
+            }
+
+            #[task(binds = TIMER_0A, priority = 7, local = [real_time, board])]
+            fn slots(cx: slots::Context) {
+                slot_timer::acknowledge();
+                let next_ticks = cx.local.real_time.on_timer(cx.local.board);
+                slot_timer::set(next_ticks);
+                watchdog::feed();
+                rtic::export::pend(Interrupt::SSI0);
+            }
+
+            #[task(binds = UART0, priority = 3, local = [line])]
+            fn wire(cx: wire::Context) {
+                if cx.local.line.serve() {
+                    rtic::export::pend(Interrupt::SSI0);
+                }
+            }
+
+            #[task(binds = SSI0, priority = 2, local = [link, link_end])]
+            fn link(cx: link::Context) {
+                cx.local.link_end.serve(cx.local.link);
+            }
+
+            #[task(binds = WATCHDOG_TIMER_0, priority = 8)]
+            fn slots_have_stopped(_: slots_have_stopped::Context) {
+                post_mortem::end(post_mortem::Cause::Watchdog);
+            }
+        }
+    };
+}

@@ -1,0 +1,7 @@
+#![no_std]
+#![no_main]
+use rt_firmware::rover::{PinRover, RoverParts};
+lm3s6965::app! {
+    firmware: concat!("faults ", env!("CARGO_PKG_VERSION")),
+    robot: PinRover<'static> = |pins| PinRover::new(RoverParts::from(pins)),
+}

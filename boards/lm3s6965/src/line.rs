@@ -1,0 +1,101 @@
+//! The link's serial line: queues between the UART's interrupt handler and the link task, so that neither waits for the wire.
+
+use cortex_m::peripheral::NVIC;
+use heapless::spsc::{Consumer, Producer, Queue};
+use pac::Interrupt;
+use rt_firmware::{LinkPort, LinkSide};
+
+use crate::{log, uart};
+
+/// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
+pub const RECEIVE_BYTES: usize = 128;
+/// Room for bytes to be transmitted: an answer.
+pub const TRANSMIT_BYTES: usize = 128;
+
+/// Makes the two ends of a line of its queues.
+pub fn split(
+    received: &'static mut Queue<u8, RECEIVE_BYTES>,
+    to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
+) -> (Line, LinkEnd) {
+    let (received_in, received_out) = received.split();
+    let (to_transmit_in, to_transmit_out) = to_transmit.split();
+    (
+        Line {
+            received: received_in,
+            to_transmit: to_transmit_out,
+        },
+        LinkEnd {
+            received: received_out,
+            to_transmit: to_transmit_in,
+        },
+    )
+}
+
+/// The interrupt handler's end.
+pub struct Line {
+    received: Producer<'static, u8>,
+    to_transmit: Consumer<'static, u8>,
+}
+
+impl Line {
+    /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called by the UART's interrupt, which is pended by
+    /// software too when bytes were queued. A received byte that finds its queue full is lost: the frame that it belongs to fails its checksum, and
+    /// the host asks again.
+    ///
+    /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
+    pub fn serve(&mut self) -> bool {
+        uart::acknowledge();
+        let mut worth_a_look = false;
+        for _ in 0..uart::FIFO_BYTES {
+            let Some(byte) = uart::receive() else { break };
+            let _ = self.received.enqueue(byte);
+            worth_a_look = true;
+        }
+        for _ in 0..uart::FIFO_BYTES {
+            if !uart::can_send() {
+                break;
+            }
+            let Some(byte) = self.to_transmit.dequeue() else {
+                break;
+            };
+            uart::send(byte);
+            worth_a_look |= !self.to_transmit.ready();
+        }
+        uart::want_sent_interrupt(self.to_transmit.ready());
+        worth_a_look
+    }
+}
+
+/// The link task's end.
+pub struct LinkEnd {
+    received: Consumer<'static, u8>,
+    to_transmit: Producer<'static, u8>,
+}
+
+impl LinkEnd {
+    /// Lets the link do all that it can do without waiting.
+    pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
+        while link.poll(self) && self.to_transmit.ready() {}
+        if self.to_transmit.len() > 0 {
+            NVIC::pend(Interrupt::UART0);
+        }
+    }
+}
+
+impl LinkPort for LinkEnd {
+    fn receive(&mut self) -> Option<u8> {
+        self.received.dequeue()
+    }
+
+    fn send(&mut self, byte: u8) -> bool {
+        self.to_transmit.enqueue(byte).is_ok()
+    }
+
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        log::read(room)
+    }
+
+    fn log_dropped(&self) -> u32 {
+        log::dropped_frames()
+    }
+}

@@ -1,0 +1,73 @@
+//! `cargo xtask demo`: the main job, from a clean checkout to pictures of what the robot did.
+
+use std::path::Path;
+
+use crate::firmware::{self, DEFAULT_BIN};
+use crate::process::{self, Failure, make_folder};
+use crate::setup::{self, Choice, host_cargo};
+
+/// Where the demo's pictures and traces go, below the checkout.
+const DEMO_FOLDER: &str = "target/demo";
+
+/// Builds all that is needed, drives the robot through two missions, and tells where the pictures are.
+///
+/// # Errors
+/// [`Failure`]: what is missing, does not build, or did not go well.
+pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
+    println!("1/4 Set-up");
+    setup::emulator()?;
+    let toolchain = setup::toolchain(choice)?;
+    println!("2/4 Firmware for the emulated board");
+    firmware::build(root, &toolchain, &[DEFAULT_BIN.to_owned()])?;
+    println!("3/4 The command esm (the first time takes minutes)");
+    let mut cargo = process::command(host_cargo());
+    cargo.current_dir(root).args([
+        "build",
+        "--release",
+        "--package",
+        "host-tools",
+        "--bin",
+        "esm",
+    ]);
+    process::run(&mut cargo)?;
+    println!(
+        "4/4 The robot: 60 s of patrol through the office, then, while it moves, 60 s along the walls"
+    );
+    let folder = root.join(DEMO_FOLDER);
+    make_folder(&folder)?;
+    let mut esm = process::command(root.join("target/release/esm"));
+    esm.current_dir(root)
+        .args([
+            "run",
+            "missions/patrol.esm",
+            "--world",
+            "missions/worlds/office.world",
+        ])
+        .args([
+            "--until",
+            "120 s",
+            "--then",
+            "60 s missions/follow_wall.esm",
+        ])
+        .args([
+            "--trace",
+            &format!("{DEMO_FOLDER}/trace.jsonl"),
+            "--out",
+            DEMO_FOLDER,
+        ]);
+    println!("    {}", process::shown(&esm));
+    process::run(&mut esm)?;
+    println!("\nPictures and trace are in {}:", folder.display());
+    let mut files: Vec<_> = std::fs::read_dir(&folder)
+        .map_err(|cause| Failure::File {
+            path: folder.clone(),
+            cause,
+        })?
+        .filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()))
+        .collect();
+    files.sort();
+    for file in files {
+        println!("    {DEMO_FOLDER}/{file}");
+    }
+    Ok(())
+}

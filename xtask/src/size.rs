@@ -1,0 +1,332 @@
+//! `cargo xtask size`: flash and RAM of the firmware, part by part, against the sizes that the repository keeps.
+//!
+//! The totals are the file's sections. Interpreter and verifier are measured as the difference of two linked images, one of which has
+//! them and does nothing else. How the rest divides up is read from the symbols' names: link-time optimisation inlines across crates, so
+//! a small function may count for the part that calls it.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use crate::elf::{self, Image};
+use crate::firmware::{self, BOARD_FOLDER, DEFAULT_BIN};
+use crate::process::Failure;
+use crate::setup::Toolchain;
+
+/// An image that verifies a blob and interprets it, and one that only has the blob.
+const WITH_INTERPRETER: &str = "size_interpreter";
+const WITHOUT_INTERPRETER: &str = "size_empty";
+
+/// What the default firmware may take of flash.
+const FLASH_LIMIT_BYTES: u32 = 64 * 1024;
+/// What variables and the deepest stack may take of RAM together.
+const RAM_LIMIT_BYTES: u32 = 16 * 1024;
+/// What interpreter and verifier may take of flash.
+const INTERPRETER_LIMIT_BYTES: u32 = 8 * 1024;
+
+/// The stack that the limit of RAM leaves room for; the tests compare it with the deepest stack that the firmware has painted away.
+pub const STACK_BYTES: u32 = 4 * 1024;
+
+/// Sizes may differ from the expected ones by one part in this many, or by [`TOLERANCE_BYTES`] where that is more: compilers
+/// differ that much from one release to the next.
+const TOLERANCE_PART: u32 = 20;
+/// See [`TOLERANCE_PART`].
+const TOLERANCE_BYTES: u32 = 128;
+
+/// The file of the expected sizes, in the board's folder.
+const EXPECTED_FILE: &str = "expected-size.txt";
+
+/// Parts, by what their symbols' names contain; the first that occurs in a name counts.
+const PARTS: [(&str, &[&str]); 8] = [
+    (
+        "tasks and drivers",
+        &[
+            "11rt_firmware5tasks",
+            "11rt_firmware7drivers",
+            "11rt_firmware5rover",
+            "11rt_firmware8odometry",
+            "11rt_firmware4body",
+        ],
+    ),
+    ("link", &["11rt_firmware4link", "7postcard", "4cobs"]),
+    ("runtime", &["11rt_firmware"]),
+    ("interpreter", &["8esm_core"]),
+    ("log", &["5defmt", "_defmt", "8lm3s69653log"]),
+    (
+        "board",
+        &[
+            "8lm3s6965",
+            "5rover",
+            "5rtic",
+            "11semihosting",
+            "__rtic",
+            "_VECTOR",
+            "__INTERRUPTS",
+            "__EXCEPTIONS",
+            "8heapless",
+        ],
+    ),
+    (
+        "arithmetic",
+        &["4libm", "17compiler_builtins", "__aeabi", "7float", "__"],
+    ),
+    ("core", &["4core"]),
+];
+/// Symbols without a part, and bytes without a symbol: constants, padding.
+const REST: &str = "other";
+
+/// Bytes of one part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Size {
+    flash: u32,
+    ram: u32,
+}
+
+/// Rows of the table, by name.
+type Table = BTreeMap<String, Size>;
+
+/// Prints the sizes, and compares them with the expected ones or keeps them.
+///
+/// # Errors
+/// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware does not build.
+pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Failure> {
+    let bins = [DEFAULT_BIN, WITH_INTERPRETER, WITHOUT_INTERPRETER].map(str::to_owned);
+    let files = firmware::build(root, toolchain, &bins)?;
+    let mut images = Vec::new();
+    for file in &files {
+        let bytes = std::fs::read(file).map_err(|cause| Failure::File {
+            path: file.clone(),
+            cause,
+        })?;
+        images.push(elf::read(&bytes).ok_or(Failure::Content {
+            path: file.clone(),
+            problem: "is no firmware (32-bit little-endian ELF)",
+        })?);
+    }
+    let [firmware, with, without] = &images[..] else {
+        return Ok(());
+    };
+    let mut table = parts_of(firmware);
+    let interpreter = with.flash_bytes().saturating_sub(without.flash_bytes());
+    table.insert(
+        "interpreter and verifier alone".into(),
+        Size {
+            flash: interpreter,
+            ram: 0,
+        },
+    );
+    table.insert(
+        "whole firmware".into(),
+        Size {
+            flash: firmware.flash_bytes(),
+            ram: firmware.ram_bytes(),
+        },
+    );
+    let shown = render(&table);
+    print!("\n{shown}\n{}", largest_variables(firmware));
+
+    let expected_file = root.join(BOARD_FOLDER).join(EXPECTED_FILE);
+    if write {
+        std::fs::write(&expected_file, shown).map_err(|cause| Failure::File {
+            path: expected_file.clone(),
+            cause,
+        })?;
+        println!("Kept in {}.", expected_file.display());
+    }
+    let mut problems = limits(firmware, interpreter);
+    problems.extend(differences(&expected_file, &table)?);
+    for problem in &problems {
+        println!("{problem}");
+    }
+    match problems.len() {
+        0 => {
+            println!(
+                "All within their limits, and as expected within 1/{TOLERANCE_PART} or {TOLERANCE_BYTES} bytes."
+            );
+            Ok(())
+        }
+        failed => Err(Failure::Checks { failed }),
+    }
+}
+
+fn limits(firmware: &Image, interpreter: u32) -> Vec<String> {
+    [
+        (
+            "flash of the firmware",
+            firmware.flash_bytes(),
+            FLASH_LIMIT_BYTES,
+        ),
+        (
+            "variables in RAM, beside a stack of 4 KiB",
+            firmware.ram_bytes(),
+            RAM_LIMIT_BYTES - STACK_BYTES,
+        ),
+        (
+            "interpreter and verifier",
+            interpreter,
+            INTERPRETER_LIMIT_BYTES,
+        ),
+    ]
+    .into_iter()
+    .filter(|(_, bytes, limit)| bytes > limit)
+    .map(|(what, bytes, limit)| format!("Too large: {what}: {bytes} bytes, limit {limit}"))
+    .collect()
+}
+
+/// How the firmware's bytes divide up.
+fn parts_of(image: &Image) -> Table {
+    let mut table = Table::new();
+    for symbol in &image.symbols {
+        let address = symbol.address & !1;
+        let section = image
+            .sections
+            .iter()
+            .find(|section| (section.address..section.address + section.bytes).contains(&address));
+        let Some(section) = section else { continue };
+        let size = table.entry(part_of(&symbol.name).to_owned()).or_default();
+        if section.has_content {
+            size.flash += symbol.bytes;
+        }
+        if section.writable {
+            size.ram += symbol.bytes;
+        }
+    }
+    let sum = |of: fn(&Size) -> u32| table.values().map(of).sum::<u32>();
+    let rest = Size {
+        flash: image.flash_bytes().saturating_sub(sum(|size| size.flash)),
+        ram: image.ram_bytes().saturating_sub(sum(|size| size.ram)),
+    };
+    let other = table.entry(REST.into()).or_default();
+    other.flash += rest.flash;
+    other.ram += rest.ram;
+    table
+}
+
+/// The part whose mark occurs first in a symbol's name.
+fn part_of(name: &str) -> &'static str {
+    PARTS
+        .iter()
+        .flat_map(|(part, marks)| {
+            marks
+                .iter()
+                .filter_map(|mark| Some((name.find(mark)?, *part)))
+        })
+        .min_by_key(|(place, _)| *place)
+        .map_or(REST, |(_, part)| part)
+}
+
+fn render(table: &Table) -> String {
+    let mut text = String::from(
+        "# Flash and RAM of the default firmware in bytes; kept by `cargo xtask size --write`, compared by `cargo xtask test`.\n",
+    );
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "{:<32} {:>7} {:>7}", "# part", "flash", "ram");
+    for (part, size) in table {
+        let _ = writeln!(text, "{part:<32} {:>7} {:>7}", size.flash, size.ram);
+    }
+    text
+}
+
+/// What takes most of RAM, for a person who has to save some.
+fn largest_variables(image: &Image) -> String {
+    const SHOWN: usize = 12;
+    let mut variables: Vec<_> = image
+        .symbols
+        .iter()
+        .filter(|symbol| {
+            image.sections.iter().any(|section| {
+                section.writable
+                    && (section.address..section.address + section.bytes).contains(&symbol.address)
+            })
+        })
+        .collect();
+    variables.sort_by_key(|symbol| std::cmp::Reverse(symbol.bytes));
+    let mut text = String::from("Largest variables in RAM:\n");
+    for symbol in variables.iter().take(SHOWN) {
+        let _ = writeln!(text, "{:>7}  {}", symbol.bytes, symbol.name);
+    }
+    text
+}
+
+/// What differs from the expected sizes by more than the tolerance.
+fn differences(file: &PathBuf, table: &Table) -> Result<Vec<String>, Failure> {
+    let text = std::fs::read_to_string(file).map_err(|cause| Failure::File {
+        path: file.clone(),
+        cause,
+    })?;
+    let expected = parse(&text).ok_or(Failure::Content {
+        path: file.clone(),
+        problem: "is no table of sizes; write it anew with `cargo xtask size --write`",
+    })?;
+    let mut problems = Vec::new();
+    let names: std::collections::BTreeSet<_> = expected.keys().chain(table.keys()).collect();
+    for name in names {
+        let now = table.get(name).copied().unwrap_or_default();
+        let then = expected.get(name).copied().unwrap_or_default();
+        for (what, now, then) in [("flash", now.flash, then.flash), ("RAM", now.ram, then.ram)] {
+            if now.abs_diff(then) > (then / TOLERANCE_PART).max(TOLERANCE_BYTES) {
+                problems.push(format!(
+                    "Not as expected: {name}: {now} bytes of {what}, expected {then}. If that is meant: `cargo xtask size --write`."
+                ));
+            }
+        }
+    }
+    Ok(problems)
+}
+
+fn parse(text: &str) -> Option<Table> {
+    let mut table = Table::new();
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        let (line, ram) = line.rsplit_once(' ')?;
+        let (name, flash) = line.trim_end().rsplit_once(' ')?;
+        let size = Size {
+            flash: flash.parse().ok()?,
+            ram: ram.parse().ok()?,
+        };
+        table.insert(name.trim_end().to_owned(), size);
+    }
+    Some(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_reads_back_as_it_was_written() {
+        let table: Table = [
+            (
+                "whole firmware",
+                Size {
+                    flash: 61_234,
+                    ram: 12_345,
+                },
+            ),
+            ("link", Size { flash: 0, ram: 7 }),
+        ]
+        .map(|(name, size)| (name.to_owned(), size))
+        .into();
+        assert_eq!(parse(&render(&table)), Some(table));
+        assert_eq!(parse("no table"), None);
+    }
+
+    #[test]
+    fn a_symbol_counts_for_the_part_that_is_named_first() {
+        for (name, part) in [
+            ("_ZN11rt_firmware4link6device8LinkSide4poll17h24d3E", "link"),
+            ("_ZN11rt_firmware9real_time8RealTime3run17h24d3E", "runtime"),
+            ("_ZN8esm_core6verify6verify17h24d3E", "interpreter"),
+            (
+                "_ZN4core3ptr41drop_in_place$LT$rt_firmware..link..X$GT$17h0E",
+                "core",
+            ),
+            (
+                "_RNvNtCseL1MqMlhvy0_17compiler_builtins3mem6memcpy",
+                "arithmetic",
+            ),
+            ("something_else", "other"),
+        ] {
+            assert_eq!(part_of(name), part, "{name}");
+        }
+    }
+}
