@@ -14,7 +14,8 @@
 //! assert!(registry.declarations().any(|task| task.name == "Cruise"));
 //! ```
 //!
-//! A robot with further tasks has a registry of its own, made of the same tasks and its own ones.
+//! A robot with further tasks has a registry of its own, made of the same tasks and its own ones: [`split_pins`] leaves it the spare pins,
+//! [`RoverParts::into_tasks`] makes the tasks that own the rover's.
 
 use core::array;
 use core::f32::consts::TAU;
@@ -23,7 +24,8 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 use crate::body::{
-    AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, SONARS, TriggerPin,
+    ANALOG_CHANNELS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture,
+    EncoderCount, MotorPwm, Parts, SONARS, TriggerPin,
 };
 use crate::drivers::{AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, WheelEncoder};
 use crate::ports::Bank;
@@ -100,22 +102,40 @@ pub type PinRover<'a> = Rover<
     AnalogChannel<'a>,
 >;
 
+/// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own drivers.
+#[derive(Debug)]
+pub struct SparePins<'a> {
+    /// Analogue inputs 1 to 3; input 0 is the battery.
+    pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS - 1],
+    /// Digital outputs.
+    pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],
+}
+
+/// Divides the pins into those that the rover needs and those that it leaves.
+pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
+    let [battery, analog_1, analog_2, analog_3] = parts.analog;
+    let rover = RoverParts {
+        left_pwm: parts.left_pwm,
+        left_direction: parts.left_direction,
+        right_pwm: parts.right_pwm,
+        right_direction: parts.right_direction,
+        left_encoder: parts.left_encoder,
+        right_encoder: parts.right_encoder,
+        sonar_triggers: parts.sonar_triggers,
+        echo_timers: parts.echo_timers,
+        battery,
+    };
+    let spare = SparePins {
+        analog: [analog_1, analog_2, analog_3],
+        aux_outputs: parts.aux_outputs,
+    };
+    (rover, spare)
+}
+
 impl<'a> From<Parts<'a>> for PinRoverParts<'a> {
-    /// Takes what the rover needs; auxiliary outputs and the other analogue inputs are left to the user's own drivers, which take
-    /// them before.
+    /// Takes what the rover needs and drops the rest; [`split_pins`] keeps it.
     fn from(parts: Parts<'a>) -> Self {
-        let [battery, ..] = parts.analog;
-        Self {
-            left_pwm: parts.left_pwm,
-            left_direction: parts.left_direction,
-            right_pwm: parts.right_pwm,
-            right_direction: parts.right_direction,
-            left_encoder: parts.left_encoder,
-            right_encoder: parts.right_encoder,
-            sonar_triggers: parts.sonar_triggers,
-            echo_timers: parts.echo_timers,
-            battery,
-        }
+        split_pins(parts).0
     }
 }
 
