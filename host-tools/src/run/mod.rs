@@ -2,4 +2,5 @@
 
 pub mod interrupt;
 pub mod recording;
+pub mod story;
 pub mod summary;
