@@ -13,12 +13,14 @@ use std::time::{Duration, Instant};
 const CATCH_UP_LIMIT: Duration = Duration::from_millis(20);
 
 /// The clock of a run, shared by the board, the plant and the link client.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Pace {
     always_realtime: bool,
     holds: AtomicUsize,
     /// Where wall and robot time were last seen equal; `None` while robot time runs freely.
     anchor: Mutex<Option<Anchor>>,
+    /// From this robot time on, in microseconds, robot time is held as by [`Pace::hold`].
+    hold_from_us: AtomicU64,
     robot_us: AtomicU64,
     exchanges: AtomicU64,
 }
@@ -34,8 +36,19 @@ impl Pace {
     pub fn new(realtime: bool) -> Arc<Self> {
         Arc::new(Pace {
             always_realtime: realtime,
-            ..Pace::default()
+            holds: AtomicUsize::new(0),
+            anchor: Mutex::new(None),
+            hold_from_us: AtomicU64::new(u64::MAX),
+            robot_us: AtomicU64::new(0),
+            exchanges: AtomicU64::new(0),
         })
+    }
+
+    /// Holds robot time from `robot_us` on, or with `None` no more: for something that is to happen then, by someone who looks at the
+    /// clock only now and then.
+    pub fn hold_from(&self, robot_us: Option<u64>) {
+        self.hold_from_us
+            .store(robot_us.unwrap_or(u64::MAX), Relaxed);
     }
 
     /// Keeps robot time from running faster than the wall clock for as long as the answer lives.
@@ -48,7 +61,10 @@ impl Pace {
 
     /// Robot time has reached `robot_us`; waits for the wall clock where it must.
     pub fn reach(&self, robot_us: u64) {
-        if self.always_realtime || self.holds.load(Relaxed) > 0 {
+        let held = self.always_realtime
+            || self.holds.load(Relaxed) > 0
+            || robot_us >= self.hold_from_us.load(Relaxed);
+        if held {
             if let Some(wait) = self.wait_until(robot_us, Instant::now()) {
                 std::thread::sleep(wait);
             }

@@ -1,6 +1,7 @@
 //! The main job: a mission on a board, in a world, from the compiler to the summary.
 
 pub mod interrupt;
+pub mod mission;
 pub mod recording;
 pub mod story;
 pub mod summary;

@@ -164,7 +164,10 @@ impl<W: Write> Story<W> {
                         [] => String::new(),
                         sent => format!("  sends {}", sent.join(", ")),
                     };
-                    tell(format!("{time:>9.3} s  {} -> {}{sent}", words.from, words.to));
+                    tell(format!(
+                        "{time:>9.3} s  {} -> {}{sent}",
+                        words.from, words.to
+                    ));
                 }
             }
             TraceRecord::JobEnded {
@@ -180,10 +183,14 @@ impl<W: Write> Story<W> {
                 took_us,
             } => {
                 let task = playing.path_of_task(task_instance);
-                tell(format!("{time:>9.3} s  {task} took {took_us} us, longer than its slot"));
+                tell(format!(
+                    "{time:>9.3} s  {task} took {took_us} us, longer than its slot"
+                ));
             }
             TraceRecord::Missed { slot, count } => {
-                tell(format!("{time:>9.3} s  {count} occurrences of the slot at place {slot} were missed"));
+                tell(format!(
+                    "{time:>9.3} s  {count} occurrences of the slot at place {slot} were missed"
+                ));
             }
             TraceRecord::MotorsOff { reason } => {
                 let why = motors_off_reason(reason);
@@ -283,7 +290,10 @@ impl<W> Playing<W> {
             .task_states()
             .get(usize::from(task_instance))
             .and_then(|state| self.directory.state(*state))
-            .map_or_else(|| format!("task {task_instance}"), |state| state.path.clone())
+            .map_or_else(
+                || format!("task {task_instance}"),
+                |state| state.path.clone(),
+            )
     }
 }
 

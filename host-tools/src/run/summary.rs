@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use rt_firmware::link::message::Status;
 use serde::Serialize;
 
 /// A run in figures.
@@ -31,10 +32,8 @@ pub struct Summary {
     pub slots_missed: u64,
     /// Task executions that took longer than their slot.
     pub overruns: u64,
-    /// Longest time from the nominal start of an occurrence to its first instruction, in microseconds.
-    pub longest_dispatch_delay_us: u32,
-    /// Exchanges with the plant that brought nothing new.
-    pub stale_frames: u32,
+    /// Longest time from the nominal start of an occurrence to its first instruction, in nanoseconds.
+    pub longest_dispatch_delay_ns: u32,
     /// The deepest that the stack was, in bytes; `None` where the board does not tell.
     pub deepest_stack_bytes: Option<u32>,
     /// What ended the last mission, if it faulted.
@@ -60,6 +59,19 @@ pub struct MissionSummary {
     pub upload_s: f64,
     /// Slot occurrences missed from the upload's first byte to the first macro step.
     pub slots_missed_in_upload: u64,
+}
+
+impl Summary {
+    /// What a robot's own counters say, and nothing else.
+    pub fn of_status(status: Status) -> Self {
+        Summary {
+            slots_executed: status.executed.into(),
+            slots_missed: status.missed.into(),
+            overruns: status.overruns.into(),
+            longest_dispatch_delay_ns: status.max_delay_ns,
+            ..Summary::default()
+        }
+    }
 }
 
 impl fmt::Display for Summary {
@@ -90,11 +102,8 @@ impl fmt::Display for Summary {
         }
         row(
             "longest dispatch delay",
-            format!("{} us", self.longest_dispatch_delay_us),
+            format!("{:.1} us", f64::from(self.longest_dispatch_delay_ns) / 1e3),
         )?;
-        if self.stale_frames > 0 {
-            row("stale plant frames", self.stale_frames.to_string())?;
-        }
         if let Some(bytes) = self.deepest_stack_bytes {
             row("deepest stack", format!("{bytes} bytes"))?;
         }

@@ -1,0 +1,73 @@
+//! The host board's byte link.
+
+use std::collections::VecDeque;
+use std::io;
+use std::time::Duration;
+
+use rt_firmware::LinkPort;
+
+use super::log_lines;
+use crate::serial::ByteLink;
+use crate::serial::pipe::PipeEnd;
+
+/// Bytes taken from the pipe at once.
+const READ_BYTES: usize = 4096;
+
+/// Bytes on their way out before the pipe is written to.
+const OUTGOING_LIMIT: usize = 64 * 1024;
+
+/// The link's bytes, and the log's.
+pub(super) struct Port {
+    line: PipeEnd,
+    incoming: VecDeque<u8>,
+    outgoing: Vec<u8>,
+}
+
+impl Port {
+    pub(super) fn new(line: PipeEnd) -> Self {
+        Port {
+            line,
+            incoming: VecDeque::new(),
+            outgoing: Vec::new(),
+        }
+    }
+
+    /// Brings out what was sent and takes in what has come, waiting up to `timeout` for it.
+    ///
+    /// # Errors
+    /// The other end has gone.
+    pub(super) fn exchange(&mut self, timeout: Duration) -> io::Result<()> {
+        if !self.outgoing.is_empty() {
+            self.line.send(&self.outgoing)?;
+            self.outgoing.clear();
+        }
+        let mut bytes = [0; READ_BYTES];
+        let count = self.line.receive(&mut bytes, timeout)?;
+        self.incoming.extend(&bytes[..count]);
+        Ok(())
+    }
+}
+
+impl LinkPort for Port {
+    fn receive(&mut self) -> Option<u8> {
+        self.incoming.pop_front()
+    }
+
+    fn send(&mut self, byte: u8) -> bool {
+        if self.outgoing.len() >= OUTGOING_LIMIT {
+            // A reader that has gone is noticed at the next exchange.
+            let _ = self.line.send(&self.outgoing);
+            self.outgoing.clear();
+        }
+        self.outgoing.push(byte);
+        true
+    }
+
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        log_lines::take(room)
+    }
+
+    fn log_dropped(&self) -> u32 {
+        log_lines::dropped()
+    }
+}

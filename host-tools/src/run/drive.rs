@@ -1,0 +1,610 @@
+//! One run: a board is started, missions are brought to it over its line, its streams are followed until the end.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rt_firmware::link::message::{Channel, LinkError, Mode, Status};
+use rt_firmware::link::trace::TraceRecord;
+use thiserror::Error;
+
+use super::interrupt::Interrupt;
+use super::mission::Mission;
+use super::recording::{Entry, Head, Recording, VERSION};
+use super::story::{Story, Told, safe_reason};
+use super::summary::{MissionSummary, Summary};
+use crate::host_board::{self, HostBoard, RobotMaker};
+use crate::link_client::log_lines::{LogLine, LogReader};
+use crate::link_client::{ClientError, LinkClient, StreamEvent};
+use crate::lockstep::pace::Pace;
+use crate::lockstep::plant_side::{PlantFault, PlantSide};
+use crate::plant::{BodyParameters, Plant, PlantError};
+use crate::qemu::{Emulator, EmulatorError, firmware};
+use crate::serial::pacing::Paced;
+use crate::serial::{ByteLink, DEFAULT_BAUD};
+use crate::world::World;
+
+/// How long a wait for the robot's next words may last.
+const LISTEN_TIME: Duration = Duration::from_millis(20);
+
+/// How long robot time may stand still before the board counts as hung.
+const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
+
+/// Which board to run on.
+pub enum Board {
+    /// A firmware in the emulator.
+    Emulated {
+        /// Its ELF file.
+        firmware: PathBuf,
+    },
+    /// This process.
+    Host {
+        /// Makes the robot whose tasks run.
+        robot: RobotMaker,
+    },
+}
+
+impl Board {
+    /// Its name, as `--board` takes it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Board::Emulated { .. } => firmware::BOARD,
+            Board::Host { .. } => host_board::BOARD,
+        }
+    }
+}
+
+/// A mission and when it is to take over.
+pub struct Planned {
+    /// Robot time in microseconds; 0 for the first.
+    pub at_us: u64,
+    /// The mission.
+    pub mission: Mission,
+}
+
+/// What is to be run.
+pub struct Plan {
+    /// The board.
+    pub board: Board,
+    /// The world around the robot.
+    pub world: World,
+    /// Seed of the plant's noise.
+    pub seed: u64,
+    /// Robot time at which the run ends, in microseconds.
+    pub until_us: Option<u64>,
+    /// Whether robot time never runs faster than the wall clock.
+    pub realtime: bool,
+    /// The missions in the order in which they take over; at least one.
+    pub missions: Vec<Planned>,
+    /// What entered an earlier run and is to enter this one.
+    pub replay: Option<Recording>,
+    /// What is done to the plant.
+    pub plant_fault: Option<PlantFault>,
+}
+
+/// What whoever watches a run gets to hear.
+pub enum Heard<'a> {
+    /// Something happened on the robot.
+    Happened(&'a str),
+    /// The robot's log has a line.
+    Log(&'a LogLine),
+    /// An upload begins.
+    UploadBegins(&'a Mission),
+    /// So many bytes of it are on the robot.
+    Uploaded(usize),
+    /// The mission runs.
+    UploadEnds(&'a MissionSummary),
+    /// Something is not as it should be, and the run goes on.
+    Warning(&'a str),
+}
+
+/// Why a run did not come to its end.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The robot does not stand well in the world.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The emulator.
+    #[error(transparent)]
+    Emulator(#[from] EmulatorError),
+    /// The link.
+    #[error("{cause}{}", during(console))]
+    Link {
+        /// What went wrong.
+        cause: ClientError,
+        /// What the emulator and the firmware printed last.
+        console: String,
+    },
+    /// The robot refused a mission.
+    #[error("the robot refused {}: {reason}", file.display())]
+    Refused {
+        /// The mission's file.
+        file: PathBuf,
+        /// Why, with names.
+        reason: String,
+    },
+    /// Robot time stands still.
+    #[error("the board has stood still for {} s, at {:.3} s of robot time{}", STANDSTILL_LIMIT.as_secs(), *robot_us as f64 / 1e6, during(console))]
+    Standstill {
+        /// Where robot time stood.
+        robot_us: u64,
+        /// What the emulator and the firmware printed last.
+        console: String,
+    },
+    /// The trace has a hole.
+    #[error("the trace is not whole: {missing} records did not come through")]
+    TraceGap {
+        /// How many.
+        missing: u32,
+    },
+    /// The robot streams what makes no sense.
+    #[error("the robot's trace makes no sense; its firmware and this program do not fit together")]
+    BadTrace,
+    /// The recording is not of these missions.
+    #[error(
+        "the recording is of other missions ({recorded}) than these ({given}); give the same files as when it was made"
+    )]
+    OtherMissions {
+        /// Hashes in the recording.
+        recorded: String,
+        /// Hashes of the missions given.
+        given: String,
+    },
+    /// Only the host board takes what a recording holds.
+    #[error("a recording can be replayed on the board `host` only")]
+    ReplayOnBoard,
+    /// The host board cannot be made.
+    #[error(transparent)]
+    HostBoard(#[from] host_board::HostBoardError),
+    /// The trace cannot be written.
+    #[error("cannot write the trace: {0}")]
+    Trace(#[from] io::Error),
+}
+
+fn during(console: &str) -> String {
+    if console.is_empty() {
+        String::new()
+    } else {
+        format!("; the board's last words:\n{console}")
+    }
+}
+
+/// A run that came to its end.
+pub struct Run<W> {
+    /// Its figures.
+    pub summary: Summary,
+    /// What happened.
+    pub told: Told<W>,
+    /// The plant at the end.
+    pub plant: Plant,
+    /// What entered it.
+    pub recording: Recording,
+    /// Whether the person ended it before its time.
+    pub interrupted: bool,
+}
+
+/// Carries out a plan; the trace goes to `out`, everything else to `watch`.
+///
+/// # Errors
+/// [`RunError`]; whatever was started has ended then, too.
+pub fn drive<W: Write>(
+    plan: Plan,
+    out: W,
+    interrupt: Interrupt,
+    watch: &mut dyn FnMut(Heard<'_>),
+) -> Result<Run<W>, RunError> {
+    let mut driver = Driver::start(plan, out, watch)?;
+    let ended = driver.to_the_end(interrupt, watch);
+    match ended {
+        Ok(interrupted) => driver.finish(interrupted),
+        Err(error) => Err(driver.with_console(error)),
+    }
+}
+
+/// A running board of either kind.
+enum Running {
+    Emulated(Box<Emulator>),
+    Host(HostBoard),
+}
+
+impl Running {
+    fn check(&mut self) -> Result<(), RunError> {
+        match self {
+            Running::Emulated(emulator) => Ok(emulator.check_alive()?),
+            Running::Host(board) => Ok(board.check()?),
+        }
+    }
+
+    fn console(&self) -> String {
+        match self {
+            Running::Emulated(emulator) => emulator.console(),
+            Running::Host(_) => String::new(),
+        }
+    }
+}
+
+struct Driver<W> {
+    // Dropped first, so that the board's line has a reader for as long as the board lives.
+    board: Running,
+    robot: LinkClient<Box<dyn ByteLink>>,
+    plant: PlantSide,
+    pace: Arc<Pace>,
+    story: Story<W>,
+    log: Option<LogReader>,
+    board_name: &'static str,
+    seed: u64,
+    missions: Vec<Planned>,
+    until_us: Option<u64>,
+    /// Of each mission that was brought to the robot.
+    uploads: Vec<MissionSummary>,
+    /// Where the present mission's first macro step was, for missions that have started.
+    started: usize,
+    wall_start: Instant,
+}
+
+impl<W: Write> Driver<W> {
+    fn start(
+        plan: Plan,
+        out: W,
+        watch: &mut dyn FnMut(Heard<'_>),
+    ) -> Result<Self, RunError> {
+        let wall_start = Instant::now();
+        let mut missions = plan.missions;
+        if let Some(replay) = &plan.replay {
+            check_replay(replay, &missions)?;
+            for (planned, at_us) in missions.iter_mut().skip(1).zip(swap_times(replay)) {
+                planned.at_us = at_us;
+            }
+        }
+        let pace = Pace::new(plan.realtime);
+        let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
+        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us);
+        if let Some(fault) = plan.plant_fault {
+            plant.inject(fault);
+        }
+        let board_name = plan.board.name();
+        let (board, line, log) = match plan.board {
+            Board::Emulated { firmware } => {
+                if plan.replay.is_some() {
+                    return Err(RunError::ReplayOnBoard);
+                }
+                let log = match LogReader::firmware(&firmware) {
+                    Ok(log) => Some(log),
+                    Err(error) => {
+                        watch(Heard::Warning(&error.to_string()));
+                        None
+                    }
+                };
+                let served = plant.clone();
+                let mut emulator =
+                    Emulator::start(&firmware, move |request| served.exchange(request))?;
+                let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
+                    console: String::new(),
+                })?;
+                // The emulated UART knows no rate.
+                let line: Box<dyn ByteLink> = Box::new(Paced::new(uart, DEFAULT_BAUD));
+                (Running::Emulated(Box::new(emulator)), line, log)
+            }
+            Board::Host { robot } => {
+                let (board, line) = HostBoard::start(robot, plant.clone(), plan.replay.as_ref())?;
+                (
+                    Running::Host(board),
+                    Box::new(line) as Box<dyn ByteLink>,
+                    Some(LogReader::text()),
+                )
+            }
+        };
+        let connected = LinkClient::connect(line).map_err(|cause| RunError::Link {
+            cause,
+            console: board.console(),
+        });
+        let (robot, _) = connected?;
+        Ok(Driver {
+            board,
+            robot,
+            pace,
+            story: Story::new(out, plan.until_us),
+            log,
+            board_name,
+            seed: plan.seed,
+            until_us: plan.until_us,
+            missions,
+            uploads: Vec::new(),
+            started: 0,
+            wall_start,
+            plant,
+        })
+    }
+
+    /// Follows the robot until the plan is fulfilled; answers whether the person ended it before.
+    fn to_the_end(
+        &mut self,
+        interrupt: Interrupt,
+        watch: &mut dyn FnMut(Heard<'_>),
+    ) -> Result<bool, RunError> {
+        {
+            let _hold = self.pace.hold();
+            self.link(|robot| robot.subscribe(true, true))?;
+        }
+        self.upload_next(watch)?;
+        let mut exchanges = self.pace.exchanges();
+        let mut moved_at = Instant::now();
+        loop {
+            if interrupt.is_requested() {
+                return Ok(true);
+            }
+            self.board.check()?;
+            self.link(|robot| robot.listen(LISTEN_TIME))?;
+            self.take_events(watch)?;
+            if self.story.has_ended() || self.story.fault().is_some() {
+                return Ok(false);
+            }
+            if let Some(next) = self.missions.get(self.uploads.len())
+                && self.is_time_for(next.at_us)
+            {
+                self.upload_next(watch)?;
+                self.take_events(watch)?;
+            }
+            if self.pace.exchanges() != exchanges {
+                exchanges = self.pace.exchanges();
+                moved_at = Instant::now();
+            } else if moved_at.elapsed() > STANDSTILL_LIMIT {
+                return Err(RunError::Standstill {
+                    robot_us: self.pace.robot_us(),
+                    console: String::new(),
+                });
+            }
+        }
+    }
+
+    /// Whether a mission planned for that robot time is to be uploaded now.
+    fn is_time_for(&self, at_us: u64) -> bool {
+        match &self.board {
+            Running::Emulated(_) => self.pace.robot_us() >= at_us,
+            // It waits there by itself.
+            Running::Host(board) => board.waits_at_gate(),
+        }
+    }
+
+    fn upload_next(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
+        let index = self.uploads.len();
+        let Some(Planned { mission, .. }) = self.missions.get(index) else {
+            return Ok(());
+        };
+        watch(Heard::UploadBegins(mission));
+        let hold = self.pace.hold();
+        let next_at_us = self.missions.get(index + 1).map(|next| next.at_us);
+        let wrap = |cause: ClientError| match cause.refusal() {
+            Some(error) if is_about_the_mission(error) => RunError::Refused {
+                file: mission.file.clone(),
+                reason: mission.refusal(error),
+            },
+            _ => RunError::Link {
+                cause,
+                console: String::new(),
+            },
+        };
+        let started = Instant::now();
+        let missed_before = match &self.board {
+            Running::Emulated(_) => self.robot.status().map_err(wrap)?.missed,
+            // It answers questions in its slots, and those wait.
+            Running::Host(_) => 0,
+        };
+        let mut progress = |bytes| watch(Heard::Uploaded(bytes));
+        self.robot
+            .stage(&mission.blob, &mut progress)
+            .map_err(wrap)?;
+        if let Running::Host(board) = &self.board {
+            board.open_gate(next_at_us);
+        }
+        self.robot.commit().map_err(wrap)?;
+        let upload_s = started.elapsed().as_secs_f64();
+        let missed = self.robot.status().map_err(wrap)?.missed;
+        drop(hold);
+        // The one who waits for the next moment looks at the clock only now and then.
+        if let Running::Emulated(_) = &self.board {
+            self.pace.hold_from(next_at_us);
+        }
+        let summary = MissionSummary {
+            file: mission.file.display().to_string(),
+            hash: mission.hash_text(),
+            bytes: mission.blob.len(),
+            started_s: 0.0,
+            upload_s,
+            slots_missed_in_upload: u64::from(missed.wrapping_sub(missed_before)),
+        };
+        watch(Heard::UploadEnds(&summary));
+        self.uploads.push(summary);
+        Ok(())
+    }
+
+    fn take_events(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
+        for event in self.robot.take_events() {
+            match event {
+                StreamEvent::Trace(records) => self.take_records(&records, watch)?,
+                StreamEvent::Log(bytes) => {
+                    for line in self.log.as_mut().map(|log| log.lines(&bytes)).iter().flatten() {
+                        watch(Heard::Log(line));
+                    }
+                }
+                StreamEvent::Gap {
+                    channel: Channel::Trace,
+                    missing,
+                } => {
+                    // What comes after the end is of no interest.
+                    if !self.story.has_ended() {
+                        return Err(RunError::TraceGap { missing });
+                    }
+                }
+                StreamEvent::Gap {
+                    channel: Channel::Log,
+                    missing,
+                } => watch(Heard::Warning(&format!(
+                    "{missing} pieces of the log did not come through"
+                ))),
+            }
+        }
+        Ok(())
+    }
+
+    fn take_records(
+        &mut self,
+        records: &[u8],
+        watch: &mut dyn FnMut(Heard<'_>),
+    ) -> Result<(), RunError> {
+        let mut rest = records;
+        while !rest.is_empty() {
+            let record = TraceRecord::take(&mut rest).map_err(|_| RunError::BadTrace)?;
+            if let TraceRecord::Started { mission, start_us } = record {
+                self.mission_starts(mission, start_us)?;
+            }
+            self.story
+                .record(&record, &mut |told| watch(Heard::Happened(&told)))?;
+        }
+        Ok(())
+    }
+
+    fn mission_starts(&mut self, hash: u32, start_us: u64) -> Result<(), RunError> {
+        // The same file may be planned twice: the next one in turn is meant.
+        let index = self.started.min(self.missions.len().saturating_sub(1));
+        let planned = self
+            .missions
+            .get(index)
+            .filter(|planned| planned.mission.hash == hash)
+            .ok_or(RunError::BadTrace)?;
+        self.story.mission(
+            &planned.mission.name,
+            Arc::clone(&planned.mission.directory),
+            start_us,
+        )?;
+        if let Some(upload) = self.uploads.get_mut(index) {
+            upload.started_s = start_us as f64 / 1e6;
+        }
+        self.started = index + 1;
+        Ok(())
+    }
+
+    /// One request, or one wait, while robot time is held only for requests.
+    fn link<T>(
+        &mut self,
+        request: impl FnOnce(&mut LinkClient<Box<dyn ByteLink>>) -> Result<T, ClientError>,
+    ) -> Result<T, RunError> {
+        request(&mut self.robot).map_err(|cause| RunError::Link {
+            cause,
+            console: String::new(),
+        })
+    }
+
+    /// An error of the link or the board, with what the board printed last.
+    fn with_console(mut self, error: RunError) -> RunError {
+        // A link that ends because the emulator did: the emulator's reason is the better one.
+        if let Err(ended) = self.board.check() {
+            return ended;
+        }
+        let console = self.board.console();
+        match error {
+            RunError::Link { cause, .. } => RunError::Link { cause, console },
+            RunError::Standstill { robot_us, .. } => RunError::Standstill { robot_us, console },
+            other => other,
+        }
+    }
+
+    fn finish(mut self, interrupted: bool) -> Result<Run<W>, RunError> {
+        let status = {
+            let _hold = self.pace.hold();
+            // A robot that fell silent at the very end has told all that matters.
+            self.robot.status().ok()
+        };
+        let link_retries = self.robot.counts().retries;
+        drop(self.board);
+        let plant = self.plant.at_end();
+        let end_us = self.until_us.unwrap_or(plant.now_us()).min(plant.now_us());
+        let told = self
+            .story
+            .finish(end_us)?
+            .ok_or_else(|| io::Error::other("the trace was lost"))?;
+        let head = Head {
+            version: VERSION,
+            seed: self.seed,
+            missions: self
+                .missions
+                .iter()
+                .take(self.started)
+                .map(|planned| planned.mission.hash_text())
+                .collect(),
+        };
+        let recording = Recording {
+            head,
+            entries: told.entries.clone(),
+        };
+        let summary = Summary {
+            board: self.board_name.to_owned(),
+            world: plant.world().name.clone(),
+            robot_time_s: end_us as f64 / 1e6,
+            wall_time_s: self.wall_start.elapsed().as_secs_f64(),
+            distance_m: plant.distance_m(),
+            collisions: plant.collisions(),
+            rooms_entered: plant.statistics().rooms_entered().to_vec(),
+            macro_steps: told.counts.macro_steps,
+            transitions: told.counts.transitions,
+            fault: told
+                .fault
+                .clone()
+                .or_else(|| status.and_then(|status| safe_mode(&status))),
+            missions: self.uploads,
+            link_retries,
+            ..status.map_or_else(Summary::default, Summary::of_status)
+        };
+        Ok(Run {
+            summary,
+            told,
+            plant,
+            recording,
+            interrupted,
+        })
+    }
+}
+
+/// Whether a refusal says something about the mission, not about the link or the robot's present state.
+fn is_about_the_mission(error: LinkError) -> bool {
+    matches!(
+        error,
+        LinkError::Invalid { .. }
+            | LinkError::UnknownTask { .. }
+            | LinkError::SignatureDiffers { .. }
+            | LinkError::TooManyInstances { .. }
+            | LinkError::PortTypeDiffers { .. }
+            | LinkError::CapacityExceeded { .. }
+    )
+}
+
+fn safe_mode(status: &Status) -> Option<String> {
+    match status.mode {
+        Mode::Safe(reason) => Some(safe_reason(reason).to_owned()),
+        Mode::Empty | Mode::Running | Mode::Stopped => None,
+    }
+}
+
+/// When the missions after the first took over, in microseconds of robot time.
+fn swap_times(replay: &Recording) -> impl Iterator<Item = u64> {
+    replay.entries.iter().filter_map(|entry| match entry {
+        Entry::Mission { robot_us, .. } => Some(*robot_us),
+        Entry::End { .. } => None,
+    })
+}
+
+fn check_replay(replay: &Recording, missions: &[Planned]) -> Result<(), RunError> {
+    let given: Vec<String> = missions
+        .iter()
+        .map(|planned| planned.mission.hash_text())
+        .collect();
+    if replay.head.missions == given {
+        Ok(())
+    } else {
+        Err(RunError::OtherMissions {
+            recorded: replay.head.missions.join(", "),
+            given: given.join(", "),
+        })
+    }
+}
