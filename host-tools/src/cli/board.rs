@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
+use crate::host_board::RobotMaker;
 
 /// Starts an emulated robot that waits for missions on a serial line
 ///
@@ -33,8 +34,12 @@ pub struct BoardArgs {
 ///
 /// # Errors
 /// What kept it from ending well.
-pub fn execute(args: &BoardArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
+pub fn execute(
+    args: &BoardArgs,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let _ = (args, robot, console);
     Err(CommandError::World(anyhow::anyhow!(
         "`esm board` is not connected yet"
     )))

@@ -9,10 +9,10 @@ use clap::Args;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
+use super::stage;
 use crate::host_board;
 use crate::link_client::StreamEvent;
 use crate::link_client::log_lines::LogReader;
-use crate::qemu::firmware;
 use crate::run::interrupt::Interrupt;
 
 /// How long a wait for the next line may last before Ctrl-C is looked for.
@@ -76,8 +76,6 @@ fn reader(
     if board == host_board::BOARD {
         return Ok(LogReader::text());
     }
-    let here = std::env::current_dir()?;
-    let path = firmware::find(named, &here, |told| console.note(told))
-        .map_err(|error| CommandError::World(error.into()))?;
+    let path = stage::find_firmware(named, console)?;
     LogReader::firmware(&path).map_err(|error| CommandError::World(error.into()))
 }

@@ -10,6 +10,7 @@
 //! | [`file`] | files read and written, whole or not at all |
 //! | [`mission`] | from a source file to a verified blob |
 //! | [`argument`] | values that several commands take: times, ports |
+//! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 
 pub mod argument;
@@ -26,6 +27,7 @@ pub mod robot;
 pub mod run;
 pub mod schedule;
 pub mod sim;
+pub mod stage;
 pub mod start;
 pub mod status;
 pub mod stop;
@@ -38,6 +40,8 @@ use clap::{Parser, Subcommand};
 
 use console::Console;
 use exit::CommandError;
+
+use crate::host_board::{self, RobotMaker};
 
 /// Describe what a robot does as state machines, check it, try it, and upload it while the robot stays on.
 #[derive(Debug, Parser)]
@@ -85,8 +89,21 @@ pub enum Command {
     Tasks(tasks::TasksArgs),
 }
 
-/// Runs the command with the arguments and the streams of this process.
+/// Runs the command with the arguments and the streams of this process. The board `host` has the robot that ships.
 pub fn main() -> ExitCode {
+    main_with(host_board::rover)
+}
+
+/// As [`main`], with a robot of one's own on the board `host`: the main function of a user's host program.
+///
+/// ```no_run
+/// use rt_firmware::rover::PinRover;
+///
+/// fn main() -> std::process::ExitCode {
+///     host_tools::cli::main_with(|parts, run| run(&mut PinRover::new(parts.into()).banks()))
+/// }
+/// ```
+pub fn main_with(robot: RobotMaker) -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(refusal) => {
@@ -101,7 +118,7 @@ pub fn main() -> ExitCode {
         }
     };
     let mut console = Console::of_this_process();
-    let ended = execute(&cli.command, &mut console)
+    let ended = execute(&cli.command, robot, &mut console)
         .and_then(|()| console.flush().map_err(CommandError::from));
     match ended {
         Ok(()) => exit::ExitStatus::Done.into(),
@@ -114,25 +131,29 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Runs one subcommand.
+/// Runs one subcommand. `robot` is what the board `host` has.
 ///
 /// # Errors
 /// Whatever kept the command from ending well, with the exit status that it stands for.
-pub fn execute(command: &Command, console: &mut Console) -> Result<(), CommandError> {
+pub fn execute(
+    command: &Command,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(), CommandError> {
     match command {
         Command::Check(args) => check::execute(args, console),
         Command::Build(args) => build::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),
         Command::Sim(args) => sim::execute(args, console),
-        Command::Run(args) => run::execute(args, console),
-        Command::Board(args) => board::execute(args, console),
+        Command::Run(args) => run::execute(args, robot, console),
+        Command::Board(args) => board::execute(args, robot, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
         Command::Stop(args) => stop::execute(args, console),
         Command::Start(args) => start::execute(args, console),
-        Command::Tasks(args) => tasks::execute(args, console),
+        Command::Tasks(args) => tasks::execute(args, robot, console),
     }
 }
 

@@ -1,14 +1,26 @@
 //! `esm run`: a mission on a board, with a simulated robot body around it.
 
-use std::path::PathBuf;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use anyhow::{Context, anyhow};
 use clap::Args;
+use indicatif::ProgressBar;
 use thiserror::Error;
 
 use super::argument::{Time, TimeError};
 use super::console::Console;
 use super::exit::CommandError;
+use super::{file, stage};
+use crate::host_board::{HostBoardError, RobotMaker};
+use crate::lockstep::plant_side::PlantFault;
+use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
+use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
+use crate::run::interrupt::Interrupt;
+use crate::run::recording::Recording;
+use crate::run::summary::MissionSummary;
 
 /// Drives a mission: compiles it, starts a board, uploads, and shows what the robot does
 ///
@@ -59,6 +71,14 @@ pub struct RunArgs {
     /// Directory for the pictures: the path over the map and the states over time, as SVG and PNG
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+
+    /// Seed of the noise in sensors and wheels; a run with the same seed is the same run
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+
+    /// Lets the plant fall silent at that robot time, to see how the robot takes it
+    #[arg(long, value_name = "TIME", hide = true)]
+    pub freeze_plant_at: Option<Time>,
 
     /// No faster than the wall clock, for a person watching
     #[arg(long)]
@@ -119,15 +139,261 @@ impl FromStr for Then {
     }
 }
 
-/// Runs the command.
+/// Runs the command. `robot` is what the board `host` has.
 ///
 /// # Errors
 /// What kept it from ending well.
-pub fn execute(args: &RunArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm run` is not connected yet"
-    )))
+pub fn execute(
+    args: &RunArgs,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let interrupt = Interrupt::take_over()?;
+    let plan = plan(args, robot, console)?;
+    let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
+    let trace = open_trace(args)?;
+    let mut teller = Teller {
+        console,
+        // A trace on standard output is for a program, which wants nothing else there.
+        aside: to_standard_output,
+        upload: None,
+        failed: None,
+    };
+    let run = drive(plan, trace, interrupt, &mut |heard| teller.hear(&heard))?;
+    if let Some(error) = teller.failed {
+        return Err(error);
+    }
+    let summary = run.summary.to_string();
+    if to_standard_output {
+        console.note(summary.trim_end());
+    } else {
+        write!(console.out(), "\n{summary}")?;
+    }
+    keep(args, &run, console)?;
+    match &run.summary.fault {
+        Some(fault) => Err(CommandError::Input(anyhow!("the run ended early: {fault}"))),
+        None => Ok(()),
+    }
+}
+
+/// Everything that the run is made of, read and compiled.
+fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan, CommandError> {
+    let mut thens: Vec<&Then> = args.then.iter().collect();
+    thens.sort_by_key(|then| then.at);
+    let mut missions = vec![Planned {
+        at_us: 0,
+        mission: stage::mission(&args.file, console)?,
+    }];
+    for then in thens {
+        missions.push(Planned {
+            at_us: then.at.us,
+            mission: stage::mission(&then.file, console)?,
+        });
+    }
+    let replay = args.replay.as_deref().map(read_recording).transpose()?;
+    let seed = replay
+        .as_ref()
+        .map_or(args.seed, |recording| recording.head.seed);
+    Ok(Plan {
+        world: stage::world(args.world.as_deref())?,
+        board: stage::board(&args.board, args.firmware.as_deref(), robot, console)?,
+        seed,
+        until_us: args.until.map(|until| until.us),
+        realtime: args.realtime,
+        missions,
+        replay,
+        plant_fault: args
+            .freeze_plant_at
+            .map(|at| PlantFault::FrozenFrom { robot_us: at.us }),
+    })
+}
+
+fn read_recording(path: &Path) -> Result<Recording, CommandError> {
+    let bytes = file::read(path, "recording")?;
+    Recording::read(&bytes[..]).map_err(|error| CommandError::Input(error.into()))
+}
+
+/// Where the trace goes: a file, standard output, the pictures' directory, or several of them.
+fn open_trace(args: &RunArgs) -> Result<Tee, CommandError> {
+    let mut tee = Tee::default();
+    match args.trace.as_deref() {
+        None => {}
+        Some(path) if path == Path::new("-") => tee.0.push(Box::new(io::stdout())),
+        Some(path) => tee.0.push(Box::new(file::create(path, "trace")?)),
+    }
+    if let Some(directory) = &args.out {
+        fs::create_dir_all(directory)
+            .with_context(|| format!("cannot make the directory {}", directory.display()))
+            .map_err(CommandError::World)?;
+        tee.0.push(Box::new(file::create(
+            &directory.join("trace.jsonl"),
+            "trace",
+        )?));
+    }
+    Ok(tee)
+}
+
+/// Writes the recording and the pictures, where they are asked for.
+fn keep(args: &RunArgs, run: &Run<Tee>, console: &mut Console) -> Result<(), CommandError> {
+    if let Some(path) = &args.record {
+        let mut bytes = Vec::new();
+        run.recording.write(&mut bytes)?;
+        file::write_whole(path, &bytes, "recording")?;
+    }
+    let Some(directory) = &args.out else {
+        return Ok(());
+    };
+    let scenes = [
+        ("path", path_picture(run).scene()),
+        ("states", timeline(run).scene()),
+    ];
+    for (name, scene) in scenes {
+        let svg = directory.join(name).with_extension("svg");
+        file::write_whole(&svg, scene.to_svg().as_bytes(), "picture")?;
+        let png = scene
+            .to_png()
+            .map_err(|error| CommandError::World(error.into()))?;
+        file::write_whole(&directory.join(name).with_extension("png"), &png, "picture")?;
+    }
+    let mut summary = serde_json::to_vec_pretty(&run.summary).map_err(io::Error::from)?;
+    summary.push(b'\n');
+    file::write_whole(&directory.join("summary.json"), &summary, "summary")?;
+    console.note(&format!(
+        "pictures, trace and summary are in {}",
+        directory.display()
+    ));
+    Ok(())
+}
+
+fn path_picture(run: &Run<Tee>) -> PathPicture {
+    let samples = run.plant.statistics().path();
+    let leg = |mission: &MissionStates| Leg {
+        name: mission.name.clone(),
+        samples: samples
+            .iter()
+            .filter(|sample| (mission.start_us..=mission.end_us).contains(&sample.t_us))
+            .map(|sample| PathSample {
+                t_us: sample.t_us,
+                x_m: sample.pose.position.x_m as f32,
+                y_m: sample.pose.position.y_m as f32,
+            })
+            .collect(),
+    };
+    let summary = &run.summary;
+    PathPicture {
+        facts: vec![format!(
+            "{:.1} m in {:.0} s, {} collisions, {} rooms entered",
+            summary.distance_m,
+            summary.robot_time_s,
+            summary.collisions,
+            summary.rooms_entered.len()
+        )],
+        legs: run.told.missions.iter().map(leg).collect(),
+        robot_radius_m: run.plant.body().radius_m as f32,
+        ..PathPicture::over(run.plant.world())
+    }
+}
+
+fn timeline(run: &Run<Tee>) -> Timeline {
+    Timeline {
+        title: format!("states on {}", run.summary.board),
+        missions: run.told.missions.clone(),
+        marks: run.told.marks.clone(),
+    }
+}
+
+/// Writes the same to several places.
+#[derive(Default)]
+struct Tee(Vec<Box<dyn Write>>);
+
+impl Write for Tee {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.write_all(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.0.iter_mut().try_for_each(|out| out.write_all(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.iter_mut().try_for_each(Write::flush)
+    }
+}
+
+/// Tells a person what happens, as it happens.
+struct Teller<'c> {
+    console: &'c mut Console,
+    /// Whether words for the person go to standard error.
+    aside: bool,
+    upload: Option<ProgressBar>,
+    /// Why nothing can be told any more.
+    failed: Option<CommandError>,
+}
+
+impl Teller<'_> {
+    fn hear(&mut self, heard: &Heard<'_>) {
+        match heard {
+            Heard::Happened(line) => self.line(line),
+            Heard::Log(line) => self.line(&format!("       log | {line}")),
+            Heard::UploadBegins(mission) => {
+                let (name, bytes) = (&mission.name, mission.blob.len());
+                self.upload = Some(
+                    self.console
+                        .progress(&format!("uploading {name}"), bytes as u64),
+                );
+            }
+            Heard::Uploaded(bytes) => {
+                if let Some(bar) = &self.upload {
+                    bar.set_position(*bytes as u64);
+                }
+            }
+            Heard::UploadEnds(mission) => {
+                if let Some(bar) = self.upload.take() {
+                    bar.finish_and_clear();
+                }
+                let MissionSummary {
+                    file,
+                    hash,
+                    bytes,
+                    upload_s,
+                    ..
+                } = mission;
+                self.line(&format!(
+                    "    upload | {file} ({hash}): {bytes} bytes in {upload_s:.2} s"
+                ));
+            }
+            Heard::Warning(text) => self.console.note(&format!("warning: {text}")),
+        }
+    }
+
+    fn line(&mut self, text: &str) {
+        if self.aside {
+            self.console.note(text);
+        } else if let Err(error) = writeln!(self.console.out(), "{text}") {
+            // The run goes on: its files are wanted whether or not somebody listens.
+            self.failed.get_or_insert(error.into());
+        }
+    }
+}
+
+impl From<RunError> for CommandError {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Trace(error) => error.into(),
+            RunError::Plant(_)
+            | RunError::Refused { .. }
+            | RunError::OtherMissions { .. }
+            | RunError::HostBoard(HostBoardError::Registry(_)) => CommandError::Input(error.into()),
+            RunError::ReplayOnBoard => CommandError::Usage(error.into()),
+            RunError::Emulator(_)
+            | RunError::Link { .. }
+            | RunError::Standstill { .. }
+            | RunError::TraceGap { .. }
+            | RunError::BadTrace
+            | RunError::HostBoard(_) => CommandError::World(error.into()),
+        }
+    }
 }
 
 #[cfg(test)]

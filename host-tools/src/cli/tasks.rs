@@ -5,6 +5,7 @@ use clap::Args;
 use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use crate::host_board::RobotMaker;
 
 /// Prints a firmware's task declarations as `.esm`, so that nobody copies signatures by hand
 ///
@@ -28,8 +29,12 @@ pub struct TasksArgs {
 ///
 /// # Errors
 /// What kept it from ending well.
-pub fn execute(args: &TasksArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
+pub fn execute(
+    args: &TasksArgs,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let _ = (args, robot, console);
     Err(CommandError::World(anyhow::anyhow!(
         "`esm tasks` is not connected yet"
     )))

@@ -94,7 +94,10 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
         let Some(mission) = self.missions.checked_sub(1) else {
             return;
         };
-        while ends.front().is_some_and(|end| *end <= (mission, occurrence)) {
+        while ends
+            .front()
+            .is_some_and(|end| *end <= (mission, occurrence))
+        {
             ends.pop_front();
             while self.background.poll() {}
         }

@@ -30,7 +30,12 @@ impl Log for ToTheLink {
     fn log(&self, record: &Record<'_>) {
         let mut line = String::new();
         // Writing to a string does not fail.
-        let _ = writeln!(line, "{:<5} {}", record.level().as_str().to_lowercase(), record.args());
+        let _ = writeln!(
+            line,
+            "{:<5} {}",
+            record.level().as_str().to_lowercase(),
+            record.args()
+        );
         KEPT.with_borrow_mut(|kept| {
             if kept.bytes.len() + line.len() > LIMIT_BYTES {
                 kept.dropped = kept.dropped.wrapping_add(line.len() as u32);

@@ -4,21 +4,12 @@
 //! virtual and jumps from one slot to the next, the byte link is a pipe, the pins lead to the plant by a call. Code takes no time here, so
 //! that nothing is ever late; a task in slot 0 ends before the next slot, or where a recording says that it did.
 //!
-//! A user's own robot runs here in a few lines:
-//!
-//! ```no_run
-//! use rt_firmware::rover::PinRover;
-//!
-//! fn main() -> std::process::ExitCode {
-//!     host_tools::host_board::main(|parts, run| run(&mut PinRover::new(parts.into()).banks()))
-//! }
-//! ```
+//! A user's own robot runs here too: [`crate::cli::main_with`].
 
 mod body;
 mod log_lines;
 mod port;
 
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc;
@@ -66,11 +57,6 @@ pub type RobotMaker = fn(Parts<'_>, &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_
 /// The robot that ships.
 pub fn rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
     run(&mut PinRover::new(parts.into()).banks());
-}
-
-/// The `esm` command with `robot` as the board `host`: the main function of a user's own host program.
-pub fn main(robot: RobotMaker) -> ExitCode {
-    crate::cli::main_with(robot)
 }
 
 /// Why there is no host board.
@@ -233,7 +219,14 @@ fn run(
         let idle = real_time.mode() == Mode::Empty;
         let gated = body.robot_us_at(due_us) >= shared.gate_us.load(Relaxed);
         shared.waits_at_gate.store(gated, Relaxed);
-        if port.exchange(if idle || gated { IDLE_WAIT } else { Duration::ZERO }).is_err() {
+        if port
+            .exchange(if idle || gated {
+                IDLE_WAIT
+            } else {
+                Duration::ZERO
+            })
+            .is_err()
+        {
             // Nobody can reach this board any more.
             return;
         }

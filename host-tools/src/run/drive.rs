@@ -238,17 +238,13 @@ struct Driver<W> {
     until_us: Option<u64>,
     /// Of each mission that was brought to the robot.
     uploads: Vec<MissionSummary>,
-    /// Where the present mission's first macro step was, for missions that have started.
+    /// How many missions the trace has seen start.
     started: usize,
     wall_start: Instant,
 }
 
 impl<W: Write> Driver<W> {
-    fn start(
-        plan: Plan,
-        out: W,
-        watch: &mut dyn FnMut(Heard<'_>),
-    ) -> Result<Self, RunError> {
+    fn start(plan: Plan, out: W, watch: &mut dyn FnMut(Heard<'_>)) -> Result<Self, RunError> {
         let wall_start = Instant::now();
         let mut missions = plan.missions;
         if let Some(replay) = &plan.replay {
@@ -360,6 +356,9 @@ impl<W: Write> Driver<W> {
 
     /// Whether a mission planned for that robot time is to be uploaded now.
     fn is_time_for(&self, at_us: u64) -> bool {
+        if self.until_us.is_some_and(|until_us| at_us > until_us) {
+            return false;
+        }
         match &self.board {
             Running::Emulated(_) => self.pace.robot_us() >= at_us,
             // It waits there by itself.
@@ -395,8 +394,13 @@ impl<W: Write> Driver<W> {
         self.robot
             .stage(&mission.blob, &mut progress)
             .map_err(wrap)?;
-        if let Running::Host(board) = &self.board {
-            board.open_gate(next_at_us);
+        // Where something is to happen next. At the end the board is to wait, too: its counters are of interest as they are then.
+        let end_us = self.until_us.map(|until_us| until_us.saturating_add(1));
+        let next_us = next_at_us.into_iter().chain(end_us).min();
+        match &self.board {
+            Running::Host(board) if board.waits_at_gate() => board.open_gate(next_us),
+            Running::Host(board) => board.set_gate(next_us),
+            Running::Emulated(_) => {}
         }
         self.robot.commit().map_err(wrap)?;
         let upload_s = started.elapsed().as_secs_f64();
@@ -404,7 +408,7 @@ impl<W: Write> Driver<W> {
         drop(hold);
         // The one who waits for the next moment looks at the clock only now and then.
         if let Running::Emulated(_) = &self.board {
-            self.pace.hold_from(next_at_us);
+            self.pace.hold_from(next_us);
         }
         let summary = MissionSummary {
             file: mission.file.display().to_string(),
@@ -424,7 +428,13 @@ impl<W: Write> Driver<W> {
             match event {
                 StreamEvent::Trace(records) => self.take_records(&records, watch)?,
                 StreamEvent::Log(bytes) => {
-                    for line in self.log.as_mut().map(|log| log.lines(&bytes)).iter().flatten() {
+                    for line in self
+                        .log
+                        .as_mut()
+                        .map(|log| log.lines(&bytes))
+                        .iter()
+                        .flatten()
+                    {
                         watch(Heard::Log(line));
                     }
                 }
@@ -574,7 +584,6 @@ fn is_about_the_mission(error: LinkError) -> bool {
             | LinkError::UnknownTask { .. }
             | LinkError::SignatureDiffers { .. }
             | LinkError::TooManyInstances { .. }
-            | LinkError::PortTypeDiffers { .. }
             | LinkError::CapacityExceeded { .. }
     )
 }

@@ -57,11 +57,7 @@ impl Mission {
     /// A robot's refusal of this mission in words, with the mission's own names.
     pub fn refusal(&self, error: LinkError) -> String {
         let task_name = |index: usize| self.task_names.get(index).cloned();
-        let state_path = |instance: usize| {
-            let state = self.directory.task_states().get(instance)?;
-            Some(self.directory.state(*state)?.path.clone())
-        };
-        refusal_with_names(error, task_name, state_path)
+        refusal_with_names(error, task_name)
     }
 
     /// The hash as it is shown.

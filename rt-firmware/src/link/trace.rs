@@ -11,6 +11,8 @@ pub enum TraceRecord<'a> {
     Started {
         /// Its hash.
         mission: u32,
+        /// When, in microseconds since the first macro step of the first mission.
+        start_us: u64,
     },
     /// A transition was taken, in the macro step that the next [`Step`](TraceRecord::Step), [`Same`](TraceRecord::Same) or
     /// [`Fault`](TraceRecord::Fault) ends.
@@ -230,11 +232,12 @@ impl<'a> TraceRecord<'a> {
     /// Writes the record.
     pub fn write(&self, sink: &mut impl RecordSink) {
         match *self {
-            TraceRecord::Started { mission } => {
+            TraceRecord::Started { mission, start_us } => {
                 sink.put(kind::STARTED);
                 for byte in mission.to_le_bytes() {
                     sink.put(byte);
                 }
+                put_number(sink, start_us);
             }
             TraceRecord::Transition {
                 micro,
@@ -319,6 +322,7 @@ impl<'a> TraceRecord<'a> {
                     byte(bytes)?,
                     byte(bytes)?,
                 ]),
+                start_us: take(bytes)?,
             },
             kind::TRANSITION => TraceRecord::Transition {
                 micro: byte(bytes)?,
@@ -454,9 +458,10 @@ mod tests {
         std::vec![
             (
                 TraceRecord::Started {
-                    mission: 0x1234_5678
+                    mission: 0x1234_5678,
+                    start_us: 300
                 },
-                5
+                7
             ),
             (
                 TraceRecord::Transition {

@@ -588,7 +588,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.mode = Mode::Running;
         }
         self.trace.enabled_changed();
-        self.trace.record(TraceRecord::Started { mission });
+        self.trace.record(TraceRecord::Started {
+            mission,
+            start_us: epoch_us,
+        });
         self.mission = Some(Mission {
             interpreter,
             dispatcher,
