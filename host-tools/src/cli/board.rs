@@ -1,12 +1,24 @@
 //! `esm board`: an emulated robot that waits for missions.
 
+use std::io::Write;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::stage;
 use crate::host_board::RobotMaker;
+use crate::lockstep::pace::Pace;
+use crate::lockstep::plant_side::PlantSide;
+use crate::plant::{BodyParameters, Plant};
+use crate::run::board::RunningBoard;
+use crate::run::interrupt::Interrupt;
+use crate::serial::pty::PtyServer;
+
+/// How often Ctrl-C and the board's health are looked for.
+const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Starts an emulated robot that waits for missions on a serial line
 ///
@@ -25,12 +37,16 @@ pub struct BoardArgs {
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 
+    /// Seed of the noise in sensors and wheels
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
     pub firmware: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command. `robot` is what the board `host` has.
 ///
 /// # Errors
 /// What kept it from ending well.
@@ -39,8 +55,30 @@ pub fn execute(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(), CommandError> {
-    let _ = (args, robot, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm board` is not connected yet"
-    )))
+    let interrupt = Interrupt::take_over()?;
+    let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
+    let world = stage::world(args.world.as_deref())?;
+    let plant = Plant::new(world, BodyParameters::default(), args.seed)
+        .map_err(|error| CommandError::Input(error.into()))?;
+    let plant = PlantSide::new(plant, Pace::new(true), None);
+    let (mut running, line) = RunningBoard::start(board, &plant, None)?;
+    let server = PtyServer::start(line)?;
+    let port = server.path().display();
+    writeln!(
+        console.out(),
+        "the robot is at {port}; Ctrl-C ends it\n\n  esm upload missions/patrol.esm --port {port}\n  esm status --port {port}\n  esm log --port {port}"
+    )?;
+    console.flush()?;
+    while !interrupt.is_requested() && !server.has_ended() {
+        running.check()?;
+        std::thread::sleep(LOOK_INTERVAL);
+    }
+    let driven = plant.at_end();
+    writeln!(
+        console.out(),
+        "driven: {:.2} m, {} collisions",
+        driven.distance_m(),
+        driven.collisions()
+    )?;
+    Ok(())
 }

@@ -17,6 +17,7 @@ use super::{file, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
+use crate::run::board::BoardError;
 use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
 use crate::run::interrupt::Interrupt;
 use crate::run::recording::Recording;
@@ -381,17 +382,24 @@ impl From<RunError> for CommandError {
     fn from(error: RunError) -> Self {
         match error {
             RunError::Trace(error) => error.into(),
-            RunError::Plant(_)
-            | RunError::Refused { .. }
-            | RunError::OtherMissions { .. }
-            | RunError::HostBoard(HostBoardError::Registry(_)) => CommandError::Input(error.into()),
-            RunError::ReplayOnBoard => CommandError::Usage(error.into()),
-            RunError::Emulator(_)
-            | RunError::Link { .. }
+            RunError::Board(error) => error.into(),
+            RunError::Plant(_) | RunError::Refused { .. } | RunError::OtherMissions { .. } => {
+                CommandError::Input(error.into())
+            }
+            RunError::Link { .. }
             | RunError::Standstill { .. }
             | RunError::TraceGap { .. }
-            | RunError::BadTrace
-            | RunError::HostBoard(_) => CommandError::World(error.into()),
+            | RunError::BadTrace => CommandError::World(error.into()),
+        }
+    }
+}
+
+impl From<BoardError> for CommandError {
+    fn from(error: BoardError) -> Self {
+        match error {
+            BoardError::Host(HostBoardError::Registry(_)) => CommandError::Input(error.into()),
+            BoardError::CannotReplay => CommandError::Usage(error.into()),
+            BoardError::Emulator(_) | BoardError::Host(_) => CommandError::World(error.into()),
         }
     }
 }

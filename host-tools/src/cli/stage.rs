@@ -1,6 +1,6 @@
 //! What `run`, `board` and `tasks` set a robot up with: the board by its name, the world, the mission.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use esm_core::Verified;
@@ -11,7 +11,7 @@ use super::file;
 use super::mission::{self, Audience};
 use crate::host_board::{self, RobotMaker};
 use crate::qemu::firmware::{self, FirmwareError};
-use crate::run::drive::Board;
+use crate::run::board::Board;
 use crate::run::mission::Mission;
 use crate::world::World;
 
@@ -48,10 +48,7 @@ pub fn board(
 ///
 /// # Errors
 /// If there is none.
-pub fn find_firmware(
-    named: Option<&Path>,
-    console: &mut Console,
-) -> Result<std::path::PathBuf, CommandError> {
+pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<PathBuf, CommandError> {
     let here = std::env::current_dir()?;
     firmware::find(named, &here, |told| console.note(told))
         .map_err(|error: FirmwareError| CommandError::World(error.into()))

@@ -1,10 +1,20 @@
 //! `esm status`: how a robot is.
 
+use std::fmt;
+use std::path::Path;
+
 use clap::Args;
+use rt_firmware::link::message::{Mode, ResetReason, SlotCounters};
+use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::RobotArgs;
+use super::robot::{Robot, RobotArgs};
+use super::stage;
+use crate::link_client::RobotInfo;
+use crate::run::mission::hash_text;
+use crate::run::story;
+use crate::trace::directory::Directory;
 
 /// Shows what a robot runs, since when, its counters and faults, and why it was last reset
 #[derive(Debug, Args)]
@@ -22,13 +32,185 @@ pub struct StatusArgs {
     pub json: bool,
 }
 
+/// How a robot is, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StatusReport {
+    /// Name of the board.
+    pub board: String,
+    /// Name and version of the firmware.
+    pub firmware: String,
+    /// `empty`, `running`, `stopped` or `safe`.
+    pub mode: &'static str,
+    /// Why it is in its safe state, if it is.
+    pub safe_reason: Option<&'static str>,
+    /// Hash of its mission, if it has one.
+    pub mission: Option<String>,
+    /// Current local states, depth first.
+    pub active: Vec<String>,
+    /// Macro steps since the mission started.
+    pub steps: u64,
+    /// Time since the mission started, in microseconds.
+    pub t_us: u64,
+    /// Slot occurrences executed since the mission started.
+    pub slots_executed: u32,
+    /// Slot occurrences missed since the robot started.
+    pub slots_missed: u32,
+    /// Executions that took too long since the robot started.
+    pub overruns: u32,
+    /// Longest dispatch delay since the mission started, in nanoseconds.
+    pub longest_dispatch_delay_ns: u32,
+    /// Trace records dropped since the robot started.
+    pub trace_dropped: u32,
+    /// Why the robot started the last time.
+    pub last_reset: &'static str,
+    /// Counters of each slot.
+    pub slots: Vec<SlotReport>,
+}
+
+/// Counters of a slot since the mission started.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SlotReport {
+    /// Its number in the source.
+    pub slot: u32,
+    /// Occurrences executed.
+    pub executed: u32,
+    /// Occurrences that did not start within their period.
+    pub missed: u32,
+    /// Occurrences that took longer than the slot.
+    pub overruns: u32,
+    /// Longest execution, in nanoseconds.
+    pub longest_execution_ns: u32,
+    /// Longest dispatch delay, in nanoseconds.
+    pub longest_delay_ns: u32,
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm status` is not connected yet"
-    )))
+    let (mut robot, info) = args.robot.connect()?;
+    let report = ask(&mut robot, info)?;
+    if args.json {
+        console.json_line(&report)
+    } else {
+        console.text(&report.to_string())
+    }
+}
+
+fn ask(robot: &mut Robot, info: RobotInfo) -> Result<StatusReport, CommandError> {
+    let status = robot.status()?;
+    let mut active = Vec::new();
+    let mut slots = Vec::new();
+    if status.mission.is_some() {
+        let blob = robot.running_blob()?;
+        let verified = stage::verified(Path::new("the robot's mission"), blob)?;
+        let slot_count = verified.tables().slots().len();
+        // A mission without names runs as well as any; there only is less to say about it.
+        if let Ok(directory) = Directory::of(&verified.tables()) {
+            let current = robot.current_states()?.states;
+            let current = |region: usize| current.get(region).copied().map_or(0, usize::from);
+            active = directory
+                .active(current)
+                .filter_map(|state| Some(directory.state(state)?.path.clone()))
+                .collect();
+        }
+        for slot in 0..slot_count.min(usize::from(u8::MAX)) {
+            slots.push(SlotReport::from(robot.slot_counters(slot as u8)?));
+        }
+    }
+    let (mode, safe_reason) = match status.mode {
+        Mode::Empty => ("empty", None),
+        Mode::Running => ("running", None),
+        Mode::Stopped => ("stopped", None),
+        Mode::Safe(reason) => ("safe", Some(story::safe_reason(reason))),
+    };
+    Ok(StatusReport {
+        board: info.board,
+        firmware: info.firmware,
+        mode,
+        safe_reason,
+        mission: status.mission.map(hash_text),
+        active,
+        steps: status.steps,
+        t_us: status.t_us,
+        slots_executed: status.executed,
+        slots_missed: status.missed,
+        overruns: status.overruns,
+        longest_dispatch_delay_ns: status.max_delay_ns,
+        trace_dropped: status.trace_dropped,
+        last_reset: reset_reason(status.reset),
+        slots,
+    })
+}
+
+impl From<SlotCounters> for SlotReport {
+    fn from(counters: SlotCounters) -> Self {
+        SlotReport {
+            slot: counters.number,
+            executed: counters.executed,
+            missed: counters.missed,
+            overruns: counters.overruns,
+            longest_execution_ns: counters.max_execution_ns,
+            longest_delay_ns: counters.max_delay_ns,
+        }
+    }
+}
+
+impl fmt::Display for StatusReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |name: &str, value: String| writeln!(f, "{name:<24} {value}");
+        row("robot", format!("{} on {}", self.firmware, self.board))?;
+        let mode = match self.safe_reason {
+            Some(reason) => format!("safe, motors off: {reason}"),
+            None if self.mode == "stopped" => "stopped: motors off until `esm start`".to_owned(),
+            None => self.mode.to_owned(),
+        };
+        row("mode", mode)?;
+        row("last reset", self.last_reset.to_owned())?;
+        if let Some(mission) = &self.mission {
+            let seconds = self.t_us as f64 / 1e6;
+            row(
+                "mission",
+                format!("{mission}, for {seconds:.1} s, {} macro steps", self.steps),
+            )?;
+            row("current states", self.active.join(", "))?;
+        }
+        row("slots executed", self.slots_executed.to_string())?;
+        row("slots missed", self.slots_missed.to_string())?;
+        row("overruns", self.overruns.to_string())?;
+        row(
+            "longest dispatch delay",
+            format!("{} us", f64::from(self.longest_dispatch_delay_ns) / 1e3),
+        )?;
+        if self.trace_dropped > 0 {
+            row("trace records dropped", self.trace_dropped.to_string())?;
+        }
+        for slot in &self.slots {
+            row(
+                &format!("slot {}", slot.slot),
+                format!(
+                    "{} executed, {} missed, {} overruns, at most {} us long and {} us late",
+                    slot.executed,
+                    slot.missed,
+                    slot.overruns,
+                    f64::from(slot.longest_execution_ns) / 1e3,
+                    f64::from(slot.longest_delay_ns) / 1e3
+                ),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn reset_reason(reason: ResetReason) -> &'static str {
+    match reason {
+        ResetReason::PowerOn => "power on",
+        ResetReason::Pin => "reset pin",
+        ResetReason::Watchdog => "watchdog: a task did not return",
+        ResetReason::Panic => "the firmware panicked",
+        ResetReason::CpuFault => "the processor met a fault",
+        ResetReason::BrownOut => "the supply voltage fell",
+        ResetReason::Software => "the firmware asked for it",
+    }
 }

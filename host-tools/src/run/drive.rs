@@ -9,20 +9,18 @@ use rt_firmware::link::message::{Channel, LinkError, Mode, Status};
 use rt_firmware::link::trace::TraceRecord;
 use thiserror::Error;
 
+use super::board::{Board, BoardError, RunningBoard};
 use super::interrupt::Interrupt;
 use super::mission::Mission;
 use super::recording::{Entry, Head, Recording, VERSION};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
-use crate::host_board::{self, HostBoard, RobotMaker};
 use crate::link_client::log_lines::{LogLine, LogReader};
 use crate::link_client::{ClientError, LinkClient, StreamEvent};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
 use crate::plant::{BodyParameters, Plant, PlantError};
-use crate::qemu::{Emulator, EmulatorError, firmware};
-use crate::serial::pacing::Paced;
-use crate::serial::{ByteLink, DEFAULT_BAUD};
+use crate::serial::ByteLink;
 use crate::world::World;
 
 /// How long a wait for the robot's next words may last.
@@ -30,30 +28,6 @@ const LISTEN_TIME: Duration = Duration::from_millis(20);
 
 /// How long robot time may stand still before the board counts as hung.
 const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
-
-/// Which board to run on.
-pub enum Board {
-    /// A firmware in the emulator.
-    Emulated {
-        /// Its ELF file.
-        firmware: PathBuf,
-    },
-    /// This process.
-    Host {
-        /// Makes the robot whose tasks run.
-        robot: RobotMaker,
-    },
-}
-
-impl Board {
-    /// Its name, as `--board` takes it.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Board::Emulated { .. } => firmware::BOARD,
-            Board::Host { .. } => host_board::BOARD,
-        }
-    }
-}
 
 /// A mission and when it is to take over.
 pub struct Planned {
@@ -105,9 +79,9 @@ pub enum RunError {
     /// The robot does not stand well in the world.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// The emulator.
+    /// The board.
     #[error(transparent)]
-    Emulator(#[from] EmulatorError),
+    Board(#[from] BoardError),
     /// The link.
     #[error("{cause}{}", during(console))]
     Link {
@@ -151,12 +125,6 @@ pub enum RunError {
         /// Hashes of the missions given.
         given: String,
     },
-    /// Only the host board takes what a recording holds.
-    #[error("a recording can be replayed on the board `host` only")]
-    ReplayOnBoard,
-    /// The host board cannot be made.
-    #[error(transparent)]
-    HostBoard(#[from] host_board::HostBoardError),
     /// The trace cannot be written.
     #[error("cannot write the trace: {0}")]
     Trace(#[from] io::Error),
@@ -195,38 +163,16 @@ pub fn drive<W: Write>(
     watch: &mut dyn FnMut(Heard<'_>),
 ) -> Result<Run<W>, RunError> {
     let mut driver = Driver::start(plan, out, watch)?;
-    let ended = driver.to_the_end(interrupt, watch);
+    let ended = driver.follow(interrupt, watch);
     match ended {
         Ok(interrupted) => driver.finish(interrupted),
         Err(error) => Err(driver.with_console(error)),
     }
 }
 
-/// A running board of either kind.
-enum Running {
-    Emulated(Box<Emulator>),
-    Host(HostBoard),
-}
-
-impl Running {
-    fn check(&mut self) -> Result<(), RunError> {
-        match self {
-            Running::Emulated(emulator) => Ok(emulator.check_alive()?),
-            Running::Host(board) => Ok(board.check()?),
-        }
-    }
-
-    fn console(&self) -> String {
-        match self {
-            Running::Emulated(emulator) => emulator.console(),
-            Running::Host(_) => String::new(),
-        }
-    }
-}
-
 struct Driver<W> {
     // Dropped first, so that the board's line has a reader for as long as the board lives.
-    board: Running,
+    board: RunningBoard,
     robot: LinkClient<Box<dyn ByteLink>>,
     plant: PlantSide,
     pace: Arc<Pace>,
@@ -260,37 +206,14 @@ impl<W: Write> Driver<W> {
             plant.inject(fault);
         }
         let board_name = plan.board.name();
-        let (board, line, log) = match plan.board {
-            Board::Emulated { firmware } => {
-                if plan.replay.is_some() {
-                    return Err(RunError::ReplayOnBoard);
-                }
-                let log = match LogReader::firmware(&firmware) {
-                    Ok(log) => Some(log),
-                    Err(error) => {
-                        watch(Heard::Warning(&error.to_string()));
-                        None
-                    }
-                };
-                let served = plant.clone();
-                let mut emulator =
-                    Emulator::start(&firmware, move |request| served.exchange(request))?;
-                let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
-                    console: String::new(),
-                })?;
-                // The emulated UART knows no rate.
-                let line: Box<dyn ByteLink> = Box::new(Paced::new(uart, DEFAULT_BAUD));
-                (Running::Emulated(Box::new(emulator)), line, log)
-            }
-            Board::Host { robot } => {
-                let (board, line) = HostBoard::start(robot, plant.clone(), plan.replay.as_ref())?;
-                (
-                    Running::Host(board),
-                    Box::new(line) as Box<dyn ByteLink>,
-                    Some(LogReader::text()),
-                )
+        let log = match plan.board.log_reader() {
+            Ok(log) => Some(log),
+            Err(error) => {
+                watch(Heard::Warning(&error.to_string()));
+                None
             }
         };
+        let (board, line) = RunningBoard::start(plan.board, &plant, plan.replay.as_ref())?;
         let connected = LinkClient::connect(line).map_err(|cause| RunError::Link {
             cause,
             console: board.console(),
@@ -314,7 +237,7 @@ impl<W: Write> Driver<W> {
     }
 
     /// Follows the robot until the plan is fulfilled; answers whether the person ended it before.
-    fn to_the_end(
+    fn follow(
         &mut self,
         interrupt: Interrupt,
         watch: &mut dyn FnMut(Heard<'_>),
@@ -360,9 +283,9 @@ impl<W: Write> Driver<W> {
             return false;
         }
         match &self.board {
-            Running::Emulated(_) => self.pace.robot_us() >= at_us,
+            RunningBoard::Emulated(_) => self.pace.robot_us() >= at_us,
             // It waits there by itself.
-            Running::Host(board) => board.waits_at_gate(),
+            RunningBoard::Host(board) => board.waits_at_gate(),
         }
     }
 
@@ -386,9 +309,9 @@ impl<W: Write> Driver<W> {
         };
         let started = Instant::now();
         let missed_before = match &self.board {
-            Running::Emulated(_) => self.robot.status().map_err(wrap)?.missed,
+            RunningBoard::Emulated(_) => self.robot.status().map_err(wrap)?.missed,
             // It answers questions in its slots, and those wait.
-            Running::Host(_) => 0,
+            RunningBoard::Host(_) => 0,
         };
         let mut progress = |bytes| watch(Heard::Uploaded(bytes));
         self.robot
@@ -398,16 +321,16 @@ impl<W: Write> Driver<W> {
         let end_us = self.until_us.map(|until_us| until_us.saturating_add(1));
         let next_us = next_at_us.into_iter().chain(end_us).min();
         match &self.board {
-            Running::Host(board) if board.waits_at_gate() => board.open_gate(next_us),
-            Running::Host(board) => board.set_gate(next_us),
-            Running::Emulated(_) => {}
+            RunningBoard::Host(board) if board.waits_at_gate() => board.open_gate(next_us),
+            RunningBoard::Host(board) => board.set_gate(next_us),
+            RunningBoard::Emulated(_) => {}
         }
         self.robot.commit().map_err(wrap)?;
         let upload_s = started.elapsed().as_secs_f64();
         let missed = self.robot.status().map_err(wrap)?.missed;
         drop(hold);
         // The one who waits for the next moment looks at the clock only now and then.
-        if let Running::Emulated(_) = &self.board {
+        if let RunningBoard::Emulated(_) = &self.board {
             self.pace.hold_from(next_us);
         }
         let summary = MissionSummary {
@@ -510,7 +433,7 @@ impl<W: Write> Driver<W> {
     fn with_console(mut self, error: RunError) -> RunError {
         // A link that ends because the emulator did: the emulator's reason is the better one.
         if let Err(ended) = self.board.check() {
-            return ended;
+            return ended.into();
         }
         let console = self.board.console();
         match error {

@@ -1,5 +1,6 @@
 //! The main job: a mission on a board, in a world, from the compiler to the summary.
 
+pub mod board;
 pub mod drive;
 pub mod interrupt;
 pub mod mission;
