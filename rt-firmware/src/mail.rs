@@ -41,10 +41,6 @@ impl Mail<'_> {
 }
 
 /// What link and real-time side say to each other.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one letter, and its largest content decides its size"
-)]
 pub enum Letter<'m> {
     /// Nothing.
     Empty,

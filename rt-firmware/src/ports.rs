@@ -106,6 +106,10 @@ pub struct Buffered<V> {
 }
 
 impl<V: PortType> Buffered<V> {
+    #[expect(
+        clippy::declare_interior_mutable_const,
+        reason = "it is what each bank's buffers are made of, not a value to share"
+    )]
     pub(crate) const EMPTY: Self = Buffered {
         buffers: [const {
             Buffer {

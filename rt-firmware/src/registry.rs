@@ -35,8 +35,8 @@
 macro_rules! registry {
     (
         $(#[$meta:meta])*
-        $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:ident),+ $(,)?>)? {
-            $($(#[$bank_meta:meta])* $bank:ident : $task:ident $(<$($task_argument:ty),+ $(,)?>)? [$count:expr]),+ $(,)?
+        $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)? {
+            $($(#[$bank_meta:meta])* $bank:ident : $task:ty [$count:expr]),+ $(,)?
         }
     ) => {
         $(#[$meta])*
@@ -44,7 +44,7 @@ macro_rules! registry {
             $(
                 $(#[$bank_meta])*
                 #[doc = concat!("Tasks of type `", stringify!($task), "`.")]
-                pub $bank: $crate::Bank<$task $(<$($task_argument),+>)?, { $count }>,
+                pub $bank: $crate::Bank<$task, { $count }>,
             )+
         }
 

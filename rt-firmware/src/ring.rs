@@ -74,14 +74,21 @@ pub struct RingWriter<'a> {
 }
 
 impl RingWriter<'_> {
-    /// Writes a record. Returns false, and counts it as dropped, if there is no room.
-    pub fn record(&mut self, write: impl FnOnce(&mut RecordWriter<'_>)) -> bool {
+    /// Writes a record. Returns false, and counts it as dropped, if there is no room for it that leaves `reserve` bytes for others.
+    pub fn record(&mut self, reserve: usize, write: impl FnOnce(&mut RecordWriter<'_>)) -> bool {
         let start = self.ends.tail.load(Ordering::Relaxed);
+        // Acquire: what the reader has read is free to be written over.
+        let head = self.ends.head.load(Ordering::Acquire);
+        let gap = if head > start {
+            head - start
+        } else {
+            head + self.bytes.len() - start
+        };
         let mut writer = RecordWriter {
             bytes: self.bytes,
             position: start,
-            // Acquire: what the reader has read is free to be written over.
-            end: self.ends.head.load(Ordering::Acquire),
+            // One byte stays free, or a full ring would look like an empty one.
+            room: gap.saturating_sub(1 + reserve),
             len: 0,
             fits: true,
         };
@@ -112,25 +119,26 @@ impl RingWriter<'_> {
 pub struct RecordWriter<'a> {
     bytes: &'a [AtomicU8],
     position: usize,
-    end: usize,
+    /// Bytes that may still be written.
+    room: usize,
     len: u16,
     fits: bool,
 }
 
 impl RecordSink for RecordWriter<'_> {
     fn put(&mut self, byte: u8) {
-        let next = after(self.position, self.bytes.len());
-        let (Some(place), Some(len), false) = (
+        let (Some(place), Some(len), Some(room)) = (
             self.bytes.get(self.position),
             self.len.checked_add(1),
-            next == self.end,
+            self.room.checked_sub(1),
         ) else {
             self.fits = false;
             return;
         };
         place.store(byte, Ordering::Relaxed);
-        self.position = next;
+        self.position = after(self.position, self.bytes.len());
         self.len = len;
+        self.room = room;
     }
 }
 
@@ -212,7 +220,7 @@ mod tests {
     use std::vec::Vec;
 
     fn put(writer: &mut RingWriter<'_>, record: &[u8]) -> bool {
-        writer.record(|sink| record.iter().for_each(|byte| sink.put(*byte)))
+        writer.record(0, |sink| record.iter().for_each(|byte| sink.put(*byte)))
     }
 
     fn read(reader: &mut RingReader<'_>, room: usize) -> (Vec<u8>, bool) {
@@ -260,6 +268,20 @@ mod tests {
         );
         assert!(!put(&mut writer, &[]));
         assert_eq!(read(&mut reader, 8).0, [6; 5]);
+    }
+
+    #[test]
+    fn a_reserve_is_left_to_others() {
+        let mut ring = Ring::<16>::new();
+        let (mut writer, mut reader) = ring.split();
+        let mut ordinary = 0;
+        while writer.record(6, |sink| sink.put(1)) {
+            ordinary += 1;
+        }
+        assert_eq!(ordinary, 3, "of 15 bytes, 6 are left");
+        assert!(put(&mut writer, &[2, 2, 2, 2]));
+        assert!(!put(&mut writer, &[]));
+        assert_eq!(read(&mut reader, 16).0, [1, 1, 1, 2, 2, 2, 2]);
     }
 
     #[test]

@@ -419,7 +419,7 @@ pub const fn signature_hash(text: &str) -> u64 {
 #[macro_export]
 macro_rules! task {
     (
-        impl $([$($generics:tt)*])? $name:ident $(<$($argument:ident),+ $(,)?>)? {
+        impl $([$($generics:tt)*])? $name:ident $(<$($argument:tt),+ $(,)?>)? {
             $(slot $slot:literal;)?
             $(wcet $wcet:literal $wcet_unit:ident;)?
             $(exclusive $group:ident;)?

@@ -10,6 +10,10 @@ use super::tasks::TaskTable;
 use crate::link::trace::{FaultCode, TraceRecord, write_step};
 use crate::ring::RingWriter;
 
+/// Room that transitions and steps leave to records that come seldom and must not be lost: a machine that goes wild fills the ring with
+/// transitions before its fault is known.
+const RESERVED_BYTES: usize = 48;
+
 /// Writes trace records, if somebody wants them.
 pub(crate) struct Trace<'m> {
     ring: RingWriter<'m>,
@@ -34,7 +38,12 @@ impl<'m> Trace<'m> {
 
     /// Writes a record.
     pub(crate) fn record(&mut self, record: TraceRecord<'_>) {
-        if !self.wanted.load(Ordering::Relaxed) || !self.ring.record(|sink| record.write(sink)) {
+        let reserve = match record {
+            TraceRecord::Transition { .. } | TraceRecord::Same { .. } => RESERVED_BYTES,
+            _ => 0,
+        };
+        let wanted = self.wanted.load(Ordering::Relaxed);
+        if !wanted || !self.ring.record(reserve, |sink| record.write(sink)) {
             self.stale = true;
         }
     }
@@ -52,7 +61,7 @@ impl<'m> Trace<'m> {
             return;
         }
         let written = self.wanted.load(Ordering::Relaxed)
-            && self.ring.record(|sink| {
+            && self.ring.record(RESERVED_BYTES, |sink| {
                 let states = ActiveStates {
                     tables: interpreter.tables(),
                     current: |region| interpreter.current(region),

@@ -1,0 +1,906 @@
+//! The runtime with toy tasks: what slots, tasks, slot-0 runs and the link do, on the host.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+mod mission;
+mod robot;
+
+use mission::Mission;
+use robot::{Answer, BLOB_BYTES, signature, with_robot};
+use rt_firmware::link::frame::checksum;
+use rt_firmware::link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason};
+
+/// Interpreter every 10 ms, and a second slot every 5 ms, 2 ms after it.
+const SLOTS: [(u32, u32, u32); 2] = [(10_000, 1_000, 0), (5_000, 1_000, 2_000)];
+
+/// A source in slot 2 that is entered at once and left when it is finished.
+fn counting(limit: u32) -> Mission {
+    Mission::new(&SLOTS).task(signature::SOURCE, None).region(
+        &[("Count", "Source", 2, &[limit]), ("Rest", "", 0, &[])],
+        &["initial -> Count", "Count -> Rest [exit]"],
+    )
+}
+
+/// A hog in slot 2 that takes so long.
+fn hogging(takes_us: u32) -> Mission {
+    Mission::new(&SLOTS)
+        .task(signature::HOG, None)
+        .region(&[("Hog", "Hog", 2, &[takes_us])], &["initial -> Hog"])
+}
+
+#[test]
+fn a_mission_runs_from_its_upload_on() {
+    with_robot(|robot| {
+        assert_eq!(
+            robot.ask(Request::Hello),
+            Ok(Answer::Hello("toy 0.1 bench".into()))
+        );
+        assert_eq!(robot.status().mode, Mode::Empty);
+        assert_eq!(
+            robot.ask(Request::Subscribe {
+                trace: true,
+                log: false
+            }),
+            Ok(Answer::Done)
+        );
+        let blob = counting(3).blob();
+        let hash = u32::from_le_bytes(*blob.last_chunk().unwrap());
+        assert_eq!(robot.upload(&blob), Ok(Answer::Committed(hash)));
+        robot.run_us(45_000);
+        assert_eq!(
+            robot.world.said(),
+            [
+                "source enters",
+                "source 1 at 2000",
+                "source 2 at 7000",
+                "source 3 at 12000"
+            ],
+            "three executions, and none after it is finished"
+        );
+        let status = robot.status();
+        assert_eq!(
+            (status.mode, status.mission, status.steps, status.t_us),
+            (Mode::Running, Some(hash), 5, 40_000)
+        );
+        assert_eq!((status.missed, status.overruns), (0, 0));
+        assert_eq!(
+            robot.trace,
+            [
+                format!("Started {{ mission: {hash} }}"),
+                "Transition { micro: 0, region_instance: 0, transition: 0 }".into(),
+                "Step { step: 0, micro_steps: 1, states: {0: 1}, enabled: [0] }".into(),
+                "Same { micro_steps: 1 }".into(),
+                "Transition { micro: 0, region_instance: 0, transition: 1 }".into(),
+                "Step { step: 2, micro_steps: 1, states: {0: 2}, enabled: [] }".into(),
+                "Same { micro_steps: 1 }".into(),
+                "Same { micro_steps: 1 }".into(),
+            ]
+        );
+    });
+}
+
+#[test]
+fn flags_of_a_task_are_seen_by_the_next_macro_step() {
+    let mission = Mission::new(&SLOTS).task(signature::SOURCE, None).region(
+        &[("Count", "Source", 2, &[99]), ("Rest", "", 0, &[])],
+        &["initial -> Count", "Count -> Rest [high]"],
+    );
+    with_robot(|robot| {
+        robot.start(&mission.blob());
+        robot.run_us(30_000);
+        assert_eq!(
+            robot.world.said(),
+            ["source enters", "source 1 at 2000", "source 2 at 7000"]
+        );
+    });
+}
+
+#[test]
+fn a_task_is_busy_until_its_input_has_a_value() {
+    // The sink stands before the source in the order of the slot, so that it has to wait for the slot's next occurrence.
+    let mission = Mission::new(&SLOTS)
+        .task(signature::SINK, None)
+        .task(signature::SOURCE, None)
+        .region(&[("Read", "Sink", 2, &[7])], &["initial -> Read"])
+        .region(
+            &[("Wait", "", 0, &[]), ("Count", "Source", 2, &[99])],
+            &["initial -> Wait", "Wait -> Count"],
+        )
+        .path((1, 1, 0), (0, 0, 0));
+    with_robot(|robot| {
+        robot.start(&mission.blob());
+        robot.run_us(9_000);
+        assert_eq!(robot.world.said(), [""; 0]);
+        let sink = robot.task(0);
+        assert!(sink.enabled && sink.busy);
+        robot.run_us(10_000);
+        assert_eq!(
+            robot.world.said(),
+            [
+                "source enters",
+                "source 1 at 12000",
+                "sink 7 reads 1",
+                "source 2 at 17000"
+            ]
+        );
+        assert!(!robot.task(0).busy);
+    });
+}
+
+#[test]
+fn a_group_is_held_by_the_task_that_was_enabled_first() {
+    let group = Some("motion");
+    let mission = Mission::new(&SLOTS)
+        .task(signature::HOG, group)
+        .task(signature::SOURCE, None)
+        .region(
+            &[("Late", "", 0, &[]), ("First", "Hog", 2, &[1])],
+            &["initial -> Late", "Late -> First"],
+        )
+        .region(
+            &[("Second", "Hog", 2, &[2]), ("Rest", "", 0, &[])],
+            &["initial -> Second", "Second -> Rest [exit]"],
+        );
+    let leaving = Mission::new(&SLOTS)
+        .task(signature::HOG, group)
+        .region(
+            &[("Late", "", 0, &[]), ("First", "Hog", 2, &[1])],
+            &["initial -> Late", "Late -> First"],
+        )
+        .region(
+            &[
+                ("Second", "Hog", 2, &[2]),
+                ("Wait", "", 0, &[]),
+                ("Rest", "", 0, &[]),
+            ],
+            &[
+                "initial -> Second",
+                "Second -> Wait / Again",
+                "Wait -> Rest",
+            ],
+        );
+    with_robot(|robot| {
+        robot.start(&mission.blob());
+        robot.run_us(29_000);
+        assert_eq!(
+            robot.world.said(),
+            ["hog 2"; 6],
+            "it was enabled one macro step before the other"
+        );
+        assert!(robot.task(0).busy && !robot.task(1).busy);
+        robot.start(&leaving.blob());
+        robot.world.said();
+        robot.run_us(19_000);
+        assert_eq!(
+            robot.world.said(),
+            ["hog 2", "hog 2", "hog 1", "hog 1"],
+            "the holder was left in the macro step at 10 ms"
+        );
+    });
+}
+
+#[test]
+fn a_slot_0_run_is_told_at_the_next_occurrence() {
+    let mission = Mission::new(&SLOTS)
+        .task(signature::THINKER, None)
+        .task(signature::SINK, None)
+        .region(
+            &[("Think", "Thinker", 0, &[]), ("Rest", "", 0, &[])],
+            &["initial -> Think", "Think -> Rest [exit]"],
+        )
+        .region(&[("Read", "Sink", 2, &[1])], &["initial -> Read"])
+        .path((0, 0, 1), (1, 0, 0));
+    with_robot(|robot| {
+        robot
+            .ask(Request::Subscribe {
+                trace: true,
+                log: false,
+            })
+            .unwrap();
+        robot.background_runs = false;
+        robot.start(&mission.blob());
+        robot.run_us(8_000);
+        assert_eq!(robot.world.said(), [""; 0], "nobody had time for it");
+        assert!(robot.status().background_busy);
+        while robot.background.poll() {}
+        assert_eq!(
+            robot.world.said(),
+            ["thinks 1 of None", "thinks 2 of None", "thinks 3 of None"]
+        );
+        robot.run_us(10_000);
+        assert_eq!(robot.world.said(), ["sink 1 reads 100", "sink 1 reads 100"]);
+        let jobs: Vec<&String> = robot
+            .trace
+            .iter()
+            .filter(|record| record.starts_with("Job"))
+            .collect();
+        // Occurrences: 0 interpreter, 1 and 2 slot 2, 3 interpreter.
+        assert_eq!(
+            jobs,
+            [
+                "JobStarted { task_instance: 0, occurrence: 0 }",
+                "JobEnded { task_instance: 0, occurrence: 3 }"
+            ]
+        );
+        assert!(robot.trace.iter().any(|record| record
+            == "Step { step: 1, micro_steps: 1, states: {0: 2, 1: 5}, enabled: [1] }"));
+    });
+}
+
+#[test]
+fn a_state_that_is_entered_anew_while_its_run_goes_on_gets_another_run() {
+    let mission = Mission::new(&SLOTS).task(signature::THINKER, None).region(
+        &[("Think", "Thinker", 0, &[]), ("Out", "", 0, &[])],
+        &["initial -> Think", "Think -> Out", "Out -> Think"],
+    );
+    with_robot(|robot| {
+        robot
+            .ask(Request::Subscribe {
+                trace: true,
+                log: false,
+            })
+            .unwrap();
+        robot.background_runs = false;
+        robot.start(&mission.blob());
+        robot.run_us(25_000);
+        let task = robot.task(0);
+        assert!(
+            task.enabled && task.busy,
+            "entered anew at 20 ms, while the first run goes on"
+        );
+        while robot.background.poll() {}
+        robot.run_us(4_000);
+        let jobs: Vec<&String> = robot
+            .trace
+            .iter()
+            .filter(|record| record.starts_with("Job"))
+            .collect();
+        assert_eq!(
+            jobs,
+            [
+                "JobStarted { task_instance: 0, occurrence: 0 }",
+                "JobEnded { task_instance: 0, occurrence: 8 }",
+                "JobStarted { task_instance: 0, occurrence: 8 }",
+            ]
+        );
+        assert!(!robot.task(0).busy);
+        assert_eq!(robot.world.said().len(), 3);
+    });
+}
+
+#[test]
+fn a_run_whose_state_was_left_ends_without_an_exit() {
+    let mission = Mission::new(&SLOTS).task(signature::THINKER, None).region(
+        &[("Think", "Thinker", 0, &[]), ("Out", "", 0, &[])],
+        &["initial -> Think", "Think -> Out"],
+    );
+    with_robot(|robot| {
+        robot.background_runs = false;
+        robot.start(&mission.blob());
+        robot.run_us(15_000);
+        assert!(robot.task(0).enabled, "leaving its state does not end it");
+        while robot.background.poll() {}
+        robot.run_us(5_000);
+        assert!(!robot.task(0).enabled);
+    });
+}
+
+#[test]
+fn overruns_are_counted_one_by_one_and_end_in_the_safe_state() {
+    for (takes_us, overruns, mode) in [
+        (1_000, 0, Mode::Running),
+        (1_001, 4, Mode::Safe(SafeReason::Overruns)),
+        (2_500, 4, Mode::Safe(SafeReason::Overruns)),
+    ] {
+        with_robot(|robot| {
+            robot.start(&hogging(takes_us).blob());
+            robot.board.motors_off = 0;
+            robot.run_us(60_000);
+            let status = robot.status();
+            assert_eq!(
+                (status.mode, status.overruns),
+                (mode, overruns),
+                "{takes_us} µs"
+            );
+            let slot = robot.slot(1);
+            assert_eq!((slot.number, slot.overruns, slot.missed), (2, overruns, 0));
+            assert_eq!(slot.max_execution_ns, takes_us * 1_000);
+            assert_eq!(u32::from(robot.task(0).overruns), overruns);
+            assert_eq!(robot.board.motors_off > 0, mode != Mode::Running);
+            assert_eq!(
+                robot.world.said().len() as u32,
+                if overruns == 0 { 12 } else { overruns }
+            );
+        });
+    }
+}
+
+#[test]
+fn missed_occurrences_are_counted_exactly() {
+    // The second slot starts at 2, 7, 12, … ms; at 5 ms everything stands still for some time.
+    for (still_us, missed, mode) in [
+        (6_000, [0, 0], Mode::Running),
+        (7_000, [0, 1], Mode::Running),
+        (12_000, [0, 2], Mode::Running),
+        (16_000, [1, 2], Mode::Running),
+        (32_000, [2, 6], Mode::Safe(SafeReason::Missed)),
+    ] {
+        with_robot(|robot| {
+            robot.start(&counting(99).blob());
+            let start_us = robot.world.now_us();
+            robot.run_until_us(start_us + 5_000);
+            robot.world.pass_us(still_us);
+            robot.run_us(0);
+            let counted = [robot.slot(0).missed, robot.slot(1).missed];
+            assert_eq!(counted, missed, "{still_us} µs");
+            let status = robot.status();
+            assert_eq!(
+                (status.missed, status.mode),
+                (missed[0] + missed[1], mode),
+                "{still_us} µs"
+            );
+        });
+    }
+}
+
+#[test]
+fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
+    with_robot(|robot| {
+        robot.start(&counting(99).blob());
+        robot.run_us(5_000);
+        robot.world.pass_us(17_345);
+        robot.run_us(0);
+        let status = robot.status();
+        assert_eq!((status.steps, status.t_us), (3, 20_000));
+        assert_eq!(robot.slot(0).max_delay_ns, 2_345_000);
+    });
+}
+
+#[test]
+fn a_swap_takes_place_at_the_interpreters_next_occurrence_and_misses_nothing() {
+    with_robot(|robot| {
+        robot.start(&counting(99).blob());
+        let epoch_us = robot.world.now_us();
+        robot.run_until_us(epoch_us + 33_000);
+        robot.world.said();
+        let other = hogging(1).blob();
+        robot.send(&other);
+        assert_eq!(robot.status().steps, 4, "sending takes no time here");
+        assert!(matches!(
+            robot.ask(Request::Commit),
+            Ok(Answer::Committed(_))
+        ));
+        assert_eq!(robot.world.now_us(), epoch_us + 40_000);
+        robot.run_until_us(epoch_us + 55_000);
+        assert_eq!(
+            robot.world.said(),
+            ["source 8 at 37000", "hog 1", "hog 1", "hog 1"],
+            "the old mission up to the swap, the new one from its own start"
+        );
+        let status = robot.status();
+        assert_eq!((status.steps, status.t_us, status.missed), (2, 10_000, 0));
+        // Nominal starts go on over the swap, and each occurrence is told once.
+        let starts: Vec<u64> = robot
+            .board
+            .occurrences
+            .iter()
+            .map(|occurrence| occurrence.start_us)
+            .collect();
+        assert_eq!(
+            starts,
+            [
+                0, 2, 7, 10, 12, 17, 20, 22, 27, 30, 32, 37, 40, 42, 47, 50, 52
+            ]
+            .map(|ms| ms * 1_000)
+        );
+        // Both buffers are used again and again.
+        for _ in 0..3 {
+            robot.start(&counting(5).blob());
+            robot.start(&other);
+        }
+        robot.run_us(10_000);
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn a_new_mission_starts_with_empty_nets_and_fresh_tasks() {
+    let with_sink = Mission::new(&SLOTS)
+        .task(signature::SINK, None)
+        .task(signature::SOURCE, None)
+        .region(&[("Read", "Sink", 2, &[1])], &["initial -> Read"])
+        .region(&[("Count", "Source", 2, &[99])], &["initial -> Count"])
+        .path((1, 0, 0), (0, 0, 0));
+    with_robot(|robot| {
+        for _ in 0..2 {
+            robot.start(&with_sink.blob());
+            robot.world.said();
+            robot.run_us(8_000);
+            assert_eq!(
+                robot.world.said(),
+                [
+                    "source enters",
+                    "source 1 at 2000",
+                    "sink 1 reads 1",
+                    "source 2 at 7000"
+                ]
+            );
+        }
+    });
+}
+
+#[test]
+fn a_slot_0_run_of_the_old_mission_leaves_no_trace_in_the_new_one() {
+    let thinking = Mission::new(&SLOTS).task(signature::THINKER, None).region(
+        &[("Think", "Thinker", 0, &[]), ("Rest", "", 0, &[])],
+        &["initial -> Think", "Think -> Rest [exit]"],
+    );
+    with_robot(|robot| {
+        robot.background_runs = false;
+        robot.start(&thinking.blob());
+        robot.run_us(5_000);
+        robot.background.poll();
+        robot.start(&thinking.blob());
+        robot.run_us(1_000);
+        let task = robot.task(0);
+        assert!(
+            task.enabled && task.busy,
+            "its task is still at the old run"
+        );
+        while robot.background.poll() {}
+        assert_eq!(robot.world.said().len(), 3);
+        robot.run_us(12_000);
+        assert!(
+            robot.task(0).enabled,
+            "the old run's end is not the new one's"
+        );
+        while robot.background.poll() {}
+        robot.run_us(10_000);
+        assert_eq!(robot.world.said().len(), 3);
+        assert!(!robot.task(0).enabled);
+    });
+}
+
+#[test]
+fn a_stop_is_latched_until_start() {
+    with_robot(|robot| {
+        robot.start(&counting(99).blob());
+        robot.run_us(5_000);
+        robot.board.motors_off = 0;
+        assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
+        assert_eq!(robot.board.motors_off, 1);
+        robot.world.said();
+        robot.run_us(50_000);
+        assert_eq!(robot.world.said(), [""; 0]);
+        assert!(robot.board.motors_off > 4, "again and again");
+        assert_eq!(robot.status().mode, Mode::Stopped);
+        robot.start(&counting(1).blob());
+        robot.run_us(20_000);
+        assert_eq!(
+            (robot.status().mode, robot.world.said().len()),
+            (Mode::Stopped, 0),
+            "also with a new mission"
+        );
+        assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+        robot.run_us(5_000);
+        assert_eq!(robot.world.said(), ["source enters", "source 1 at 2000"]);
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn what_breaks_ends_in_the_safe_state_until_start() {
+    let flooding = Mission::new(&SLOTS).region(
+        &[("A", "", 0, &[]), ("B", "", 0, &[])],
+        &["initial -> A", "A -> B / Again", "B -> B on Again / Again"],
+    );
+    with_robot(|robot| {
+        robot
+            .ask(Request::Subscribe {
+                trace: true,
+                log: false,
+            })
+            .unwrap();
+        robot.start(&flooding.blob());
+        robot.run_us(30_000);
+        assert_eq!(robot.status().mode, Mode::Safe(SafeReason::MacroStepLimit));
+        assert!(
+            robot
+                .trace
+                .iter()
+                .any(|record| record == "Fault { step: 1, code: MacroStepLimit }")
+        );
+        assert_eq!(robot.trace.last().unwrap(), "MotorsOff { reason: Some(1) }");
+        robot.start(&counting(99).blob());
+        assert_eq!(
+            robot.status().mode,
+            Mode::Running,
+            "a new mission, a new chance"
+        );
+        robot.board.body = Err(SafeReason::BodyLost);
+        robot.run_us(10_000);
+        assert_eq!(robot.status().mode, Mode::Safe(SafeReason::BodyLost));
+        robot.board.body = Ok(());
+        robot.run_us(50_000);
+        assert_eq!(robot.status().mode, Mode::Safe(SafeReason::BodyLost));
+        assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn the_watchdog_is_fed_with_and_without_a_mission() {
+    with_robot(|robot| {
+        robot.run_us(100_000);
+        assert!((10..=11).contains(&robot.board.fed), "{}", robot.board.fed);
+        robot.start(&counting(1).blob());
+        let before = robot.board.fed;
+        robot.run_us(100_000);
+        assert_eq!(robot.board.fed - before, 10);
+    });
+}
+
+#[test]
+fn a_mission_that_does_not_fit_is_refused_and_the_robot_drives_on() {
+    let hogs = |count: usize| {
+        (0..count).fold(
+            Mission::new(&SLOTS).task(signature::HOG, None),
+            |mission, _| mission.region(&[("Hog", "Hog", 2, &[1])], &["initial -> Hog"]),
+        )
+    };
+    let slots: Vec<(u32, u32, u32)> = (0..5).map(|slot| (10_000, 100, slot * 1_000)).collect();
+    let many_regions = (0..40).fold(Mission::new(&SLOTS), |mission, _| {
+        mission.region(&[("A", "", 0, &[])], &["initial -> A"])
+    });
+    let cases = [
+        (
+            Mission::new(&SLOTS)
+                .task("task Fly{}", None)
+                .region(&[("A", "Fly", 2, &[])], &["initial -> A"]),
+            LinkError::UnknownTask { task: 0 },
+        ),
+        (
+            Mission::new(&SLOTS)
+                .task(signature::HOG, None)
+                .task("task Sink{in data count:u32;}", None)
+                .task(signature::SOURCE, None)
+                .region(
+                    &[
+                        ("A", "Sink", 2, &[]),
+                        ("B", "Source", 2, &[1]),
+                        ("C", "Hog", 2, &[1]),
+                    ],
+                    &["initial -> A"],
+                )
+                .path((0, 1, 0), (0, 0, 0)),
+            LinkError::SignatureDiffers { task: 0 },
+        ),
+        (
+            hogs(3),
+            LinkError::TooManyInstances {
+                task: 0,
+                needed: 3,
+                available: 2,
+            },
+        ),
+        (
+            Mission::new(&slots).region(&[("A", "", 0, &[])], &["initial -> A"]),
+            LinkError::CapacityExceeded {
+                what: Capacity::Slots,
+                needed: 5,
+                available: 4,
+            },
+        ),
+        (
+            many_regions,
+            LinkError::CapacityExceeded {
+                what: Capacity::ArenaWords,
+                needed: 83,
+                available: 64,
+            },
+        ),
+    ];
+    with_robot(|robot| {
+        robot.start(&counting(1_000_000).blob());
+        for (mission, expected) in cases {
+            assert_eq!(robot.upload(&mission.blob()), Err(expected));
+        }
+        robot.world.said();
+        robot.run_us(50_000);
+        assert!(robot.world.said().len() >= 10);
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn a_blob_that_is_spoiled_is_refused() {
+    let blob = counting(1).blob();
+    with_robot(|robot| {
+        assert_eq!(robot.ask(Request::Commit), Err(LinkError::NoUpload));
+        assert_eq!(
+            robot.ask(Request::Chunk {
+                offset: 0,
+                data: &[1]
+            }),
+            Err(LinkError::NoUpload)
+        );
+        let too_long = BLOB_BYTES as u32 + 1;
+        let refused = LinkError::CapacityExceeded {
+            what: Capacity::BlobBytes,
+            needed: too_long,
+            available: BLOB_BYTES as u32,
+        };
+        assert_eq!(
+            robot.ask(Request::Begin {
+                len: too_long,
+                crc: 0
+            }),
+            Err(refused)
+        );
+
+        let len = blob.len() as u32;
+        assert_eq!(
+            robot.ask(Request::Begin {
+                len,
+                crc: checksum(&blob)
+            }),
+            Ok(Answer::Received(0))
+        );
+        assert_eq!(
+            robot.ask(Request::Commit),
+            Err(LinkError::Incomplete { received: 0 })
+        );
+        assert_eq!(
+            robot.ask(Request::Chunk {
+                offset: 5,
+                data: &[1]
+            }),
+            Err(LinkError::WrongOffset { expected: 0 })
+        );
+        for at in 0..blob.len() {
+            let mut changed = blob.clone();
+            changed[at] ^= 0x10;
+            robot.send(&changed);
+            assert!(
+                matches!(robot.ask(Request::Commit), Err(LinkError::Invalid(_))),
+                "byte {at}"
+            );
+        }
+        assert_eq!(
+            robot.ask(Request::Begin { len, crc: 1 }),
+            Ok(Answer::Received(0))
+        );
+        for (part, data) in blob.chunks(MAX_CHUNK).enumerate() {
+            robot
+                .ask(Request::Chunk {
+                    offset: (part * MAX_CHUNK) as u32,
+                    data,
+                })
+                .unwrap();
+        }
+        assert_eq!(
+            robot.ask(Request::Chunk {
+                offset: len,
+                data: &[1]
+            }),
+            Err(LinkError::TooLong)
+        );
+        assert_eq!(robot.ask(Request::Commit), Err(LinkError::WrongChecksum));
+        assert_eq!(robot.status().mode, Mode::Empty);
+        robot.start(&blob);
+    });
+}
+
+#[test]
+fn an_upload_goes_on_where_it_was_interrupted() {
+    let blob = counting(1).blob();
+    let begin = Request::Begin {
+        len: blob.len() as u32,
+        crc: checksum(&blob),
+    };
+    with_robot(|robot| {
+        robot.ask(begin).unwrap();
+        robot
+            .ask(Request::Chunk {
+                offset: 0,
+                data: &blob[..50],
+            })
+            .unwrap();
+        robot.ask(Request::Hello).unwrap();
+        assert_eq!(robot.ask(begin), Ok(Answer::Received(50)));
+        assert_eq!(robot.ask(Request::Abort), Ok(Answer::Done));
+        assert_eq!(robot.ask(begin), Ok(Answer::Received(0)));
+    });
+}
+
+#[test]
+fn a_request_that_is_sent_again_is_answered_again_and_done_once() {
+    let blob = counting(1).blob();
+    with_robot(|robot| {
+        robot
+            .ask(Request::Begin {
+                len: blob.len() as u32,
+                crc: checksum(&blob),
+            })
+            .unwrap();
+        let chunk = robot.frame(Request::Chunk {
+            offset: 0,
+            data: &blob[..20],
+        });
+        for _ in 0..3 {
+            robot.wire.to_robot.extend(&chunk);
+            let answers: Vec<_> = robot
+                .exchange()
+                .into_iter()
+                .map(|(_, answer)| answer)
+                .collect();
+            assert_eq!(answers, [Ok(Answer::Received(20))]);
+        }
+        robot.ask(Request::Abort).unwrap();
+        robot.send(&blob);
+        // Twice before the answer is there, once after it.
+        let commit = robot.frame(Request::Commit);
+        robot.wire.to_robot.extend(&commit);
+        robot.wire.to_robot.extend(&commit);
+        assert_eq!(robot.exchange(), []);
+        robot.real_time.on_timer(&mut robot.board);
+        assert!(matches!(
+            robot.exchange()[..],
+            [(_, Ok(Answer::Committed(_)))]
+        ));
+        robot.wire.to_robot.extend(&commit);
+        assert!(matches!(
+            robot.exchange()[..],
+            [(_, Ok(Answer::Committed(_)))]
+        ));
+    });
+}
+
+#[test]
+fn the_link_is_in_step_again_after_noise() {
+    with_robot(|robot| {
+        let frame = robot.frame(Request::Status);
+        for cut in 0..frame.len() {
+            robot.wire.to_robot.extend(&frame[cut + 1..]);
+            robot.wire.to_robot.extend([0xff; 200]);
+            robot.wire.to_robot.push_back(0);
+            robot.exchange();
+            assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done), "cut at {cut}");
+        }
+    });
+}
+
+#[test]
+fn a_request_of_another_version_is_told_so() {
+    with_robot(|robot| {
+        let mut frame = [0; 32];
+        let len = rt_firmware::link::frame::encode(&(9u8, 200u8, 1u8), &mut frame).unwrap();
+        robot.wire.to_robot.extend(&frame[..len]);
+        assert_eq!(robot.exchange(), [(9, Err(LinkError::Malformed))]);
+    });
+}
+
+#[test]
+fn the_robot_tells_its_tasks_its_mission_and_its_states() {
+    let blob = counting(1).blob();
+    with_robot(|robot| {
+        assert_eq!(
+            robot.ask(Request::ReadBlob { offset: 0 }),
+            Err(LinkError::NoMission)
+        );
+        robot.start(&blob);
+        let mut read = vec![];
+        loop {
+            let Ok(Answer::Bytes(total, data)) = robot.ask(Request::ReadBlob {
+                offset: read.len() as u32,
+            }) else {
+                panic!()
+            };
+            assert_eq!(total as usize, blob.len());
+            if data.is_empty() {
+                break;
+            }
+            read.extend(data);
+        }
+        assert_eq!(read, blob);
+        assert_eq!(
+            robot.ask(Request::States { first: 0 }),
+            Ok(Answer::Bytes(1, vec![1, 0]))
+        );
+        let Ok(Answer::Bytes(total, text)) = robot.ask(Request::Task {
+            index: 2,
+            offset: 0,
+        }) else {
+            panic!()
+        };
+        let expected = "task Hog exclusive motion {\n    param takes_us: u32;\n}\n";
+        assert_eq!(
+            (total as usize, String::from_utf8(text).unwrap()),
+            (expected.len(), expected.into())
+        );
+        assert_eq!(
+            robot.ask(Request::Task {
+                index: 4,
+                offset: 0
+            }),
+            Err(LinkError::NoSuchIndex)
+        );
+        assert_eq!(
+            robot.ask(Request::SlotCounters { slot: 2 }),
+            Err(LinkError::NoSuchIndex)
+        );
+        assert_eq!(
+            robot.ask(Request::TaskCounters { task_instance: 1 }),
+            Err(LinkError::NoSuchIndex)
+        );
+    });
+}
+
+#[test]
+fn requests_are_answered_while_the_log_flows() {
+    with_robot(|robot| {
+        let text: Vec<u8> = (0..2_000u32).map(|i| i as u8).collect();
+        robot
+            .ask(Request::Subscribe {
+                trace: false,
+                log: true,
+            })
+            .unwrap();
+        robot.wire.log.extend(&text);
+        for _ in 0..5 {
+            robot.status();
+        }
+        assert_eq!(robot.log, text);
+    });
+}
+
+#[test]
+fn without_a_reader_the_trace_is_not_written() {
+    with_robot(|robot| {
+        robot.start(&counting(1).blob());
+        robot.run_us(2_000_000);
+        assert_eq!(robot.status().trace_dropped, 0);
+        robot
+            .ask(Request::Subscribe {
+                trace: true,
+                log: false,
+            })
+            .unwrap();
+        robot.run_us(20_000);
+        assert!(
+            robot.trace[0].starts_with("Step { step: 2"),
+            "whole at first: {:?}",
+            robot.trace
+        );
+        assert_eq!(robot.trace[1], "Same { micro_steps: 1 }");
+    });
+}
+
+#[test]
+fn many_robots_run_at_a_time() {
+    let blob = counting(50).blob();
+    std::thread::scope(|threads| {
+        for _ in 0..4 {
+            threads.spawn(|| {
+                with_robot(|robot| {
+                    robot.start(&blob);
+                    robot.run_us(1_000_000);
+                    assert_eq!(robot.world.said().len(), 51);
+                });
+            });
+        }
+    });
+}
+
+#[test]
+fn ticks_and_microseconds_agree_for_days() {
+    with_robot(|robot| {
+        let days_us = 40 * 24 * 3_600 * 1_000_000;
+        robot.world.pass_us(days_us);
+        robot.start(&counting(1).blob());
+        robot.run_us(20_000);
+        assert_eq!(robot.slot(1).max_delay_ns, 0);
+        assert_eq!(robot.status().t_us, 20_000);
+        assert_eq!(robot.world.now_us(), days_us + 20_000);
+    });
+}

@@ -1,0 +1,458 @@
+//! A robot with a clock of its own, tasks that tell what they do, and a host at the other end of its link.
+
+use std::collections::VecDeque;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use rt_firmware::link::message::{
+    FromDevice, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Status,
+    TaskCounters, ToDevice,
+};
+use rt_firmware::link::trace::TraceRecord;
+use rt_firmware::{
+    About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
+    RealTime, Step, Task, registry, split, task,
+};
+
+/// Ticks of the robot's clock in a microsecond.
+pub const TICKS_PER_US: u64 = 12;
+
+/// What tasks and board share.
+#[derive(Default)]
+pub struct World {
+    ticks: AtomicU64,
+    said: Mutex<Vec<String>>,
+}
+
+impl World {
+    fn say(&self, what: String) {
+        self.said.lock().unwrap().push(what);
+    }
+
+    /// Lets time pass.
+    pub fn pass_us(&self, us: u64) {
+        self.ticks.fetch_add(us * TICKS_PER_US, Ordering::Relaxed);
+    }
+
+    /// Time since the robot started.
+    pub fn now_us(&self) -> u64 {
+        self.ticks.load(Ordering::Relaxed) / TICKS_PER_US
+    }
+
+    /// What was said since the last time.
+    pub fn said(&self) -> Vec<String> {
+        std::mem::take(&mut self.said.lock().unwrap())
+    }
+}
+
+/// Publishes how often it was executed; `high` from the second time on; finished after `limit` executions.
+pub struct Source<'w> {
+    world: &'w World,
+    count: u32,
+}
+task! { impl['w] Source<'w> { data { out count: u32; } flags { out high; } params { limit: u32; } } }
+impl Task for Source<'_> {
+    fn reset(&mut self) {
+        self.count = 0;
+    }
+    fn enter(&mut self) {
+        self.world.say("source enters".into());
+    }
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        self.count += 1;
+        *io.write(Self::COUNT) = self.count;
+        io.set(Self::HIGH, self.count >= 2);
+        self.world
+            .say(format!("source {} at {}", self.count, io.now_us()));
+        if self.count == io.param(Self::LIMIT) {
+            Step::Finished
+        } else {
+            Step::Run
+        }
+    }
+}
+
+/// Says what it reads.
+pub struct Sink<'w> {
+    world: &'w World,
+}
+task! { impl['w] Sink<'w> { data { in count: u32; } params { name: u32; } } }
+impl Task for Sink<'_> {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        self.world.say(format!(
+            "sink {} reads {}",
+            io.param(Self::NAME),
+            io.read(Self::COUNT)
+        ));
+        Step::Run
+    }
+}
+
+/// Takes its time.
+pub struct Hog<'w> {
+    world: &'w World,
+}
+task! { impl['w] Hog<'w> { exclusive motion; params { takes_us: u32; } } }
+impl Task for Hog<'_> {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let takes_us = io.param(Self::TAKES_US);
+        self.world.say(format!("hog {takes_us}"));
+        self.world.pass_us(takes_us.into());
+        Step::Run
+    }
+}
+
+/// Runs for three steps.
+pub struct Thinker<'w> {
+    world: &'w World,
+    steps: u32,
+}
+task! { impl['w] Thinker<'w> { data { in count: u32 optional; out thought: u32; } flags { out good; } } }
+impl Task for Thinker<'_> {
+    fn enter(&mut self) {
+        self.steps = 0;
+    }
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        self.steps += 1;
+        self.world.say(format!(
+            "thinks {} of {:?}",
+            self.steps,
+            io.try_read(Self::COUNT)
+        ));
+        if self.steps < 3 {
+            return Step::Run;
+        }
+        io.set(Self::GOOD, true);
+        *io.write(Self::THOUGHT) = 100 + io.try_read(Self::COUNT).copied().unwrap_or(0);
+        Step::Finished
+    }
+}
+
+registry! {
+    /// What the robot can do.
+    pub struct Toy['w]<'w> {
+        source: Source<'w>[1],
+        sink: Sink<'w>[2],
+        hog: Hog<'w>[2],
+        thinker: Thinker<'w>[1],
+    }
+}
+
+/// Signatures of the robot's tasks.
+pub mod signature {
+    pub const SOURCE: &str = "task Source{out data count:u32;out flag high;param limit:u32;}";
+    pub const SINK: &str = "task Sink{in data count:u32;param name:u32;}";
+    pub const HOG: &str = "task Hog{param takes_us:u32;}";
+    pub const THINKER: &str =
+        "task Thinker{in data count:u32 optional;out data thought:u32;out flag good;}";
+}
+
+/// The board.
+pub struct ToyBoard<'w> {
+    world: &'w World,
+    /// Times that the motors were stopped.
+    pub motors_off: u32,
+    /// Times that the watchdog was fed.
+    pub fed: u32,
+    /// Occurrences so far.
+    pub occurrences: Vec<OccurrenceStart>,
+    /// What the body says from now on.
+    pub body: Result<(), SafeReason>,
+}
+
+impl Board for ToyBoard<'_> {
+    const TICKS_PER_US: u32 = TICKS_PER_US as u32;
+
+    fn now_ticks(&mut self) -> u64 {
+        self.world.ticks.load(Ordering::Relaxed)
+    }
+
+    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+        self.occurrences.push(*occurrence);
+        self.body
+    }
+
+    fn feed_watchdog(&mut self) {
+        self.fed += 1;
+    }
+
+    fn motors_off(&mut self) {
+        self.motors_off += 1;
+    }
+}
+
+/// The wire.
+#[derive(Default)]
+pub struct Wire {
+    /// Bytes on their way to the robot.
+    pub to_robot: VecDeque<u8>,
+    /// Bytes from the robot.
+    pub to_host: VecDeque<u8>,
+    /// What the log holds.
+    pub log: VecDeque<u8>,
+}
+
+impl LinkPort for Wire {
+    fn receive(&mut self) -> Option<u8> {
+        self.to_robot.pop_front()
+    }
+
+    fn send(&mut self, byte: u8) -> bool {
+        self.to_host.push_back(byte);
+        true
+    }
+
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        let len = room.len().min(self.log.len());
+        for (place, byte) in room.iter_mut().zip(self.log.drain(..len)) {
+            *place = byte;
+        }
+        len
+    }
+}
+
+/// Slots that the robot has room for.
+pub const SLOTS: usize = 4;
+/// Bytes of a blob that the robot has room for.
+pub const BLOB_BYTES: usize = 4096;
+
+/// The robot, and what is needed to try it.
+pub struct Bench<'q, 'm, 'w> {
+    pub world: &'w World,
+    pub board: ToyBoard<'w>,
+    pub real_time: RealTime<'q, 'm, SLOTS>,
+    pub background: Background<'q, 'm>,
+    pub link: LinkSide<'q, 'm>,
+    pub wire: Wire,
+    /// Whether slot-0 runs go on by themselves.
+    pub background_runs: bool,
+    reader: FrameReader,
+    seq: u8,
+    /// Trace records so far, as text.
+    pub trace: Vec<String>,
+    /// Log bytes so far.
+    pub log: Vec<u8>,
+}
+
+/// Makes a robot and tries it.
+pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+    let world = World::default();
+    let mut toy = Toy {
+        source: Bank::new([Source {
+            world: &world,
+            count: 0,
+        }]),
+        sink: Bank::new([Sink { world: &world }, Sink { world: &world }]),
+        hog: Bank::new([Hog { world: &world }, Hog { world: &world }]),
+        thinker: Bank::new([Thinker {
+            world: &world,
+            steps: 0,
+        }]),
+    };
+    let mut banks = toy.banks();
+    let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 6, 4, 1, 512>::new();
+    let mut mail = Mail::new();
+    let limits = Limits {
+        overruns_in_a_row: 3,
+        missed_in_a_row: 5,
+    };
+    let (real_time, background, link) = split(
+        &mut memory,
+        &mut banks,
+        &mut mail,
+        About::new("toy 0.1", "bench"),
+        limits,
+    )
+    .expect("the registry is right");
+    let mut bench = Bench {
+        world: &world,
+        board: ToyBoard {
+            world: &world,
+            motors_off: 0,
+            fed: 0,
+            occurrences: vec![],
+            body: Ok(()),
+        },
+        real_time,
+        background,
+        link,
+        wire: Wire::default(),
+        background_runs: true,
+        reader: FrameReader::new(),
+        seq: 0,
+        trace: vec![],
+        log: vec![],
+    };
+    test(&mut bench);
+}
+
+/// An answer, on the host.
+#[derive(Debug, PartialEq)]
+pub enum Answer {
+    Done,
+    Received(u32),
+    Committed(u32),
+    Status(Status),
+    Bytes(u32, Vec<u8>),
+    Slot(SlotCounters),
+    Task(TaskCounters),
+    Hello(String),
+}
+
+impl Bench<'_, '_, '_> {
+    /// Lets the robot run until a time since it started.
+    pub fn run_until_us(&mut self, until_us: u64) {
+        loop {
+            let next_ticks = self.real_time.on_timer(&mut self.board);
+            while self.background_runs && self.background.poll() {}
+            self.exchange();
+            let until_ticks = until_us * TICKS_PER_US;
+            if next_ticks > until_ticks {
+                self.world.ticks.fetch_max(until_ticks, Ordering::Relaxed);
+                return;
+            }
+            self.world.ticks.fetch_max(next_ticks, Ordering::Relaxed);
+        }
+    }
+
+    /// Lets the robot run for some time.
+    pub fn run_us(&mut self, us: u64) {
+        self.run_until_us(self.world.now_us() + us);
+    }
+
+    /// Lets the link do its work; returns the answers that came, with their numbers.
+    pub fn exchange(&mut self) -> Vec<(u8, Result<Answer, LinkError>)> {
+        let mut answers = vec![];
+        while self.link.poll(&mut self.wire) {}
+        while let Some(byte) = self.wire.to_host.pop_front() {
+            let Some(frame) = self.reader.push(byte) else {
+                continue;
+            };
+            match decode(frame).expect("the robot sends messages") {
+                FromDevice::Stream(stream)
+                    if stream.channel == rt_firmware::link::message::Channel::Log =>
+                {
+                    self.log.extend(stream.bytes);
+                }
+                FromDevice::Stream(stream) => {
+                    let mut bytes = stream.bytes;
+                    while !bytes.is_empty() {
+                        self.trace.push(format!(
+                            "{:?}",
+                            TraceRecord::take(&mut bytes).expect("whole records")
+                        ));
+                    }
+                }
+                FromDevice::Reply { seq, result } => answers.push((
+                    seq,
+                    result.map(|response| match response {
+                        Response::Hello(info) => {
+                            Answer::Hello(format!("{} {}", info.firmware, info.board))
+                        }
+                        Response::Received { len } => Answer::Received(len),
+                        Response::Committed { mission } => Answer::Committed(mission),
+                        Response::Done => Answer::Done,
+                        Response::Status(status) => Answer::Status(status),
+                        Response::TaskText { total, text } => {
+                            Answer::Bytes(total.into(), text.to_vec())
+                        }
+                        Response::Blob { total, data } => Answer::Bytes(total, data.to_vec()),
+                        Response::States { total, states, .. } => {
+                            Answer::Bytes(total.into(), states.to_vec())
+                        }
+                        Response::Slot(counters) => Answer::Slot(counters),
+                        Response::TaskInstance(counters) => Answer::Task(counters),
+                    }),
+                )),
+            }
+        }
+        answers
+    }
+
+    /// The frame of the next request.
+    pub fn frame(&mut self, request: Request<'_>) -> Vec<u8> {
+        self.seq = self.seq.wrapping_add(1);
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let len = encode(
+            &ToDevice {
+                seq: self.seq,
+                request,
+            },
+            &mut frame,
+        )
+        .expect("requests fit");
+        frame[..len].to_vec()
+    }
+
+    /// Asks, and lets the robot run until it answers, for a second at most.
+    pub fn ask(&mut self, request: Request<'_>) -> Result<Answer, LinkError> {
+        let frame = self.frame(request);
+        self.wire.to_robot.extend(frame);
+        let mut answers = self.exchange();
+        for _ in 0..1_000 {
+            if let Some((seq, answer)) = answers.pop() {
+                assert_eq!(seq, self.seq);
+                assert_eq!(answers, []);
+                return answer;
+            }
+            let next_ticks = self.real_time.on_timer(&mut self.board);
+            answers = self.exchange();
+            if answers.is_empty() {
+                self.world.ticks.fetch_max(next_ticks, Ordering::Relaxed);
+            }
+        }
+        panic!("no answer to {request:?}");
+    }
+
+    /// Sends a blob, but does not commit it.
+    pub fn send(&mut self, blob: &[u8]) {
+        assert_eq!(
+            self.ask(Request::Begin {
+                len: blob.len() as u32,
+                crc: checksum(blob)
+            }),
+            Ok(Answer::Received(0))
+        );
+        for (part, data) in blob.chunks(MAX_CHUNK).enumerate() {
+            let offset = (part * MAX_CHUNK) as u32;
+            let received = offset + data.len() as u32;
+            assert_eq!(
+                self.ask(Request::Chunk { offset, data }),
+                Ok(Answer::Received(received))
+            );
+        }
+    }
+
+    /// Sends a blob and switches to it.
+    pub fn upload(&mut self, blob: &[u8]) -> Result<Answer, LinkError> {
+        self.send(blob);
+        self.ask(Request::Commit)
+    }
+
+    /// Sends a blob that is right, and switches to it.
+    pub fn start(&mut self, blob: &[u8]) {
+        assert!(matches!(self.upload(blob), Ok(Answer::Committed(_))));
+    }
+
+    pub fn status(&mut self) -> Status {
+        match self.ask(Request::Status) {
+            Ok(Answer::Status(status)) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    pub fn slot(&mut self, slot: u8) -> SlotCounters {
+        match self.ask(Request::SlotCounters { slot }) {
+            Ok(Answer::Slot(counters)) => counters,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    pub fn task(&mut self, task_instance: u16) -> TaskCounters {
+        match self.ask(Request::TaskCounters { task_instance }) {
+            Ok(Answer::Task(counters)) => counters,
+            other => panic!("{other:?}"),
+        }
+    }
+}
