@@ -573,3 +573,6 @@ impl Incoming {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;
