@@ -4,14 +4,12 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use esm_core::Verified;
-use esm_core::tables::{State, StateKind};
-use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::inspect::Counts;
 
 /// Compiles a mission to the blob that a robot takes
 ///
@@ -38,49 +36,6 @@ pub struct BuildArgs {
     pub json: bool,
 }
 
-/// What was built, in the form of its JSON.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct BuildReport {
-    /// Length of the blob.
-    pub bytes: usize,
-    /// States as the source declares them; `initial` and `final` are not counted.
-    pub states: usize,
-    /// Transitions as the source declares them.
-    pub transitions: usize,
-    /// Containers, the machine included, each counted once however often it is used.
-    pub containers: usize,
-    /// Container instances: the machine, and one for each superstate in it, at any depth.
-    pub instances: usize,
-    /// Event names.
-    pub events: usize,
-    /// Flags of all instances, in bits of memory.
-    pub flags: usize,
-    /// Memory that the interpreter needs to run the mission.
-    pub ram_bytes: usize,
-}
-
-impl BuildReport {
-    /// Counts what is in a blob.
-    pub fn of(verified: &Verified<Vec<u8>>) -> Self {
-        let tables = verified.tables();
-        let is_declared =
-            |state: &State| !matches!(state.kind, StateKind::Initial | StateKind::Final);
-        BuildReport {
-            bytes: verified.bytes().len(),
-            states: (0..tables.state_count())
-                .filter_map(|state| tables.state(state))
-                .filter(is_declared)
-                .count(),
-            transitions: tables.transition_count(),
-            containers: tables.containers().len(),
-            instances: tables.instance_count(),
-            events: tables.event_count(),
-            flags: tables.flag_count(),
-            ram_bytes: verified.ram_bytes(),
-        }
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -93,11 +48,11 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
     };
     let verified = mission::compiled(&args.file, audience, console)?;
     file::write_whole(&args.output, verified.bytes(), "blob")?;
-    let report = BuildReport::of(&verified);
+    let counts = Counts::of(&verified);
     if args.json {
-        return console.json_line(&report);
+        return console.json_line(&counts);
     }
-    let BuildReport {
+    let Counts {
         bytes,
         states,
         transitions,
@@ -106,7 +61,7 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
         events,
         flags,
         ram_bytes,
-    } = report;
+    } = counts;
     let out = console.out();
     writeln!(
         out,

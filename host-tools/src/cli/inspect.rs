@@ -1,11 +1,14 @@
 //! `esm inspect`: what is in a blob.
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::{file, stage};
+use crate::inspect::Report;
 
 /// Shows what is in a blob, read by the code that the firmware uses
 ///
@@ -28,10 +31,13 @@ pub struct InspectArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// What kept it from ending well.
+/// If the blob cannot be read or is refused.
 pub fn execute(args: &InspectArgs, console: &mut Console) -> Result<(), CommandError> {
-    let _ = (args, console);
-    Err(CommandError::World(anyhow::anyhow!(
-        "`esm inspect` is not connected yet"
-    )))
+    let verified = stage::verified(&args.blob, file::read(&args.blob, "blob")?)?;
+    let report = Report::of(&verified);
+    if args.json {
+        return console.json_line(&report);
+    }
+    write!(console.out(), "{report}")?;
+    Ok(())
 }

@@ -10,6 +10,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use crate::host_board::{self, RobotMaker};
+use crate::inspect::refusal::Explained;
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
@@ -87,8 +88,9 @@ pub fn mission(path: &Path, console: &mut Console) -> Result<Mission, CommandErr
 pub fn verified(path: &Path, blob: Vec<u8>) -> Result<Verified<Vec<u8>>, CommandError> {
     esm_core::verify(blob).map_err(|(_, refusal)| {
         CommandError::Input(anyhow!(
-            "{} is no valid blob ({refusal:?}); build it again with `esm build`",
-            path.display()
+            "{} is no valid blob: {}",
+            path.display(),
+            Explained(refusal)
         ))
     })
 }

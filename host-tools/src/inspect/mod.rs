@@ -5,6 +5,7 @@
 
 mod guard;
 mod names;
+pub mod refusal;
 #[cfg(test)]
 mod tests;
 mod text;
