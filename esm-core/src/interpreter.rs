@@ -9,7 +9,7 @@
 
 use core::ops::Deref;
 
-use crate::format;
+use crate::format::{self, Section};
 use crate::tables::{Channel, Instance, RegionInstance, StateKind, Tables};
 use crate::verify::{ArenaLayout, Verified};
 
@@ -102,6 +102,7 @@ pub struct StepSummary {
 pub struct Interpreter<'m, B> {
     verified: Verified<B>,
     arena: &'m mut [u32],
+    layout: ArenaLayout,
     period_us: u32,
     /// Number and time of the next macro step.
     step: u64,
@@ -124,7 +125,8 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
     )]
     pub fn new(verified: Verified<B>, arena: &'m mut [u32]) -> Result<Self, ArenaTooSmall<'m, B>> {
         let tables = verified.tables();
-        let needed_words = ArenaLayout::of(&tables).words();
+        let layout = ArenaLayout::of(&tables);
+        let needed_words = layout.words();
         if arena.len() < needed_words {
             return Err(ArenaTooSmall {
                 verified,
@@ -134,7 +136,10 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
         }
         arena.fill(0);
         let (regions, _) = arena.as_chunks_mut::<2>();
-        for (place, region) in regions.iter_mut().zip(tables.region_instances) {
+        for (place, region) in regions
+            .iter_mut()
+            .zip(tables.records(Section::RegionInstances))
+        {
             let [current, _] = place;
             *current = RegionInstance::decode(region).initial as u32;
         }
@@ -144,6 +149,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
         Ok(Self {
             verified,
             arena,
+            layout,
             period_us,
             step: 0,
             t_us: 0,
@@ -206,7 +212,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
         let since_walk_us = t_us - self.walked_us;
         self.walked_us = t_us;
         let tables = self.verified.tables();
-        let mut run = Run::new(tables, self.arena, observer);
+        let mut run = Run::new(tables, self.layout, self.arena, observer);
         run.now_us = t_us as u32;
         run.since_walk_us = u32::try_from(since_walk_us).unwrap_or(u32::MAX);
         match run.macro_step() {
@@ -288,7 +294,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// The enable bits of all task instances, the first in the lowest bit of the first word.
     pub fn enabled_words(&self) -> &[u32] {
-        let layout = ArenaLayout::of(&self.tables());
+        let layout = self.layout;
         let start = layout.regions + layout.flags;
         self.arena.get(start..start + layout.enabled).unwrap_or(&[])
     }
@@ -296,7 +302,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
     /// A flag by its bit in the whole machine; see [`Tables::flags_of_state`]. The busy bit of a superstate does not exist: see
     /// [`Self::is_busy_inside`].
     pub fn flag(&self, flag: usize) -> bool {
-        let layout = ArenaLayout::of(&self.tables());
+        let layout = self.layout;
         self.arena
             .get(layout.regions..layout.regions + layout.flags)
             .is_some_and(|flags| bit(flags, flag))
@@ -305,7 +311,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
     /// Whether an active task state inside a superstate is busy: the superstate's busy flag, while it is current.
     pub fn is_busy_inside(&self, region_instance: usize, superstate: usize) -> bool {
         let tables = self.tables();
-        let layout = ArenaLayout::of(&tables);
+        let layout = self.layout;
         let (regions, rest) = self.arena.split_at(layout.regions.min(self.arena.len()));
         let StateKind::Super { region_offset, .. } = tables
             .state(superstate)
@@ -362,7 +368,7 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between macro steps only.
     pub fn clear_enabled(&mut self, task_instance: usize) {
-        let layout = ArenaLayout::of(&self.tables());
+        let layout = self.layout;
         let start = layout.regions + layout.flags;
         if let Some(words) = self.arena.get_mut(start..start + layout.enabled) {
             set_bit(words, task_instance, false);
@@ -371,8 +377,8 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// Writes a bit of a task instance's flag block, if the block has it.
     fn write_task_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
+        let layout = self.layout;
         let tables = self.tables();
-        let layout = ArenaLayout::of(&tables);
         let Some((first, length)) = tables.flags_of_task(task_instance) else {
             return;
         };
@@ -460,13 +466,16 @@ fn any_busy(
 
 /// One macro step: tables and arena taken apart once, for all of it.
 struct Run<'a, O> {
-    tables: Tables<'a>,
+    tables: HotTables<'a>,
+    /// For what is rare.
+    all_tables: Tables<'a>,
     /// Current state and time of its entry, by region instance.
     regions: &'a mut [[u32; 2]],
     flags: &'a mut [u32],
     enabled: &'a mut [u32],
     /// A ring of channels, two a word.
     queue: &'a mut [u32],
+    queue_capacity: usize,
     queue_first: usize,
     queued: usize,
     now_us: u32,
@@ -478,6 +487,32 @@ struct Run<'a, O> {
     observer: &'a mut O,
 }
 
+/// The tables that a macro step reads, cut out once for all of it.
+#[derive(Clone, Copy)]
+struct HotTables<'a> {
+    region_instances: &'a [[u8; 8]],
+    states: &'a [[u8; 16]],
+    transitions: &'a [[u8; 6]],
+    code: &'a [[u8; 4]],
+    instances: &'a [[u8; 16]],
+    channels: &'a [[u8; 10]],
+    visibility: &'a [u8],
+}
+
+impl<'a> HotTables<'a> {
+    fn of(tables: &Tables<'a>) -> Self {
+        Self {
+            region_instances: tables.records(Section::RegionInstances),
+            states: tables.records(Section::States),
+            transitions: tables.records(Section::Transitions),
+            code: tables.records(Section::Code),
+            instances: tables.records(Section::Instances),
+            channels: tables.records(Section::Channels),
+            visibility: tables.section(Section::Visibility),
+        }
+    }
+}
+
 /// The region instance that a transition is taken in.
 #[derive(Clone, Copy)]
 struct Here {
@@ -487,14 +522,20 @@ struct Here {
 
 impl<'a, O: Observer> Run<'a, O> {
     #[inline]
-    fn new(tables: Tables<'a>, arena: &'a mut [u32], observer: &'a mut O) -> Self {
-        let layout = ArenaLayout::of(&tables);
+    fn new(
+        tables: Tables<'a>,
+        layout: ArenaLayout,
+        arena: &'a mut [u32],
+        observer: &'a mut O,
+    ) -> Self {
         let (regions, rest) = split(arena, layout.regions);
         let (flags, rest) = split(rest, layout.flags);
         let (enabled, rest) = split(rest, layout.enabled);
         let (queue, _) = split(rest, layout.queue);
         Self {
-            tables,
+            tables: HotTables::of(&tables),
+            all_tables: tables,
+            queue_capacity: layout.queue_capacity,
             regions: regions.as_chunks_mut::<2>().0,
             flags,
             enabled,
@@ -565,7 +606,7 @@ impl<'a, O: Observer> Run<'a, O> {
             }
             Some(channel) => {
                 let end = usize::from(u16::from_le_bytes([end_low, end_high]));
-                if self.tables.is_visible(channel, here.region.instance) {
+                if channel.is_visible(self.tables.visibility, here.region.instance) {
                     (state.first_event_transition..end, channel.event)
                 } else {
                     (0..0, channel.event)
@@ -643,7 +684,7 @@ impl<'a, O: Observer> Run<'a, O> {
                 | format::CODE_JUMP_IF_BUSY_INSIDE) => {
                     let first = here.index + state.a;
                     let end = here.region.next;
-                    any_busy(&self.tables, self.regions, self.flags, first, end)
+                    any_busy(&self.all_tables, self.regions, self.flags, first, end)
                         == (operation == format::CODE_JUMP_IF_BUSY_INSIDE)
                 }
                 _ => return Some(at),
@@ -732,9 +773,10 @@ impl<'a, O: Observer> Run<'a, O> {
     fn start_regions(&mut self, first: usize, end: usize) {
         let mut at = first;
         while at < end {
-            let Some(region) = self.tables.region_instance(at) else {
+            let Some(region) = self.tables.region_instances.get(at) else {
                 return;
             };
+            let region = RegionInstance::decode(region);
             if let Some(place) = self.regions.get_mut(at) {
                 *place = [region.initial as u32, self.now_us];
             }
@@ -755,7 +797,7 @@ impl<'a, O: Observer> Run<'a, O> {
 
     fn is_real_time(&self, task_instance: usize) -> bool {
         let state = self
-            .tables
+            .all_tables
             .task_instance(task_instance)
             .and_then(|instance| self.tables.states.get(instance.state));
         state.is_some_and(|state| RawState::decode(state).kind() == format::STATE_TASK)
@@ -770,7 +812,7 @@ impl<'a, O: Observer> Run<'a, O> {
     /// Appends an event to the queue.
     #[inline]
     fn send(&mut self, channel: usize) -> Result<(), Fault> {
-        let capacity = self.tables.queue_capacity();
+        let capacity = self.queue_capacity;
         if self.queued == capacity {
             return Err(Fault::EventQueueOverflow);
         }
@@ -792,11 +834,14 @@ impl<'a, O: Observer> Run<'a, O> {
         self.queued = self.queued.checked_sub(1)?;
         let at = self.queue_first;
         self.queue_first += 1;
-        if self.queue_first == self.tables.queue_capacity() {
+        if self.queue_first == self.queue_capacity {
             self.queue_first = 0;
         }
         let channel = self.queue.get(at / 2)? >> (at % 2 * 16) & 0xFFFF;
-        self.tables.channel(channel as usize)
+        self.tables
+            .channels
+            .get(channel as usize)
+            .map(Channel::decode)
     }
 }
 

@@ -232,55 +232,109 @@ pub struct Net {
     pub type_hash: u64,
 }
 
-macro_rules! tables {
-    ($( $(#[$doc:meta])* $field:ident: $section:ident [$size:expr], )*) => {
-        /// Bytes of a record of `section`.
-        pub(crate) const fn record_bytes(section: Section) -> usize {
-            match section { $( Section::$section => $size, )* }
-        }
-
-        /// All tables of a blob. Cheap to copy.
-        #[derive(Clone, Copy, Debug)]
-        pub struct Tables<'a> {
-            $( $(#[$doc])* pub(crate) $field: &'a [[u8; $size]], )*
-        }
-
-        impl<'a> Tables<'a> {
-            /// Cuts sections, as they stand in the envelope, into records. A rest that is no whole record is left out.
-            #[inline]
-            pub(crate) fn new(section: impl Fn(Section) -> &'a [u8]) -> Self {
-                Self { $( $field: section(Section::$section).as_chunks::<$size>().0, )* }
-            }
-        }
-    };
+/// Bytes of a record of a section.
+pub(crate) const fn record_bytes(section: Section) -> usize {
+    match section {
+        Section::Slots | Section::Containers | Section::States | Section::Instances => 16,
+        Section::Tasks => 20,
+        Section::Channels => 10,
+        Section::Mission | Section::RegionInstances | Section::Nets => 8,
+        Section::Transitions | Section::TaskStates | Section::TaskInstances => 6,
+        Section::Regions | Section::Code | Section::Params => 4,
+        Section::Connections => 2,
+        Section::Visibility | Section::Signatures | Section::Names => 1,
+    }
 }
 
-tables! {
-    mission: Mission[8],
-    slots: Slots[16],
-    containers: Containers[16],
-    regions: Regions[4],
-    states: States[16],
-    transitions: Transitions[6],
-    code: Code[4],
-    instances: Instances[16],
-    region_instances: RegionInstances[8],
-    channels: Channels[10],
-    visibility: Visibility[1],
-    tasks: Tasks[20],
-    signatures: Signatures[1],
-    task_states: TaskStates[6],
-    params: Params[4],
-    task_instances: TaskInstances[6],
-    connections: Connections[2],
-    nets: Nets[8],
-    names: Names[1],
+/// First byte and length of each section of a blob.
+pub(crate) type Sections = [(u32, u32); Section::ALL.len()];
+
+/// All tables of a blob. Cheap to copy: two references.
+#[derive(Clone, Copy, Debug)]
+pub struct Tables<'a> {
+    bytes: &'a [u8],
+    sections: &'a Sections,
 }
 
 /// Little-endian words of a record.
 #[inline(always)]
 fn word(low: u8, high: u8) -> usize {
     usize::from(u16::from_le_bytes([low, high]))
+}
+
+impl Slot {
+    #[inline]
+    fn decode(record: &[u8; 16]) -> Self {
+        let &[
+            n0,
+            n1,
+            n2,
+            n3,
+            p0,
+            p1,
+            p2,
+            p3,
+            d0,
+            d1,
+            d2,
+            d3,
+            s0,
+            s1,
+            s2,
+            s3,
+        ] = record;
+        Slot {
+            number: u32::from_le_bytes([n0, n1, n2, n3]),
+            period_us: u32::from_le_bytes([p0, p1, p2, p3]),
+            duration_us: u32::from_le_bytes([d0, d1, d2, d3]),
+            start_us: u32::from_le_bytes([s0, s1, s2, s3]),
+        }
+    }
+}
+
+impl Container {
+    #[inline]
+    fn decode(record: &[u8; 16]) -> Self {
+        let &[
+            r0,
+            r1,
+            c0,
+            c1,
+            h0,
+            h1,
+            i0,
+            i1,
+            f0,
+            f1,
+            t0,
+            t1,
+            s0,
+            s1,
+            n0,
+            n1,
+        ] = record;
+        Container {
+            first_region: word(r0, r1),
+            flags: word(c0, c1),
+            channels: word(h0, h1),
+            first_instance: word(i0, i1),
+            flag_span: word(f0, f1),
+            task_span: word(t0, t1),
+            region_span: word(s0, s1),
+            instance_span: word(n0, n1),
+        }
+    }
+}
+
+impl Region {
+    #[inline]
+    fn decode(record: &[u8; 4]) -> Self {
+        let &[s0, s1, c0, c1] = record;
+        Region {
+            first_state: word(s0, s1),
+            container: word(c0, c1),
+        }
+    }
 }
 
 impl State {
@@ -433,6 +487,21 @@ impl Instance {
 }
 
 impl Channel {
+    /// Whether it is visible in an instance, given the visibility bits.
+    #[inline]
+    pub(crate) fn is_visible(&self, bits: &[u8], instance: usize) -> bool {
+        let offset = instance.wrapping_sub(self.first_instance);
+        if offset >= self.instances {
+            return false;
+        }
+        match self.bits {
+            None => true,
+            Some(first) => bits
+                .get(first + offset / 8)
+                .is_some_and(|byte| byte >> (offset % 8) & 1 != 0),
+        }
+    }
+
     #[inline]
     pub(crate) fn decode(record: &[u8; 10]) -> Self {
         let &[e0, e1, f0, f1, n0, n1, b0, b1, b2, b3] = record;
@@ -448,17 +517,39 @@ impl Channel {
 
 impl<'a> Tables<'a> {
     #[inline]
-    fn mission_word(&self, at: usize) -> usize {
-        let Some(record) = self.mission.first() else {
-            return 0;
-        };
-        let [a, b, c, d, e, f, g, h] = *record;
-        match at {
-            0 => word(a, b),
-            1 => word(c, d),
-            2 => word(e, f),
-            _ => word(g, h),
-        }
+    pub(crate) fn new(bytes: &'a [u8], sections: &'a Sections) -> Self {
+        Self { bytes, sections }
+    }
+
+    /// The bytes of a section.
+    pub(crate) fn section(&self, section: Section) -> &'a [u8] {
+        let (start, length) = self.sections[section as usize];
+        let from_start = self.bytes.get(start as usize..).unwrap_or(&[]);
+        from_start.get(..length as usize).unwrap_or(&[])
+    }
+
+    /// The records of a section; `N` is its [`record_bytes`].
+    #[inline(always)]
+    pub(crate) fn records<const N: usize>(&self, section: Section) -> &'a [[u8; N]] {
+        debug_assert_eq!(N, record_bytes(section));
+        self.section(section).as_chunks().0
+    }
+
+    #[inline(always)]
+    fn record<const N: usize>(&self, section: Section, index: usize) -> Option<&'a [u8; N]> {
+        self.records(section).get(index)
+    }
+
+    /// Number of records of a section.
+    #[inline(always)]
+    pub(crate) fn count(&self, section: Section) -> usize {
+        let (_, length) = self.sections[section as usize];
+        length as usize / record_bytes(section)
+    }
+
+    fn mission_word(&self, index: usize) -> usize {
+        let words = self.section(Section::Mission).as_chunks::<2>().0;
+        words.get(index).map_or(0, |[low, high]| word(*low, *high))
     }
 
     /// Events that the queue holds at most, 1 to 255.
@@ -487,114 +578,57 @@ impl<'a> Tables<'a> {
 
     /// The slots in the order of their declaration.
     pub fn slots(&self) -> impl ExactSizeIterator<Item = Slot> + use<'a> {
-        self.slots.iter().map(|record| {
-            let &[
-                n0,
-                n1,
-                n2,
-                n3,
-                p0,
-                p1,
-                p2,
-                p3,
-                d0,
-                d1,
-                d2,
-                d3,
-                s0,
-                s1,
-                s2,
-                s3,
-            ] = record;
-            Slot {
-                number: u32::from_le_bytes([n0, n1, n2, n3]),
-                period_us: u32::from_le_bytes([p0, p1, p2, p3]),
-                duration_us: u32::from_le_bytes([d0, d1, d2, d3]),
-                start_us: u32::from_le_bytes([s0, s1, s2, s3]),
-            }
-        })
+        self.records(Section::Slots).iter().map(Slot::decode)
     }
 
     /// One slot.
     #[must_use]
     pub fn slot(&self, index: usize) -> Option<Slot> {
-        self.slots().nth(index)
+        self.record(Section::Slots, index).map(Slot::decode)
     }
 
     /// The containers in the order in which the instance tree first uses them; the machine is container 0.
     pub fn containers(&self) -> impl ExactSizeIterator<Item = Container> + use<'a> {
-        self.containers.iter().map(|record| {
-            let &[
-                r0,
-                r1,
-                c0,
-                c1,
-                h0,
-                h1,
-                i0,
-                i1,
-                f0,
-                f1,
-                t0,
-                t1,
-                s0,
-                s1,
-                n0,
-                n1,
-            ] = record;
-            Container {
-                first_region: word(r0, r1),
-                flags: word(c0, c1),
-                channels: word(h0, h1),
-                first_instance: word(i0, i1),
-                flag_span: word(f0, f1),
-                task_span: word(t0, t1),
-                region_span: word(s0, s1),
-                instance_span: word(n0, n1),
-            }
-        })
+        self.records(Section::Containers)
+            .iter()
+            .map(Container::decode)
     }
 
     /// One container.
     #[must_use]
     pub fn container(&self, index: usize) -> Option<Container> {
-        self.containers().nth(index)
+        self.record(Section::Containers, index)
+            .map(Container::decode)
     }
 
     /// The region templates, container by container.
     pub fn regions(&self) -> impl ExactSizeIterator<Item = Region> + use<'a> {
-        self.regions.iter().map(|record| {
-            let &[s0, s1, c0, c1] = record;
-            Region {
-                first_state: word(s0, s1),
-                container: word(c0, c1),
-            }
-        })
+        self.records(Section::Regions).iter().map(Region::decode)
     }
 
     /// One region template.
     #[must_use]
     pub fn region(&self, index: usize) -> Option<Region> {
-        self.regions().nth(index)
+        self.record(Section::Regions, index).map(Region::decode)
     }
 
     /// Number of states of all region templates, pseudo-states included.
     #[must_use]
     pub fn state_count(&self) -> usize {
-        self.states.len()
+        self.count(Section::States)
     }
 
     /// One state.
     #[must_use]
     pub fn state(&self, index: usize) -> Option<State> {
-        self.states.get(index).and_then(State::decode)
+        self.record(Section::States, index).and_then(State::decode)
     }
 
     /// The region template that a state belongs to. Takes logarithmic time.
     #[must_use]
     pub fn region_of_state(&self, state: usize) -> usize {
         let starts_by_then = |[s0, s1, ..]: &[u8; 4]| word(*s0, *s1) <= state;
-        self.regions
+        self.records(Section::Regions)
             .partition_point(starts_by_then)
             .saturating_sub(1)
     }
@@ -602,13 +636,14 @@ impl<'a> Tables<'a> {
     /// Number of transitions of all region templates.
     #[must_use]
     pub fn transition_count(&self) -> usize {
-        self.transitions.len()
+        self.count(Section::Transitions)
     }
 
     /// One transition.
     #[must_use]
     pub fn transition(&self, index: usize) -> Option<Transition> {
-        self.transitions.get(index).map(Transition::decode)
+        self.record(Section::Transitions, index)
+            .map(Transition::decode)
     }
 
     /// The state that a transition leaves. Takes logarithmic time.
@@ -618,7 +653,7 @@ impl<'a> Tables<'a> {
             let [t0, t1, ..] = *record;
             word(t0, t1) <= transition
         };
-        self.states
+        self.records(Section::States)
             .partition_point(starts_by_then)
             .saturating_sub(1)
     }
@@ -636,13 +671,13 @@ impl<'a> Tables<'a> {
     /// Number of instructions of all guards and actions.
     #[must_use]
     pub fn code_count(&self) -> usize {
-        self.code.len()
+        self.count(Section::Code)
     }
 
     /// One instruction.
     #[must_use]
     pub fn code(&self, index: usize) -> Option<Code> {
-        self.code.get(index).and_then(Code::decode)
+        self.record(Section::Code, index).and_then(Code::decode)
     }
 
     /// The instructions of a transition: its guard, then its actions.
@@ -668,60 +703,50 @@ impl<'a> Tables<'a> {
     /// Number of container instances.
     #[must_use]
     pub fn instance_count(&self) -> usize {
-        self.instances.len()
+        self.count(Section::Instances)
     }
 
     /// One container instance.
     #[must_use]
     pub fn instance(&self, index: usize) -> Option<Instance> {
-        self.instances.get(index).map(Instance::decode)
+        self.record(Section::Instances, index).map(Instance::decode)
     }
 
     /// Number of region instances.
     #[must_use]
     pub fn region_instance_count(&self) -> usize {
-        self.region_instances.len()
+        self.count(Section::RegionInstances)
     }
 
     /// One region instance.
     #[must_use]
     pub fn region_instance(&self, index: usize) -> Option<RegionInstance> {
-        self.region_instances.get(index).map(RegionInstance::decode)
+        self.record(Section::RegionInstances, index)
+            .map(RegionInstance::decode)
     }
 
     /// Number of channels.
     #[must_use]
     pub fn channel_count(&self) -> usize {
-        self.channels.len()
+        self.count(Section::Channels)
     }
 
     /// One channel.
     #[must_use]
     pub fn channel(&self, index: usize) -> Option<Channel> {
-        self.channels.get(index).map(Channel::decode)
+        self.record(Section::Channels, index).map(Channel::decode)
     }
 
     /// Whether what is sent on `channel` is visible in `instance`. Takes constant time.
-    #[inline]
     #[must_use]
     pub fn is_visible(&self, channel: &Channel, instance: usize) -> bool {
-        let offset = instance.wrapping_sub(channel.first_instance);
-        if offset >= channel.instances {
-            return false;
-        }
-        match channel.bits {
-            None => true,
-            Some(first) => self
-                .visibility
-                .get(first + offset / 8)
-                .is_some_and(|[byte]| byte >> (offset % 8) & 1 != 0),
-        }
+        channel.is_visible(self.section(Section::Visibility), instance)
     }
 
     /// The tasks that the mission uses.
     pub fn tasks(&self) -> impl ExactSizeIterator<Item = Task<'a>> + use<'a> {
-        let texts = self.signatures.as_flattened();
-        self.tasks.iter().map(move |record| {
+        let texts = self.section(Section::Signatures);
+        self.records(Section::Tasks).iter().map(move |record| {
             let &[
                 h0,
                 h1,
@@ -769,13 +794,13 @@ impl<'a> Tables<'a> {
     /// Number of task states of all container templates.
     #[must_use]
     pub fn task_state_count(&self) -> usize {
-        self.task_states.len()
+        self.count(Section::TaskStates)
     }
 
     /// One task state.
     #[must_use]
     pub fn task_state(&self, index: usize) -> Option<TaskState> {
-        let [t0, t1, s0, s1, p0, p1] = *self.task_states.get(index)?;
+        let [t0, t1, s0, s1, p0, p1] = *self.record(Section::TaskStates, index)?;
         let slot = u16::from_le_bytes([s0, s1]);
         Some(TaskState {
             task: word(t0, t1),
@@ -787,21 +812,20 @@ impl<'a> Tables<'a> {
     /// The 32 bits of a parameter value: of an `i32`, `u32` or `f32` its own, of a `bool` 0 or 1.
     #[must_use]
     pub fn param(&self, index: usize) -> Option<u32> {
-        self.params
-            .get(index)
+        self.record(Section::Params, index)
             .map(|record| u32::from_le_bytes(*record))
     }
 
     /// Number of task instances.
     #[must_use]
     pub fn task_instance_count(&self) -> usize {
-        self.task_instances.len()
+        self.count(Section::TaskInstances)
     }
 
     /// One task instance.
     #[must_use]
     pub fn task_instance(&self, index: usize) -> Option<TaskInstance> {
-        let [s0, s1, r0, r1, c0, c1] = *self.task_instances.get(index)?;
+        let [s0, s1, r0, r1, c0, c1] = *self.record(Section::TaskInstances, index)?;
         Some(TaskInstance {
             state: word(s0, s1),
             region: word(r0, r1),
@@ -836,20 +860,20 @@ impl<'a> Tables<'a> {
     /// The net on a connection: `None` outside the table, `Some(None)` for a port that is left open.
     #[must_use]
     pub fn connection(&self, index: usize) -> Option<Option<usize>> {
-        let net = u16::from_le_bytes(*self.connections.get(index)?);
+        let net = u16::from_le_bytes(*self.record(Section::Connections, index)?);
         Some((net != format::NONE).then_some(usize::from(net)))
     }
 
     /// Number of nets.
     #[must_use]
     pub fn net_count(&self) -> usize {
-        self.nets.len()
+        self.count(Section::Nets)
     }
 
     /// One net.
     #[must_use]
     pub fn net(&self, index: usize) -> Option<Net> {
-        let record = self.nets.get(index)?;
+        let record = self.record(Section::Nets, index)?;
         Some(Net {
             type_hash: u64::from_le_bytes(*record),
         })
@@ -858,7 +882,7 @@ impl<'a> Tables<'a> {
     /// The name table, unless it was left out.
     #[must_use]
     pub fn names(&self) -> Option<Names<'a>> {
-        let bytes = self.names.as_flattened();
+        let bytes = self.section(Section::Names);
         (!bytes.is_empty()).then_some(Names { rest: bytes })
     }
 }

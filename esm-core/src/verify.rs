@@ -70,11 +70,33 @@ pub enum Cause {
     Overlap,
 }
 
+/// A [`Refusal::Record`] on its way: small enough for a register.
+#[derive(Clone, Copy)]
+struct BadRecord {
+    section: Section,
+    cause: Cause,
+    index: u16,
+}
+
+impl From<BadRecord> for Refusal {
+    fn from(bad: BadRecord) -> Self {
+        let BadRecord {
+            section,
+            cause,
+            index,
+        } = bad;
+        Self::Record {
+            section,
+            index,
+            cause,
+        }
+    }
+}
+
 /// Where the sections of a blob are, and what was worked out on the way.
 #[derive(Clone, Copy, Debug)]
 struct Layout {
-    /// First byte and length of each section.
-    sections: [(u32, u32); Section::ALL.len()],
+    sections: tables::Sections,
     crc: u32,
 }
 
@@ -145,6 +167,8 @@ pub(crate) struct ArenaLayout {
     pub(crate) flags: usize,
     pub(crate) enabled: usize,
     pub(crate) queue: usize,
+    /// In events, not words.
+    pub(crate) queue_capacity: usize,
 }
 
 impl ArenaLayout {
@@ -156,6 +180,7 @@ impl ArenaLayout {
             flags: tables.flag_count().div_ceil(WORD_BITS),
             enabled: tables.task_instance_count().div_ceil(WORD_BITS),
             queue: tables.queue_capacity().div_ceil(2),
+            queue_capacity: tables.queue_capacity(),
         }
     }
 
@@ -166,16 +191,8 @@ impl ArenaLayout {
 
 impl Layout {
     #[inline]
-    fn tables<'a>(&self, bytes: &'a [u8]) -> Tables<'a> {
-        Tables::new(|section| {
-            let (start, length) = self
-                .sections
-                .get(section as usize)
-                .copied()
-                .unwrap_or_default();
-            let from_start = bytes.get(start as usize..).unwrap_or(&[]);
-            from_start.get(..length as usize).unwrap_or(&[])
-        })
+    fn tables<'a>(&'a self, bytes: &'a [u8]) -> Tables<'a> {
+        Tables::new(bytes, &self.sections)
     }
 
     /// Reads the envelope: the postcard encoding of [`format::Envelope`].
@@ -221,16 +238,19 @@ impl Layout {
 /// The whole check.
 fn check(bytes: &[u8]) -> Result<Layout, Refusal> {
     let layout = Layout::read(bytes)?;
-    let tables = layout.tables(bytes);
-    check_mission(&tables)?;
-    check_slots(&tables)?;
-    check_tasks(&tables)?;
-    Templates::default().check(&tables)?;
-    check_instances(&tables)?;
-    check_channels(&tables)?;
-    check_task_instances(&tables)?;
-    check_names(&tables)?;
+    check_tables(&layout.tables(bytes))?;
     Ok(layout)
+}
+
+fn check_tables(tables: &Tables<'_>) -> Result<(), BadRecord> {
+    check_mission(tables)?;
+    check_slots(tables)?;
+    check_tasks(tables)?;
+    Templates::default().check(tables)?;
+    check_instances(tables)?;
+    check_channels(tables)?;
+    check_task_instances(tables)?;
+    check_names(tables)
 }
 
 /// One record under test.
@@ -238,15 +258,15 @@ fn check(bytes: &[u8]) -> Result<Layout, Refusal> {
 struct Place(Section, usize);
 
 impl Place {
-    fn refuse(self, cause: Cause) -> Refusal {
-        Refusal::Record {
+    fn refuse(self, cause: Cause) -> BadRecord {
+        BadRecord {
             section: self.0,
-            index: self.1 as u16,
             cause,
+            index: self.1 as u16,
         }
     }
 
-    fn ensure(self, holds: bool, cause: Cause) -> Result<(), Refusal> {
+    fn ensure(self, holds: bool, cause: Cause) -> Result<(), BadRecord> {
         if holds {
             Ok(())
         } else {
@@ -255,18 +275,21 @@ impl Place {
     }
 }
 
-fn check_mission(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_mission(tables: &Tables<'_>) -> Result<(), BadRecord> {
     let place = Place(Section::Mission, 0);
-    place.ensure(tables.mission.len() == 1, Cause::Order)?;
+    place.ensure(tables.count(Section::Mission) == 1, Cause::Order)?;
     let in_range = (1..=format::MAX_QUEUE).contains(&tables.queue_capacity())
         && tables.event_count() <= usize::from(format::MAX_EVENT);
     place.ensure(in_range, Cause::Range)?;
-    place.ensure(tables.interpreter_slot() < tables.slots.len(), Cause::Index)
+    place.ensure(
+        tables.interpreter_slot() < tables.count(Section::Slots),
+        Cause::Index,
+    )
 }
 
 /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
 /// their periods (Korst, Aarts, Lenstra 1996).
-fn check_slots(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_slots(tables: &Tables<'_>) -> Result<(), BadRecord> {
     for (index, slot) in tables.slots().enumerate() {
         let place = Place(Section::Slots, index);
         let in_range = slot.number >= 1
@@ -298,13 +321,13 @@ fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
     a
 }
 
-fn check_tasks(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_tasks(tables: &Tables<'_>) -> Result<(), BadRecord> {
     let mut text_bytes = 0;
     for (index, task) in tables.tasks().enumerate() {
         let place = Place(Section::Tasks, index);
         let text = task.signature.text();
         // Texts in a row: each begins where the one before ended.
-        let expected = tables.signatures.as_flattened().get(text_bytes..);
+        let expected = tables.section(Section::Signatures).get(text_bytes..);
         let in_row = expected.is_some_and(|rest| {
             rest.as_ptr() == text.as_ptr() && rest.starts_with(text) && !text.is_empty()
         });
@@ -315,11 +338,14 @@ fn check_tasks(tables: &Tables<'_>) -> Result<(), Refusal> {
         place.ensure(right, Cause::Text)?;
         let in_range = task
             .exclusive
-            .is_none_or(|group| usize::from(group) < tables.tasks.len());
+            .is_none_or(|group| usize::from(group) < tables.count(Section::Tasks));
         place.ensure(in_range, Cause::Range)?;
     }
     let place = Place(Section::Signatures, text_bytes);
-    place.ensure(text_bytes == tables.signatures.len(), Cause::Order)
+    place.ensure(
+        text_bytes == tables.count(Section::Signatures),
+        Cause::Order,
+    )
 }
 
 /// How far the pass over the templates has come.
@@ -344,25 +370,29 @@ struct Spans {
 }
 
 impl Templates {
-    fn check(mut self, tables: &Tables<'_>) -> Result<(), Refusal> {
+    fn check(mut self, tables: &Tables<'_>) -> Result<(), BadRecord> {
         for (index, container) in tables.containers().enumerate() {
             self.container(tables, index, &container)?;
         }
         let ends = [
-            (Section::Regions, self.regions, tables.regions.len()),
-            (Section::States, self.states, tables.states.len()),
+            (
+                Section::Regions,
+                self.regions,
+                tables.count(Section::Regions),
+            ),
+            (Section::States, self.states, tables.count(Section::States)),
             (
                 Section::Transitions,
                 self.transitions,
-                tables.transitions.len(),
+                tables.count(Section::Transitions),
             ),
-            (Section::Code, self.code, tables.code.len()),
+            (Section::Code, self.code, tables.count(Section::Code)),
             (
                 Section::TaskStates,
                 self.task_states,
-                tables.task_states.len(),
+                tables.count(Section::TaskStates),
             ),
-            (Section::Params, self.params, tables.params.len()),
+            (Section::Params, self.params, tables.count(Section::Params)),
         ];
         for (section, checked, length) in ends {
             Place(section, checked).ensure(checked == length, Cause::Order)?;
@@ -375,7 +405,7 @@ impl Templates {
         tables: &Tables<'_>,
         index: usize,
         container: &Container,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), BadRecord> {
         let place = Place(Section::Containers, index);
         place.ensure(container.first_region == self.regions, Cause::Order)?;
         let instance = tables
@@ -412,12 +442,12 @@ impl Templates {
         container: &Container,
         instance: &Instance,
         spans: &mut Spans,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), BadRecord> {
         Place(Section::Regions, self.regions)
             .ensure(region.first_state == self.states, Cause::Order)?;
         let end = tables
             .region(self.regions + 1)
-            .map_or(tables.states.len(), |next| next.first_state);
+            .map_or(tables.count(Section::States), |next| next.first_state);
         let mut is_first = true;
         loop {
             let place = Place(Section::States, self.states);
@@ -444,7 +474,7 @@ impl Templates {
         container: &Container,
         instance: &Instance,
         spans: &mut Spans,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), BadRecord> {
         place.ensure(state.first_flag == spans.flags, Cause::Order)?;
         let in_range = state
             .timeout_us
@@ -492,7 +522,7 @@ impl Templates {
     }
 
     /// Checks the next task state and returns the number of its task's control flags.
-    fn task_state(&mut self, tables: &Tables<'_>, real_time: bool) -> Result<usize, Refusal> {
+    fn task_state(&mut self, tables: &Tables<'_>, real_time: bool) -> Result<usize, BadRecord> {
         let place = Place(Section::TaskStates, self.task_states);
         let task_state = tables
             .task_state(self.task_states)
@@ -502,7 +532,7 @@ impl Templates {
             .ok_or(place.refuse(Cause::Index))?;
         let right_slot = match task_state.slot {
             None => !real_time,
-            Some(slot) => real_time && slot < tables.slots.len(),
+            Some(slot) => real_time && slot < tables.count(Section::Slots),
         };
         place.ensure(right_slot, Cause::Index)?;
         place.ensure(task_state.first_param == self.params, Cause::Order)?;
@@ -519,10 +549,12 @@ impl Templates {
         state: &State,
         container: &Container,
         region: core::ops::Range<usize>,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), BadRecord> {
         let end = tables
             .state(self.states + 1)
-            .map_or(tables.transitions.len(), |next| next.first_transition);
+            .map_or(tables.count(Section::Transitions), |next| {
+                next.first_transition
+            });
         let in_order = state.first_transition == self.transitions
             && (self.transitions..=end).contains(&state.first_event_transition);
         state_place.ensure(in_order, Cause::Order)?;
@@ -556,7 +588,7 @@ impl Templates {
         tables: &Tables<'_>,
         source: &State,
         container: &Container,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), BadRecord> {
         let mut farthest_jump = self.code;
         let mut in_guard = true;
         loop {
@@ -606,10 +638,10 @@ impl Templates {
 }
 
 /// Checks the instance tree: container instances with their region instances.
-fn check_instances(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_instances(tables: &Tables<'_>) -> Result<(), BadRecord> {
     let mut regions = 0;
     let mut channels = 0;
-    for index in 0..tables.instances.len() {
+    for index in 0..tables.count(Section::Instances) {
         let place = Place(Section::Instances, index);
         let no_index = place.refuse(Cause::Index);
         let instance = tables.instance(index).ok_or(no_index)?;
@@ -623,11 +655,11 @@ fn check_instances(tables: &Tables<'_>) -> Result<(), Refusal> {
                 && instance.first_task == 0
                 && container.first_instance == 0
                 && container.flag_span == tables.flag_count()
-                && container.task_span == tables.task_instances.len()
-                && container.region_span == tables.region_instances.len()
-                && container.instance_span == tables.instances.len();
+                && container.task_span == tables.count(Section::TaskInstances)
+                && container.region_span == tables.count(Section::RegionInstances)
+                && container.instance_span == tables.count(Section::Instances);
             place.ensure(is_whole, Cause::Template)?;
-            tables.region_instances.len()
+            tables.count(Section::RegionInstances)
         } else {
             check_parent(tables, place, &instance).ok_or(place.refuse(Cause::Template))??
         };
@@ -635,11 +667,14 @@ fn check_instances(tables: &Tables<'_>) -> Result<(), Refusal> {
         place.ensure(instance.end_task == end_task, Cause::Template)?;
         regions += check_region_instances(tables, index, &instance, &container, after)?;
     }
-    Place(Section::Instances, tables.instances.len())
-        .ensure(!tables.instances.is_empty(), Cause::Order)?;
-    Place(Section::RegionInstances, regions)
-        .ensure(regions == tables.region_instances.len(), Cause::Order)?;
-    Place(Section::Channels, channels).ensure(channels == tables.channels.len(), Cause::Order)
+    Place(Section::Instances, tables.count(Section::Instances))
+        .ensure(!(tables.count(Section::Instances) == 0), Cause::Order)?;
+    Place(Section::RegionInstances, regions).ensure(
+        regions == tables.count(Section::RegionInstances),
+        Cause::Order,
+    )?;
+    Place(Section::Channels, channels)
+        .ensure(channels == tables.count(Section::Channels), Cause::Order)
 }
 
 /// Checks an instance against the superstate around it and returns where the walk goes on behind that: `None` if there is no such superstate.
@@ -647,7 +682,7 @@ fn check_parent(
     tables: &Tables<'_>,
     place: Place,
     instance: &Instance,
-) -> Option<Result<usize, Refusal>> {
+) -> Option<Result<usize, BadRecord>> {
     let (parent_region, parent_state) = instance.parent;
     let region = tables.region_instance(parent_region)?;
     let state = tables.state(parent_state)?;
@@ -679,7 +714,7 @@ fn check_region_instances(
     instance: &Instance,
     container: &Container,
     after: usize,
-) -> Result<usize, Refusal> {
+) -> Result<usize, BadRecord> {
     let templates = tables
         .regions()
         .skip(container.first_region)
@@ -712,17 +747,17 @@ fn is_state_of(tables: &Tables<'_>, state: usize, region: &tables::RegionInstanc
         .is_some_and(|template| template.first_state == region.initial)
 }
 
-fn check_channels(tables: &Tables<'_>) -> Result<(), Refusal> {
-    for index in 0..tables.channels.len() {
+fn check_channels(tables: &Tables<'_>) -> Result<(), BadRecord> {
+    for index in 0..tables.count(Section::Channels) {
         let place = Place(Section::Channels, index);
         let channel = tables.channel(index).ok_or(place.refuse(Cause::Index))?;
         let right_event =
             channel.event != format::PULSE && usize::from(channel.event) <= tables.event_count();
-        let in_tree = channel.first_instance + channel.instances <= tables.instances.len();
+        let in_tree =
+            channel.first_instance + channel.instances <= tables.count(Section::Instances);
         let in_bits = channel.bits.is_none_or(|first| {
             tables
-                .visibility
-                .len()
+                .count(Section::Visibility)
                 .checked_sub(first)
                 .is_some_and(|bytes| channel.instances.div_ceil(8) <= bytes)
         });
@@ -731,9 +766,9 @@ fn check_channels(tables: &Tables<'_>) -> Result<(), Refusal> {
     Ok(())
 }
 
-fn check_task_instances(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_task_instances(tables: &Tables<'_>) -> Result<(), BadRecord> {
     let mut connections = 0;
-    for index in 0..tables.task_instances.len() {
+    for index in 0..tables.count(Section::TaskInstances) {
         let place = Place(Section::TaskInstances, index);
         let no_index = place.refuse(Cause::Index);
         let task_instance = tables.task_instance(index).ok_or(no_index)?;
@@ -765,12 +800,14 @@ fn check_task_instances(tables: &Tables<'_>) -> Result<(), Refusal> {
             }
         }
     }
-    Place(Section::Connections, connections)
-        .ensure(connections == tables.connections.len(), Cause::Order)
+    Place(Section::Connections, connections).ensure(
+        connections == tables.count(Section::Connections),
+        Cause::Order,
+    )
 }
 
 /// Checks that a port with the type `type_name` is open or on a net of that type.
-fn check_connection(tables: &Tables<'_>, index: usize, type_name: &[u8]) -> Result<(), Refusal> {
+fn check_connection(tables: &Tables<'_>, index: usize, type_name: &[u8]) -> Result<(), BadRecord> {
     let place = Place(Section::Connections, index);
     let no_index = place.refuse(Cause::Index);
     if let Some(net) = tables.connection(index).ok_or(no_index)? {
@@ -781,7 +818,7 @@ fn check_connection(tables: &Tables<'_>, index: usize, type_name: &[u8]) -> Resu
 }
 
 /// A name table is whole or absent.
-fn check_names(tables: &Tables<'_>) -> Result<(), Refusal> {
+fn check_names(tables: &Tables<'_>) -> Result<(), BadRecord> {
     let Some(mut names) = tables.names() else {
         return Ok(());
     };
@@ -791,12 +828,12 @@ fn check_names(tables: &Tables<'_>) -> Result<(), Refusal> {
         .filter_map(|task| task.exclusive)
         .max()
         .map_or(0, |last| usize::from(last) + 1);
-    let pseudo_states = 2 * tables.regions.len();
+    let pseudo_states = 2 * tables.count(Section::Regions);
     let expected = tables.event_count()
-        + tables.containers.len()
+        + tables.count(Section::Containers)
         + control_flags
-        + tables.regions.len()
-        + (tables.states.len() - pseudo_states)
+        + tables.count(Section::Regions)
+        + (tables.count(Section::States) - pseudo_states)
         + groups;
     let is_part = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
     let mut count = 0;
