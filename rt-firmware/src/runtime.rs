@@ -41,6 +41,7 @@
 //! assert!(next_ticks > 0 && !link_has_more && !background_has_more);
 //! ```
 
+use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
 use crate::background::Background;
@@ -77,7 +78,8 @@ pub struct Memory<
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
     snapshot: Snapshot,
-    job: Option<Job<'m>>,
+    /// Written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
+    job: MaybeUninit<Option<Job<'m>>>,
     letter: Letter<'m>,
 }
 
@@ -96,14 +98,14 @@ impl<
         Memory {
             blobs: [[0; BLOB_BYTES]; 2],
             arena: [0; ARENA_WORDS],
-            slots: [SlotEntry::EMPTY; SLOTS],
-            tasks: [TaskEntry::EMPTY; TASKS],
+            slots: [SlotEntry::UNUSED; SLOTS],
+            tasks: [TaskEntry::UNUSED; TASKS],
             nets: [Net::EMPTY; NETS],
-            groups: [Group::FREE; GROUPS],
+            groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
             snapshot: Snapshot::new(),
-            job: None,
+            job: MaybeUninit::uninit(),
             letter: Letter::Empty,
         }
     }
@@ -196,7 +198,7 @@ pub fn split<
         tasks: TaskTable::new(&mut memory.tasks, &mut memory.groups),
         slots: &mut memory.slots,
         limits,
-        job: &mut memory.job,
+        job: memory.job.write(None),
         to_background,
         from_background,
         from_link,

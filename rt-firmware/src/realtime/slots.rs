@@ -29,6 +29,13 @@ impl SlotEntry {
         first_task: None,
     };
 
+    /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
+    pub(crate) const UNUSED: SlotEntry = SlotEntry {
+        min_execution_ticks: 0,
+        min_delay_ticks: 0,
+        ..Self::EMPTY
+    };
+
     /// Overruns since the last occurrence without one.
     pub(crate) fn overruns_in_a_row(&self) -> u16 {
         self.overruns_in_a_row

@@ -39,6 +39,13 @@ impl TaskEntry {
         enabled: false,
         fresh: false,
     };
+
+    /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
+    pub(crate) const UNUSED: TaskEntry = TaskEntry {
+        next_in_slot: 0,
+        group: 0,
+        ..Self::EMPTY
+    };
 }
 
 /// An `exclusive` group: at most one of its enabled tasks is executed.
@@ -51,6 +58,9 @@ pub struct Group {
 impl Group {
     /// A group that nobody holds.
     pub const FREE: Group = Group { holder: NONE };
+
+    /// The place of a group before any mission, which makes it [`FREE`](Self::FREE). All zeros, so that a static of it takes no flash.
+    pub(crate) const UNUSED: Group = Group { holder: 0 };
 }
 
 /// The task instances of a mission.
