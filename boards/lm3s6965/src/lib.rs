@@ -63,15 +63,15 @@ pub const BLOB_BYTES: usize = 4 * 1024;
 /// 32-bit words for the interpreter.
 pub const ARENA_WORDS: usize = 128;
 /// Slots of a mission.
-pub const SLOTS: usize = 32;
+pub const SLOTS: usize = 16;
 /// Task instances of a mission.
-pub const TASKS: usize = 32;
+pub const TASKS: usize = 24;
 /// Nets of a mission.
 pub const NETS: usize = 24;
 /// Groups of exclusive tasks.
 pub const EXCLUSIVE_GROUPS: usize = 4;
 /// Bytes of the ring of trace records.
-pub const TRACE_BYTES: usize = 1024;
+pub const TRACE_BYTES: usize = 768;
 
 /// A runtime's memory, of this board's size.
 pub type Memory<'m> = rt_firmware::Memory<

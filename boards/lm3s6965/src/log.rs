@@ -14,7 +14,7 @@ use defmt::{Encoder, Logger};
 use pac::Interrupt;
 
 /// Bytes of each ring; a power of two, so that positions wrap without a division.
-const RING_BYTES: usize = 512;
+const RING_BYTES: usize = 256;
 const _: () = assert!(RING_BYTES.is_power_of_two() && RING_BYTES < u16::MAX as usize / 2);
 
 /// One producer, one consumer. Positions count bytes and wrap at 2^16.
