@@ -76,7 +76,7 @@ impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
         while link.poll(self) && self.to_transmit.ready() {}
-        if self.to_transmit.len() > 0 {
+        if !self.to_transmit.is_empty() {
             NVIC::pend(Interrupt::UART0);
         }
     }

@@ -1,7 +1,162 @@
+//! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked interrupts, a task that never returns, a
+//! panic, a fault of the core.
+//!
+//! Each does its harm in the first step after its state was entered, and only then, so that counters can be compared with exact numbers.
 #![no_std]
 #![no_main]
-use rt_firmware::rover::{PinRover, RoverParts};
+
+use core::array;
+
+use lm3s6965::clock::{TICKS_PER_US, now_ticks};
+use lm3s6965::cortex_m;
+use rt_firmware::body::{
+    AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
+};
+use rt_firmware::rover::RoverParts;
+use rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Stop, Turn, WheelSpeed};
+use rt_firmware::{Bank, Io, Step, Task, registry, task};
+
+/// Keeps the core busy for a time, whatever its instructions take.
+fn busy_us(duration_us: u32) {
+    let end_ticks = now_ticks() + u64::from(duration_us) * u64::from(TICKS_PER_US);
+    while now_ticks() < end_ticks {}
+}
+
+/// Takes longer than its slot, once.
+#[derive(Default)]
+struct Overrun {
+    done: bool,
+}
+
+task! {
+    impl Overrun {
+        slot 2;
+        params {
+            duration_us: u32 = 20_000, 0..=250_000;
+        }
+    }
+}
+
+impl Task for Overrun {
+    fn enter(&mut self) {
+        self.done = false;
+    }
+
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        if !self.done {
+            self.done = true;
+            busy_us(io.param(Self::DURATION_US));
+        }
+        Step::Run
+    }
+}
+
+/// Masks all interrupts for a time, the slot timer's included; from slot 0, so that it is occurrences that are missed, not tasks that overrun.
+struct MaskInterrupts;
+
+task! {
+    impl MaskInterrupts {
+        slot 0;
+        params {
+            duration_us: u32 = 20_000, 0..=250_000;
+        }
+    }
+}
+
+impl Task for MaskInterrupts {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let duration_us = io.param(Self::DURATION_US);
+        cortex_m::interrupt::free(|_| busy_us(duration_us));
+        Step::Finished
+    }
+}
+
+/// Never returns.
+struct NeverReturn;
+
+task! {
+    impl NeverReturn {
+        slot 2;
+    }
+}
+
+impl Task for NeverReturn {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        loop {
+            cortex_m::asm::nop();
+        }
+    }
+}
+
+/// Panics.
+struct Panic;
+
+task! {
+    impl Panic {
+        slot 2;
+    }
+}
+
+impl Task for Panic {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        panic!("planted");
+    }
+}
+
+/// Executes an instruction that there is not.
+struct Undefined;
+
+task! {
+    impl Undefined {
+        slot 2;
+    }
+}
+
+impl Task for Undefined {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        cortex_m::asm::udf()
+    }
+}
+
+registry! {
+    /// Some of the default robot's tasks, and those that misbehave.
+    struct Faults {
+        sonar_ring: SonarRing<TriggerPin<'static>, EchoCapture<'static>>[1],
+        odometry: Odometry<EncoderCount<'static>, EncoderCount<'static>>[1],
+        wheel_speed: WheelSpeed<MotorPwm<'static>, DirectionPin<'static>, MotorPwm<'static>, DirectionPin<'static>>[1],
+        battery_monitor: BatteryMonitor<AnalogChannel<'static>>[1],
+        cruise: Cruise[1],
+        turn: Turn[1],
+        stop: Stop[1],
+        overrun: Overrun[2],
+        mask_interrupts: MaskInterrupts[1],
+        never_return: NeverReturn[1],
+        panic: Panic[1],
+        undefined: Undefined[1],
+    }
+}
+
+impl Faults {
+    fn new(parts: Parts<'static>) -> Self {
+        let hardware = RoverParts::from(parts).into_tasks();
+        Self {
+            sonar_ring: Bank::new([hardware.sonar_ring]),
+            odometry: Bank::new([hardware.odometry]),
+            wheel_speed: Bank::new([hardware.wheel_speed]),
+            battery_monitor: Bank::new([hardware.battery_monitor]),
+            cruise: Bank::new([Cruise]),
+            turn: Bank::new([Turn::default()]),
+            stop: Bank::new([Stop]),
+            overrun: Bank::new(array::from_fn(|_| Overrun::default())),
+            mask_interrupts: Bank::new([MaskInterrupts]),
+            never_return: Bank::new([NeverReturn]),
+            panic: Bank::new([Panic]),
+            undefined: Bank::new([Undefined]),
+        }
+    }
+}
+
 lm3s6965::app! {
     firmware: concat!("faults ", env!("CARGO_PKG_VERSION")),
-    robot: PinRover<'static> = |pins| PinRover::new(RoverParts::from(pins)),
+    robot: Faults = Faults::new,
 }

@@ -1,4 +1,4 @@
-//! The default robot.
+//! The default robot: its registry of tasks, on this board.
 #![no_std]
 #![no_main]
 
