@@ -9,7 +9,7 @@
 //! What it is not: a scheduler that preempts real-time tasks, an allocator of anything, or a second interpreter. What a mission means is
 //! decided in `esm-core` alone.
 //!
-//! [`task`] shows how a task is written.
+//! [The module `task`](mod@task) shows how a task is written, [`runtime`] how a board puts everything together.
 #![cfg_attr(not(test), no_std)]
 
 #[cfg(all(feature = "std", not(test)))]

@@ -14,12 +14,9 @@ pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + CRC_BYTES + 2;
 /// The byte that ends a frame.
 pub const DELIMITER: u8 = 0;
 
-/// CRC-32 of ISO 3309, as in Ethernet; without a table, since the frames of a slow line are short.
-const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
-
-/// CRC-32 of some bytes, the one that frames and [`Request::Begin`](super::message::Request::Begin) use.
+/// CRC-32 (IEEE 802.3) of some bytes: the one that blobs, frames and [`Request::Begin`](super::message::Request::Begin) use.
 pub fn checksum(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes)
+    esm_core::format::crc32(bytes)
 }
 
 /// Why bytes are no frame, or a message does not go into one.

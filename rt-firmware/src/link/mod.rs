@@ -1,7 +1,7 @@
 //! The link between a robot and its host: frames, messages, and what the robot answers.
 //!
 //! A link is a stream of bytes in each direction, which may lose, change or double some of them. On it travel [frames](frame); a frame holds
-//! one [message](message). The host asks and the robot answers, one request at a time: a request without an answer is sent again
+//! one [message]. The host asks and the robot answers, one request at a time: a request without an answer is sent again
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
 //! sends [trace records](trace) and log bytes as streams, where there is room between answers.
 
