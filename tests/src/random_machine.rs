@@ -143,11 +143,12 @@ impl Writer {
     fn flags(&mut self) -> Vec<Flag> {
         FLAG_NAMES
             .iter()
-            .filter_map(|&name| {
-                self.random.chance(45).then(|| Flag {
-                    name,
-                    out: self.random.chance(60),
-                })
+            .filter(|_| self.random.chance(45))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .map(|&name| Flag {
+                name,
+                out: self.random.chance(60),
             })
             .collect()
     }
@@ -280,6 +281,7 @@ impl Writer {
                         .unwrap_or(0);
                     format!(" timeout {limit_us} us")
                 }
+                3 if self.random.chance(20) => " timeout 4000 s".to_owned(),
                 3 => format!(" timeout {} ms", self.random.between(1, 50)),
                 _ => String::new(),
             };

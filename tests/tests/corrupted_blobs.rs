@@ -6,9 +6,11 @@
 use std::collections::BTreeMap;
 
 use esm_core::format::{CRC_BYTES, crc32};
-use esm_core::{Interpreter, Observer};
+use esm_core::{Interpreter, Observer, Verified};
 use esm_tests::random::Random;
 use esm_tests::{random_machine, subject};
+use host_tools::inspect;
+use host_tools::trace::directory::Directory;
 
 /// Macro steps that an accepted blob is run for.
 const STEPS: usize = 6;
@@ -25,6 +27,17 @@ struct Tally {
 }
 
 impl Tally {
+    /// What tools read of a blob that passed: its names, which may be gone, and its tables.
+    fn read_as_tools_do(&mut self, bytes: &[u8]) {
+        // Slow, and the same for most: one in a few is enough.
+        if !self.accepted.is_multiple_of(16) {
+            return;
+        }
+        let verified: Verified<Vec<u8>> = subject::verified(bytes).unwrap();
+        let _ = Directory::of(&verified.tables());
+        let _ = inspect::Report::of(&verified);
+    }
+
     /// Verifies the bytes, and runs them if they pass.
     fn try_blob(&mut self, bytes: &[u8], random: &mut Random) {
         let verified = match esm_core::verify(bytes) {
@@ -37,6 +50,7 @@ impl Tally {
             }
         };
         self.accepted += 1;
+        self.read_as_tools_do(bytes);
         let task_instances = verified.tables().task_instance_count();
         let mut arena = vec![0; verified.arena_words()];
         let Ok(mut interpreter) = Interpreter::new(verified, &mut arena) else {

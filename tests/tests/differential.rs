@@ -154,8 +154,7 @@ impl Sample {
                 "step" => {
                     let active = line["active"].as_array().unwrap();
                     let enabled = line["enabled"].as_array().unwrap();
-                    self.long_macro_steps +=
-                        usize::from(line["micro_steps"].as_u64().unwrap() > 10);
+                    self.long_macro_steps += usize::from(line["micro_steps"].as_u64().unwrap() > 5);
                     self.enabled_outside_active +=
                         usize::from(enabled.iter().any(|path| !active.contains(path)));
                 }
