@@ -37,7 +37,7 @@ const ARENA_WORDS: usize = 16 * 1024;
 const SLOTS: usize = 256;
 const TASKS: usize = 2048;
 const NETS: usize = 2048;
-const GROUPS: usize = 256;
+const GROUPS: usize = 128;
 
 /// Room for the trace of many macro steps, should the reader be slow.
 const TRACE_BYTES: usize = 256 * 1024;

@@ -7,3 +7,6 @@ pub mod mission;
 pub mod recording;
 pub mod story;
 pub mod summary;
+
+#[cfg(test)]
+mod tests;

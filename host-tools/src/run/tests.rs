@@ -1,0 +1,270 @@
+//! Whole runs on the host board.
+
+use super::board::Board;
+use super::drive::{Heard, Plan, Planned, Run, RunError, drive};
+use super::interrupt::Interrupt;
+use super::mission::Mission;
+use super::recording::{Entry, Recording};
+use crate::compile::compile;
+use crate::compile::test_models::{container, flag, model, port, pulse, region, state, task};
+use crate::host_board;
+use crate::model::{
+    Action, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind, Task,
+    Trigger, Value,
+};
+use crate::world::World;
+
+/// Tasks of the rover, in the order of [`State`]s below.
+fn tasks() -> Vec<Task> {
+    let with = |name: &str, ports: &[(&str, Direction, &str)], params: &[&str]| Task {
+        data: ports
+            .iter()
+            .map(|(name, direction, type_name)| port(name, *direction, type_name))
+            .collect(),
+        params: params
+            .iter()
+            .map(|name| Param {
+                name: (*name).to_owned(),
+                param_type: ParamType::F32,
+                default: None,
+                range: None,
+                span: Span::default(),
+            })
+            .collect(),
+        ..task(name, Vec::new())
+    };
+    use Direction::{In, Out};
+    vec![
+        with(
+            "Odometry",
+            &[("pose", Out, "Pose"), ("speeds", Out, "WheelSpeeds")],
+            &[],
+        ),
+        Task {
+            flags: vec![flag("blocked", Out)],
+            ..with(
+                "WheelSpeed",
+                &[("twist", In, "Twist"), ("speeds", In, "WheelSpeeds")],
+                &["acceleration_m_per_s2"],
+            )
+        },
+        Task {
+            flags: vec![flag("low", Out)],
+            ..with("BatteryMonitor", &[("battery", Out, "Battery")], &["low_v"])
+        },
+        with(
+            "Logger",
+            &[("pose", In, "Pose"), ("battery", In, "Battery")],
+            &[],
+        ),
+        Task {
+            flags: vec![flag("left", In)],
+            ..with(
+                "Turn",
+                &[("pose", In, "Pose"), ("twist", Out, "Twist")],
+                &["angle_rad", "rate_rad_per_s"],
+            )
+        },
+    ]
+}
+
+/// A robot that turns on the spot, by `angle_rad` each time, and keeps a diary.
+fn turning(angle_rad: f32) -> Model {
+    let task_state = |name: &str, task, slot, params: &[f32]| {
+        let params = params.iter().map(|value| Value::F32(*value)).collect();
+        state(name, StateKind::Task { task, slot, params })
+    };
+    let real_time = SlotRef::Slot(1);
+    let always = |name: &str, state| region(name, vec![state], vec![pulse(None, Some(0))]);
+    let regions = vec![
+        always("pose", task_state("Pose", 0, real_time, &[])),
+        always("wheels", task_state("Wheels", 1, real_time, &[1.0])),
+        always("battery", task_state("Battery", 2, real_time, &[6.0])),
+        region(
+            "diary",
+            vec![task_state("Write", 3, SlotRef::NonRealTime, &[])],
+            vec![
+                pulse(None, Some(0)),
+                pulse(Some(0), Some(0)).on(Trigger::Star),
+            ],
+        ),
+        region(
+            "motion",
+            vec![task_state("Turn", 4, real_time, &[angle_rad, 1.2])],
+            vec![
+                pulse(None, Some(0)).act(Action::Own(0, true)),
+                pulse(Some(0), Some(0)).on(Trigger::Star),
+            ],
+        ),
+    ];
+    let end = |region, port| PathEnd::State {
+        region,
+        state: 0,
+        port,
+    };
+    let path = |from, to: &[PathEnd]| Path {
+        from: vec![from],
+        to: to.to_vec(),
+        span: Span::default(),
+    };
+    let mut machine = container("Turning", &[], regions);
+    machine.paths = vec![
+        path(end(0, 0), &[end(3, 0), end(4, 0)]),
+        path(end(0, 1), &[end(1, 1)]),
+        path(end(2, 0), &[end(3, 1)]),
+        path(end(4, 1), &[end(1, 0)]),
+    ];
+    let mut turning = model(&[], tasks(), vec![machine]);
+    for slot in &mut turning.slots {
+        (slot.period_us, slot.duration_us) = (20_000, 5_000);
+    }
+    turning
+}
+
+fn mission(name: &str, model: &Model) -> Mission {
+    let blob = compile(model, &[0, 5_000]).unwrap();
+    let verified = esm_core::verify(blob)
+        .map_err(|(_, refusal)| refusal)
+        .unwrap();
+    Mission::new(std::path::Path::new(name), verified).unwrap()
+}
+
+fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
+    let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+    Plan {
+        board: Board::Host {
+            robot: host_board::rover,
+        },
+        world,
+        seed: 3,
+        until_us: Some(6_000_000),
+        realtime: false,
+        missions: missions
+            .into_iter()
+            .map(|(at_us, mission)| Planned { at_us, mission })
+            .collect(),
+        replay,
+        plant_fault: None,
+    }
+}
+
+fn carried_out(plan: Plan) -> Run<Vec<u8>> {
+    let interrupt = Interrupt::take_over().unwrap();
+    let run = drive(plan, Vec::new(), interrupt, &mut |_: Heard<'_>| ()).unwrap();
+    if let Some(path) = std::env::var_os("ESM_DUMP") {
+        std::fs::write(path, &run.told.out).unwrap();
+    }
+    run
+}
+
+#[test]
+fn equal_runs_have_equal_traces_up_to_the_last_macro_step() {
+    if let Some(path) = std::env::var_os("ESM_BLOB") {
+        std::fs::write(path, &mission("turning.esm", &turning(1.0)).blob).unwrap();
+    }
+    let run = || carried_out(plan(vec![(0, mission("turning.esm", &turning(1.0)))], None));
+    let (first, second) = (run(), run());
+    let text = String::from_utf8(first.told.out).unwrap();
+    assert_eq!(text.as_bytes(), second.told.out);
+    let steps = text
+        .lines()
+        .filter(|line| line.contains("\"kind\":\"step\""));
+    assert_eq!(steps.count(), 301, "one each 20 ms, the last one at 6 s");
+    assert!(text.lines().last().unwrap().contains("\"t_us\":6000000"));
+    assert!(
+        text.contains("\"from\":\"motion/Turn\",\"to\":\"motion/Turn\""),
+        "it turns and turns"
+    );
+    assert_eq!(first.summary.slots_missed, 0);
+    assert_eq!(first.summary.collisions, 0);
+    assert_eq!(first.plant.now_us(), 6_000_000);
+    assert!(first.plant.pose().heading_rad > 4.0);
+}
+
+#[test]
+fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
+    let missions = || {
+        vec![
+            (0, mission("one.esm", &turning(1.0))),
+            (3_000_000, mission("two.esm", &turning(0.5))),
+        ]
+    };
+    let first = carried_out(plan(missions(), None));
+    let swaps: Vec<_> = first
+        .recording
+        .entries
+        .iter()
+        .filter(|entry| matches!(entry, Entry::Mission { .. }))
+        .collect();
+    assert_eq!(
+        swaps,
+        [&Entry::Mission {
+            mission: 1,
+            robot_us: 3_000_000
+        }]
+    );
+    assert!(
+        first
+            .recording
+            .entries
+            .iter()
+            .any(|entry| matches!(entry, Entry::End { .. })),
+        "the diary is written in slot 0"
+    );
+    let recording = first.recording.clone();
+    let again = carried_out(plan(missions(), Some(recording.clone())));
+    assert_eq!(first.told.out, again.told.out);
+    assert_eq!(again.recording, recording);
+    let late = |entry: &Entry| match *entry {
+        Entry::End {
+            mission,
+            occurrence,
+            task_instance,
+        } => Entry::End {
+            mission,
+            occurrence: occurrence + 7,
+            task_instance,
+        },
+        Entry::Mission { .. } => *entry,
+    };
+    let mut other = recording;
+    other.entries = other.entries.iter().map(late).collect();
+    let other = carried_out(plan(missions(), Some(other)));
+    assert_ne!(
+        first.told.out, other.told.out,
+        "ends come from the recording"
+    );
+}
+
+#[test]
+fn a_replay_of_other_missions_is_refused() {
+    let one = || vec![(0, mission("one.esm", &turning(1.0)))];
+    let mut recording = carried_out(plan(one(), None)).recording;
+    recording.head.missions = vec!["00000000".into()];
+    let interrupt = Interrupt::take_over().unwrap();
+    let refused = drive(
+        plan(one(), Some(recording)),
+        Vec::new(),
+        interrupt,
+        &mut |_| (),
+    );
+    assert!(matches!(refused, Err(RunError::OtherMissions { .. })));
+}
+
+#[test]
+fn a_mission_with_a_task_that_the_robot_lacks_is_refused_by_its_name() {
+    let mut stranger = turning(1.0);
+    for task in &mut stranger.tasks {
+        if task.name == "Turn" {
+            task.name = "Somersault".into();
+        }
+    }
+    let interrupt = Interrupt::take_over().unwrap();
+    let plan = plan(vec![(0, mission("stranger.esm", &stranger))], None);
+    match drive(plan, Vec::new(), interrupt, &mut |_| ()) {
+        Err(error @ RunError::Refused { .. }) => {
+            assert!(error.to_string().contains("`Somersault`"), "{error}");
+        }
+        _ => panic!("it was taken"),
+    }
+}
