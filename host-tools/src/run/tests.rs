@@ -93,7 +93,9 @@ fn turning(angle_rad: f32) -> Model {
             vec![task_state("Turn", 4, real_time, &[angle_rad, 1.2])],
             vec![
                 pulse(None, Some(0)).act(Action::Own(0, true)),
-                pulse(Some(0), Some(0)).on(Trigger::Star),
+                pulse(Some(0), Some(0))
+                    .on(Trigger::Star)
+                    .act(Action::Own(0, true)),
             ],
         ),
     ];

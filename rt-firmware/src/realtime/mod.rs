@@ -478,7 +478,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             if interpreter.is_current(index) {
                 interpreter.set_busy(index, job.is_none());
             }
-            let (Some(job), Some(carrier)) = (job, self.job.take()) else {
+            let Some(job) = job else { continue };
+            let Some(carrier) = self.job.take() else {
                 continue;
             };
             *carrier = Some(job);
