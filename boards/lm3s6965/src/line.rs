@@ -39,15 +39,18 @@ pub struct Line {
 
 impl Line {
     /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called by the UART's interrupt, which is pended by
-    /// software too when bytes were queued. A received byte that finds its queue full is lost: the frame that it belongs to fails its checksum, and
-    /// the host asks again.
+    /// software too when the link has queued or taken bytes. Bytes that find no room in the queue wait in the FIFO.
     ///
     /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
     pub fn serve(&mut self) -> bool {
         uart::acknowledge();
         let mut worth_a_look = false;
         for _ in 0..uart::FIFO_BYTES {
+            if !self.received.ready() {
+                break;
+            }
             let Some(byte) = uart::receive() else { break };
+            // There is room: nobody else puts bytes in.
             let _ = self.received.enqueue(byte);
             worth_a_look = true;
         }
@@ -61,7 +64,7 @@ impl Line {
             uart::send(byte);
             worth_a_look |= !self.to_transmit.ready();
         }
-        uart::want_sent_interrupt(self.to_transmit.ready());
+        uart::want_interrupts(self.received.ready(), self.to_transmit.ready());
         worth_a_look
     }
 }
@@ -75,8 +78,9 @@ pub struct LinkEnd {
 impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
+        let waiting = self.received.len();
         while link.poll(self) && self.to_transmit.ready() {}
-        if !self.to_transmit.is_empty() {
+        if !self.to_transmit.is_empty() || self.received.len() < waiting {
             NVIC::pend(Interrupt::UART0);
         }
     }

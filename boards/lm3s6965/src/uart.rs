@@ -62,8 +62,13 @@ pub fn send(byte: u8) {
     uart0::DR.write(u32::from(byte));
 }
 
-/// Sets whether the interrupt comes when the transmitter's FIFO runs empty; that of received bytes always comes.
-pub fn want_sent_interrupt(wanted: bool) {
-    let sent = if wanted { SENT } else { 0 };
-    uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);
+/// Sets whether the interrupt comes for received bytes, and for a transmitter's FIFO that runs empty.
+pub fn want_interrupts(received: bool, sent: bool) {
+    let received = if received {
+        RECEIVED | RECEIVE_TIMEOUT
+    } else {
+        0
+    };
+    let sent = if sent { SENT } else { 0 };
+    uart0::IM.write(received | sent);
 }
