@@ -5,7 +5,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::{LinkPort, LinkSide};
 
-use crate::{log, uart};
+use crate::{log, stack, uart};
 
 /// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
 pub const RECEIVE_BYTES: usize = 128;
@@ -101,5 +101,9 @@ impl LinkPort for LinkEnd {
 
     fn log_dropped(&self) -> u32 {
         log::dropped_frames()
+    }
+
+    fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        Some(stack::deepest_bytes())
     }
 }

@@ -61,6 +61,8 @@ pub struct StatusReport {
     pub longest_dispatch_delay_ns: u32,
     /// Trace records dropped since the robot started.
     pub trace_dropped: u32,
+    /// The most bytes of stack in use since the robot started, where its board measures it.
+    pub deepest_stack_bytes: Option<u32>,
     /// Why the robot started the last time.
     pub last_reset: &'static str,
     /// Counters of each slot.
@@ -139,6 +141,7 @@ fn ask(robot: &mut Robot, info: RobotInfo) -> Result<StatusReport, CommandError>
         overruns: status.overruns,
         longest_dispatch_delay_ns: status.max_delay_ns,
         trace_dropped: status.trace_dropped,
+        deepest_stack_bytes: status.stack_bytes,
         last_reset: reset_reason(status.reset),
         slots,
     })
@@ -185,6 +188,9 @@ impl fmt::Display for StatusReport {
         )?;
         if self.trace_dropped > 0 {
             row("trace records dropped", self.trace_dropped.to_string())?;
+        }
+        if let Some(bytes) = self.deepest_stack_bytes {
+            row("deepest stack", format!("{bytes} bytes"))?;
         }
         for slot in &self.slots {
             row(

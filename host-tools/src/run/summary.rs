@@ -69,6 +69,7 @@ impl Summary {
             slots_missed: status.missed.into(),
             overruns: status.overruns.into(),
             longest_dispatch_delay_ns: status.max_delay_ns,
+            deepest_stack_bytes: status.stack_bytes,
             ..Summary::default()
         }
     }

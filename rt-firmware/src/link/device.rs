@@ -41,6 +41,11 @@ pub trait LinkPort {
     fn log_dropped(&self) -> u32 {
         0
     }
+
+    /// The most bytes of stack that were in use since the start, where the board measures it. Asked for with each status.
+    fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        None
+    }
 }
 
 /// A frame on its way out.
@@ -212,7 +217,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 continue;
             }
             self.last = Some((seq, crc));
-            match self.desk.react(seq, &message.request) {
+            match self.desk.react(seq, &message.request, port) {
                 Reaction::Answer(result) => {
                     self.awaited = false;
                     self.reply.set(&FromDevice::Reply { seq, result });
@@ -301,7 +306,12 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
 }
 
 impl<'m> Desk<'_, 'm> {
-    fn react<'a>(&'a mut self, seq: u8, request: &Request<'_>) -> Reaction<'a> {
+    fn react<'a>(
+        &'a mut self,
+        seq: u8,
+        request: &Request<'_>,
+        port: &mut impl LinkPort,
+    ) -> Reaction<'a> {
         match *request {
             Request::Hello => {
                 self.trace_wanted.store(false, Ordering::Relaxed);
@@ -318,7 +328,7 @@ impl<'m> Desk<'_, 'm> {
                 self.end_upload();
                 Reaction::Answer(Ok(Response::Done))
             }
-            Request::Status => Reaction::Answer(self.status()),
+            Request::Status => Reaction::Answer(self.status(port.deepest_stack_bytes())),
             Request::Stop => self.ask(seq, Letter::Stop),
             Request::Start => self.ask(seq, Letter::Start),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
@@ -348,7 +358,7 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    fn status(&self) -> Result<Response<'_>, LinkError> {
+    fn status(&self, stack_bytes: Option<u32>) -> Result<Response<'_>, LinkError> {
         let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
         Ok(Response::Status(Status {
             mode: health.mode,
@@ -361,6 +371,7 @@ impl<'m> Desk<'_, 'm> {
             max_delay_ns: health.max_delay_ns,
             trace_dropped: self.trace.dropped(),
             background_busy: health.background_busy,
+            stack_bytes,
             reset: self.about.reset,
         }))
     }

@@ -333,6 +333,8 @@ pub struct Status {
     pub trace_dropped: u32,
     /// Whether a slot-0 run is under way.
     pub background_busy: bool,
+    /// The most bytes of stack that were in use since the robot started, where the board measures it.
+    pub stack_bytes: Option<u32>,
     /// Why the robot started the last time.
     pub reset: ResetReason,
 }
@@ -440,6 +442,7 @@ mod tests {
             max_delay_ns: u32::MAX,
             trace_dropped: u32::MAX,
             background_busy: true,
+            stack_bytes: Some(u32::MAX),
             reset: ResetReason::Software,
         };
         let requests = [Request::Chunk {
