@@ -201,3 +201,46 @@ impl Diagnostic {
         }
     }
 }
+
+/// The most diagnostics that one set of files gets. More than anybody reads, and few enough for megabytes of garbage.
+const MAX_DIAGNOSTICS: usize = 10_000;
+
+/// Collects diagnostics, up to [`MAX_DIAGNOSTICS`].
+#[derive(Debug, Default)]
+pub(super) struct Sink {
+    list: Vec<Diagnostic>,
+    omitted: usize,
+    has_errors: bool,
+}
+
+impl Sink {
+    /// Takes one more diagnostic.
+    pub(super) fn push(&mut self, diagnostic: Diagnostic) {
+        self.has_errors |= diagnostic.severity() == Severity::Error;
+        if self.list.len() < MAX_DIAGNOSTICS {
+            self.list.push(diagnostic);
+        } else {
+            self.omitted += 1;
+        }
+    }
+
+    /// Whether an error has come.
+    pub(super) fn has_errors(&self) -> bool {
+        self.has_errors
+    }
+
+    /// All diagnostics, sorted by file, place and code. If some were left out, the last one says how many.
+    pub(super) fn into_sorted(mut self) -> Vec<Diagnostic> {
+        if self.omitted > 0
+            && let Some(last) = self.list.last_mut()
+        {
+            last.hint = Some(format!(
+                "{} more messages are left out: correct these first",
+                self.omitted
+            ));
+        }
+        self.list
+            .sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
+        self.list
+    }
+}

@@ -15,7 +15,13 @@
 //! ```
 
 mod diagnostic;
+mod lexer;
+mod loader;
+mod parser;
+mod render;
+mod resolve;
 mod source;
+mod tree;
 
 use std::path::Path;
 use std::time::Duration;
@@ -24,7 +30,10 @@ pub use diagnostic::{Code, Diagnostic, Severity};
 pub use source::{LoadError, Position, Positions};
 
 use crate::model::{Model, SourceFile, Span};
-use crate::schedule::Schedule;
+use crate::schedule::{self, Outcome, Schedule, SlotSpec};
+
+use diagnostic::Sink;
+use loader::{Disk, Memory, Store};
 
 /// A set of files, read and checked.
 #[derive(Clone, Debug)]
@@ -35,6 +44,13 @@ pub struct Checked {
     pub diagnostics: Vec<Diagnostic>,
     /// What the files say; there exactly if no diagnostic is an error.
     pub model: Option<Model>,
+    /// The slots, in source order: there also where other things are wrong.
+    slots: Vec<SlotSpec>,
+    /// Where slots that have no schedule are reported.
+    first_slot: Span,
+    /// Whether these are all slots, and each is one that can occur.
+    slots_are_sound: bool,
+    has_machine: bool,
 }
 
 /// Reads a file with all that it uses, and checks the set.
@@ -42,8 +58,7 @@ pub struct Checked {
 /// # Errors
 /// The file itself cannot be read. A file that it uses and that cannot be read is a diagnostic.
 pub fn load(path: &Path) -> Result<Checked, LoadError> {
-    let _ = path;
-    Ok(load_texts(&[]))
+    check(&path.to_string_lossy(), &Disk)
 }
 
 /// Checks one text that uses no other. `name` stands for its path in messages.
@@ -53,12 +68,40 @@ pub fn load_text(name: &str, text: &str) -> Checked {
 
 /// Checks a set of texts by path and content, as if they were files; the first is the one asked for. Paths separate with `/`.
 pub fn load_texts(files: &[(&str, &str)]) -> Checked {
-    let _ = files;
-    Checked {
-        files: Vec::new(),
-        diagnostics: Vec::new(),
-        model: None,
-    }
+    let path = files.first().map_or("", |file| file.0);
+    // Only an empty list has no first file; it is checked as an empty text.
+    check(path, &Memory::new(files)).unwrap_or_else(|_| load_texts(&[("", "")]))
+}
+
+fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
+    let mut sink = Sink::default();
+    let set = loader::load(path, store, &mut sink)?;
+    let trees = resolve::Trees {
+        files: &set.files,
+        trees: &set.trees,
+        is_incomplete: set.is_incomplete,
+    };
+    let resolved = resolve::resolve(&trees, &mut sink);
+    let model = resolved.model;
+    let has_errors = sink.has_errors();
+    let diagnostics = sink.into_sorted();
+    Ok(Checked {
+        slots: SlotSpec::of_model(&model),
+        first_slot: model
+            .slots
+            .first()
+            .map(|slot| slot.span)
+            .unwrap_or_default(),
+        // A search after E010 would only say the same in other words.
+        slots_are_sound: resolved.slots_are_whole
+            && diagnostics
+                .iter()
+                .all(|diagnostic| diagnostic.code != Code::E010),
+        has_machine: model.machine.is_some(),
+        files: set.files,
+        diagnostics,
+        model: (!has_errors).then_some(model),
+    })
 }
 
 impl Checked {
@@ -81,29 +124,76 @@ impl Checked {
     }
 
     /// Demands that the set has a machine, as building and running do: without one it adds E013.
-    pub fn require_machine(&mut self) {}
+    pub fn require_machine(&mut self) {
+        if !self.has_machine {
+            self.add(
+                Diagnostic::new(Code::E013, Span::default(), "there is no machine to run")
+                    .hint("declare one: `machine M { region r { … } }`"),
+            );
+        }
+    }
+
+    /// The slots in source order, as the search for a schedule takes them. Right only where no error is about slots.
+    pub fn slots(&self) -> &[SlotSpec] {
+        &self.slots
+    }
 
     /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are none or none were found.
     ///
-    /// Gives `None` where nothing was searched or found: with E011, and where wrong slots make the question meaningless.
-    pub fn lay_out(&mut self, limit: Duration) -> Option<Schedule> {
-        let _ = limit;
-        None
+    /// Gives `None` where slots are wrong already, so that the question has no meaning.
+    pub fn lay_out(&mut self, limit: Duration) -> Option<Outcome> {
+        if !self.slots_are_sound {
+            return None;
+        }
+        let outcome = schedule::solve(&self.slots, limit);
+        let diagnostic = match &outcome {
+            Outcome::Feasible(_) => None,
+            Outcome::Infeasible(reason) => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!("there is no schedule for these slots: {reason}"),
+                )
+                .hint(reason.cure()),
+            ),
+            Outcome::Undecided => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!(
+                        "no schedule was found in {} s, and no proof that there is none",
+                        limit.as_secs_f32()
+                    ),
+                )
+                .hint("give the search more time, shorten durations, or let periods be multiples of each other"),
+            ),
+        };
+        if let Some(diagnostic) = diagnostic {
+            self.add(diagnostic);
+        }
+        Some(outcome)
     }
 
-    /// Where a span starts, for messages.
+    /// The same, giving only a schedule that was found.
+    pub fn schedule(&mut self, limit: Duration) -> Option<Schedule> {
+        match self.lay_out(limit)? {
+            Outcome::Feasible(schedule) => Some(schedule),
+            Outcome::Infeasible(_) | Outcome::Undecided => None,
+        }
+    }
+
+    /// Where a span starts, for messages. For many spans make [`Positions`] once.
     pub fn position(&self, span: Span) -> Position {
         Positions::new(&self.files).of(span)
     }
 
     /// The diagnostics for people: the source line with the place marked, the cause, the fix.
     pub fn render(&self, colour: bool) -> String {
-        let _ = colour;
-        String::new()
+        render::for_people(&self.files, &self.diagnostics, colour)
     }
 
     /// The diagnostics for programs: one JSON object a line with `code`, `severity`, `file`, `line`, `col`, `message`.
     pub fn json_lines(&self) -> String {
-        String::new()
+        render::json_lines(&self.files, &self.diagnostics)
     }
 }

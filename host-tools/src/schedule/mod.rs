@@ -3,23 +3,58 @@
 //! Slots are strictly periodic and never preempt each other: slot i with period T_i and duration C_i needs one start s_i with
 //! 0 ≤ s_i < T_i such that no two occurrences of any slots ever overlap. Two slots i, j fit if and only if, with g = gcd(T_i, T_j),
 //! C_i ≤ (s_j − s_i) mod g ≤ g − C_j (Korst, Aarts, Lenstra). Nothing here ever lists the occurrences of a hyperperiod.
+//!
+//! ```
+//! use std::time::Duration;
+//! use host_tools::schedule::{Outcome, SlotSpec, check, solve};
+//!
+//! let slot = |number, period_us, duration_us| SlotSpec { number, period_us, duration_us, fixed_start_us: None };
+//! let slots = [slot(1, 4_000, 1_000), slot(2, 6_000, 1_000)];
+//! let Outcome::Feasible(schedule) = solve(&slots, Duration::from_secs(1)) else { panic!() };
+//! assert_eq!(check(&slots, &schedule.starts_us), Ok(()));
+//! ```
+
+mod bounds;
+mod search;
 
 use std::fmt;
 use std::time::Duration;
 
 use serde::Serialize;
 
+use crate::model::Model;
+
+/// The most slots that are laid out: more than any robot's table has, and few enough to compare each with each.
+pub const MAX_SLOTS: usize = 4_096;
+
 /// What the search needs to know of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotSpec {
     /// The number that it was declared with, for messages.
     pub number: u32,
-    /// Period in microseconds.
+    /// Period in microseconds, above 0.
     pub period_us: u32,
     /// Duration in microseconds.
     pub duration_us: u32,
     /// A start that is given: 0 for the interpreter's slot.
     pub fixed_start_us: Option<u32>,
+}
+
+impl SlotSpec {
+    /// The slots of a model in their order; the interpreter's starts at 0.
+    pub fn of_model(model: &Model) -> Vec<SlotSpec> {
+        model
+            .slots
+            .iter()
+            .enumerate()
+            .map(|(index, slot)| SlotSpec {
+                number: slot.number,
+                period_us: slot.period_us,
+                duration_us: slot.duration_us,
+                fixed_start_us: (model.interpreter_slot == Some(index)).then_some(0),
+            })
+            .collect()
+    }
 }
 
 /// Start times that [`check`] has found right.
@@ -30,31 +65,171 @@ pub struct Schedule {
 }
 
 /// What a search came to.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// A schedule.
     Feasible(Schedule),
     /// There is none, and why.
     Infeasible(Infeasibility),
-    /// The search ended without an answer.
+    /// The search ended without an answer: its time ran out, or there are more than [`MAX_SLOTS`] slots.
     Undecided,
 }
 
-/// Why there is no schedule.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Infeasibility {}
+/// Why there is no schedule. `Display` says it in words that name the slots.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Infeasibility {
+    /// A slot that cannot occur at all: its period is 0, or shorter than its duration.
+    TooLong {
+        /// Its number.
+        slot: u32,
+        /// Its duration in microseconds.
+        duration_us: u32,
+        /// Its period in microseconds.
+        period_us: u32,
+    },
+    /// The slots ask for more time than there is.
+    Utilisation {
+        /// Sum of duration over period.
+        utilisation: f64,
+    },
+    /// Slots that meet each other in every window of `window_us`, and do not fit in one together.
+    Crowded {
+        /// Their numbers.
+        slots: Vec<u32>,
+        /// Length of the window in microseconds: every common divisor of two of their periods divides it.
+        window_us: u64,
+        /// Sum of their durations in microseconds.
+        sum_us: u64,
+    },
+    /// Slots whose starts are given clash.
+    FixedStarts {
+        /// Number of a slot.
+        first: u32,
+        /// Number of the other.
+        second: u32,
+    },
+    /// Every way to lay them out was tried.
+    Exhausted {
+        /// How many arrangements.
+        arrangements: u64,
+    },
+}
+
+impl Infeasibility {
+    /// What to change.
+    pub fn cure(&self) -> String {
+        match self {
+            Infeasibility::TooLong { slot, .. } => {
+                format!("shorten slot {slot} or lengthen its period")
+            }
+            Infeasibility::Utilisation { .. } => {
+                "shorten durations or lengthen periods until the sum is at most 100 %".to_owned()
+            }
+            Infeasibility::Crowded {
+                window_us, sum_us, ..
+            } => format!(
+                "shorten them by {} us together, or give them periods with a greater common divisor than {window_us} us",
+                sum_us.saturating_sub(*window_us)
+            ),
+            Infeasibility::FixedStarts { first, second } => {
+                format!("let slot {first} or slot {second} start at another time")
+            }
+            Infeasibility::Exhausted { .. } => {
+                "shorten durations, or let periods be multiples of each other".to_owned()
+            }
+        }
+    }
+}
 
 impl fmt::Display for Infeasibility {
-    fn fmt(&self, _: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {}
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Infeasibility::TooLong {
+                slot,
+                duration_us,
+                period_us,
+            } => write!(
+                f,
+                "slot {slot} lasts {duration_us} us, its period is {period_us} us"
+            ),
+            Infeasibility::Utilisation { utilisation } => {
+                write!(f, "they ask for {:.2} % of the time", utilisation * 100.0)
+            }
+            Infeasibility::Crowded {
+                slots,
+                window_us,
+                sum_us,
+            } => write!(
+                f,
+                "slots {} meet in every {window_us} us and last {sum_us} us together",
+                Numbers(slots)
+            ),
+            Infeasibility::FixedStarts { first, second } => {
+                write!(f, "slots {first} and {second} clash at the starts given")
+            }
+            Infeasibility::Exhausted { arrangements } => {
+                write!(f, "none of all {arrangements} arrangements works")
+            }
+        }
+    }
+}
+
+/// Slot numbers in a sentence, the first of many.
+struct Numbers<'n>(&'n [u32]);
+
+impl fmt::Display for Numbers<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const MAX_SHOWN: usize = 12;
+        for (position, number) in self.0.iter().take(MAX_SHOWN).enumerate() {
+            let separator = match position {
+                0 => "",
+                _ if position + 1 == self.0.len() => " and ",
+                _ => ", ",
+            };
+            write!(f, "{separator}{number}")?;
+        }
+        match self.0.len().saturating_sub(MAX_SHOWN) {
+            0 => Ok(()),
+            more => write!(f, " and {more} more"),
+        }
     }
 }
 
 /// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
 pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
-    let _ = (slots, limit);
-    Outcome::Undecided
+    let mut clock = search::Clock::new(limit);
+    if let Some(reason) = bounds::single_slots(slots) {
+        return Outcome::Infeasible(reason);
+    }
+    if slots.len() > MAX_SLOTS {
+        return Outcome::Undecided;
+    }
+    if let Some(reason) = bounds::windows(slots) {
+        return Outcome::Infeasible(reason);
+    }
+    let outcome = search::search(slots, &mut clock);
+    if let Outcome::Feasible(schedule) = &outcome
+        && check(slots, &schedule.starts_us).is_err()
+    {
+        // Never trusted: what the checker refuses is no schedule.
+        debug_assert!(
+            false,
+            "the search found {schedule:?}, the checker refuses it"
+        );
+        return Outcome::Undecided;
+    }
+    outcome
 }
+
+/// Greatest common divisor; that of 0 and n is n.
+fn gcd(mut a: u64, mut b: u64) -> u64 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+// ─── Check ────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 /// Two slots of which some occurrences overlap, by index, or one whose start is out of its range (then both are that one).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,18 +243,45 @@ pub struct Clash {
 /// Checks start times by the definition alone, independently of how they were found.
 ///
 /// # Errors
-/// The first pair that clashes.
+/// The first pair that clashes. A slot without a start, or with one outside of its period or other than the one given, clashes with
+/// itself.
 pub fn check(slots: &[SlotSpec], starts_us: &[u32]) -> Result<(), Clash> {
-    let _ = (slots, starts_us);
+    for (first, slot) in slots.iter().enumerate() {
+        let start_us = starts_us.get(first).copied();
+        let is_in_range = start_us.is_some_and(|start_us| start_us < slot.period_us);
+        let is_as_given = slot.fixed_start_us.is_none() || slot.fixed_start_us == start_us;
+        if !is_in_range || !is_as_given || slot.duration_us > slot.period_us {
+            return Err(Clash {
+                first,
+                second: first,
+            });
+        }
+    }
+    for (second, b) in slots.iter().zip(starts_us).enumerate() {
+        for (first, a) in slots.iter().zip(starts_us).enumerate().take(second) {
+            if !pair_fits(a, b) {
+                return Err(Clash { first, second });
+            }
+        }
+    }
     Ok(())
 }
+
+/// Whether no occurrences of two slots overlap: the theorem of Korst, Aarts and Lenstra.
+fn pair_fits((a, start_a): (&SlotSpec, &u32), (b, start_b): (&SlotSpec, &u32)) -> bool {
+    let divisor = i64::try_from(gcd(a.period_us.into(), b.period_us.into())).unwrap_or(i64::MAX);
+    let distance = (i64::from(*start_b) - i64::from(*start_a)).rem_euclid(divisor.max(1));
+    i64::from(a.duration_us) <= distance && distance <= divisor - i64::from(b.duration_us)
+}
+
+// ─── Report ───────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 /// What `esm schedule` tells, in the form of its JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Whether there is a schedule; `None` where that is undecided.
     pub feasible: Option<bool>,
-    /// Least common multiple of the periods in microseconds; `None` where it exceeds 64 bits.
+    /// Least common multiple of the periods in microseconds, 1 without slots; `None` where it exceeds 64 bits.
     pub hyperperiod_us: Option<u64>,
     /// Sum of duration over period.
     pub utilisation: f64,
@@ -102,11 +304,85 @@ pub struct SlotReport {
 
 /// Puts slots and outcome together for `esm schedule`.
 pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
-    let _ = (slots, outcome);
+    let (feasible, starts_us) = match outcome {
+        Outcome::Feasible(schedule) => (Some(true), schedule.starts_us.as_slice()),
+        Outcome::Infeasible(_) => (Some(false), &[][..]),
+        Outcome::Undecided => (None, &[][..]),
+    };
     Report {
-        feasible: None,
-        hyperperiod_us: None,
-        utilisation: 0.0,
-        slots: Vec::new(),
+        feasible,
+        hyperperiod_us: hyperperiod_us(slots),
+        utilisation: utilisation(slots.iter().map(|slot| (slot.period_us, slot.duration_us))),
+        slots: slots
+            .iter()
+            .zip(starts_us)
+            .map(|(slot, &start_us)| SlotReport {
+                slot: slot.number,
+                start_us,
+                period_us: slot.period_us,
+                duration_us: slot.duration_us,
+            })
+            .collect(),
     }
 }
+
+/// Least common multiple of the periods in microseconds; `None` where it exceeds 64 bits.
+pub fn hyperperiod_us(slots: &[SlotSpec]) -> Option<u64> {
+    slots.iter().try_fold(1_u64, |multiple, slot| {
+        let period_us = u64::from(slot.period_us.max(1));
+        multiple.checked_mul(period_us / gcd(multiple, period_us))
+    })
+}
+
+// ─── Utilisation ──────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// Sum of duration over period of (period, duration) pairs, to the precision of `f64`.
+pub fn utilisation(times_us: impl Iterator<Item = (u32, u32)>) -> f64 {
+    times_us
+        .map(|(period_us, duration_us)| f64::from(duration_us) / f64::from(period_us.max(1)))
+        .sum()
+}
+
+/// Whether duration over period of (period, duration) pairs sum up to more than 1: exactly, where [`utilisation`] rounds.
+///
+/// Sums that are nearer to 1 than 2⁻⁶⁴ a slot are worked out as a fraction; one whose denominator exceeds 128 bits counts as 1.
+pub fn exceeds_one(times_us: impl Iterator<Item = (u32, u32)> + Clone) -> bool {
+    const ONE: u128 = 1 << 64;
+    let mut floor_sum = 0_u128;
+    let mut terms = 0_u128;
+    for (period_us, duration_us) in times_us.clone() {
+        floor_sum += (u128::from(duration_us) << 64) / u128::from(period_us.max(1));
+        terms += 1;
+    }
+    // Each term is less than 1/2⁶⁴ below its value.
+    if floor_sum > ONE || floor_sum + terms <= ONE {
+        return floor_sum > ONE;
+    }
+    exact_sum(times_us).is_some_and(|(numerator, denominator)| numerator > denominator)
+}
+
+/// The sum of duration over period as a fraction, where that fits 128 bits.
+fn exact_sum(times_us: impl Iterator<Item = (u32, u32)>) -> Option<(u128, u128)> {
+    let wide_gcd = |mut a: u128, mut b: u128| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a.max(1)
+    };
+    let (mut numerator, mut denominator) = (0_u128, 1_u128);
+    for (period_us, duration_us) in times_us {
+        let period_us = u128::from(period_us.max(1));
+        let common = wide_gcd(denominator, period_us);
+        let scale = period_us / common;
+        let share = u128::from(duration_us).checked_mul(denominator / common)?;
+        numerator = numerator.checked_mul(scale)?.checked_add(share)?;
+        denominator = denominator.checked_mul(scale)?;
+        let reduce = wide_gcd(numerator, denominator);
+        numerator /= reduce;
+        denominator /= reduce;
+    }
+    Some((numerator, denominator))
+}
+
+#[cfg(test)]
+mod tests;

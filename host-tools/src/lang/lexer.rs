@@ -1,0 +1,365 @@
+//! From text to tokens, one at a time: a file of any length costs no memory for its tokens.
+
+use logos::{Filter, Logos};
+
+/// Kind of a token. Blanks and comments are none.
+#[derive(Logos, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[logos(skip r"[ \t\r\n\x0B\x0C]+")]
+#[logos(skip(r"//[^\n]*", allow_greedy = true))]
+pub enum TokenKind {
+    #[token("use")]
+    Use,
+    #[token("interpreter")]
+    Interpreter,
+    #[token("queue")]
+    Queue,
+    #[token("slot")]
+    Slot,
+    #[token("task")]
+    Task,
+    #[token("container")]
+    Container,
+    #[token("machine")]
+    Machine,
+    #[token("event")]
+    Event,
+    #[token("in")]
+    In,
+    #[token("out")]
+    Out,
+    #[token("inout")]
+    InOut,
+    #[token("flag")]
+    Flag,
+    #[token("data")]
+    Data,
+    #[token("param")]
+    Param,
+    #[token("region")]
+    Region,
+    #[token("state")]
+    State,
+    #[token("super")]
+    Super,
+    #[token("initial")]
+    Initial,
+    #[token("final")]
+    Final,
+    #[token("on")]
+    On,
+    #[token("pulse")]
+    Pulse,
+    #[token("send")]
+    Send,
+    #[token("set")]
+    Set,
+    #[token("clear")]
+    Clear,
+    #[token("and")]
+    And,
+    #[token("or")]
+    Or,
+    #[token("not")]
+    Not,
+    #[token("exit")]
+    Exit,
+    #[token("timeout")]
+    Timeout,
+    #[token("busy")]
+    Busy,
+    #[token("path")]
+    Path,
+    #[token("with")]
+    With,
+    #[token("true")]
+    True,
+    #[token("false")]
+    False,
+    /// A word that is kept for later versions of the language.
+    #[token("link")]
+    #[token("frame")]
+    #[token("assert")]
+    #[token("history")]
+    KeptForLater,
+
+    /// An ANSI C identifier that is not reserved. Units, type names and words such as `period` are among them.
+    #[regex("[A-Za-z_][A-Za-z0-9_]*", priority = 2)]
+    Identifier,
+    /// A word with letters that an identifier does not have.
+    #[regex(
+        "[A-Za-z_\u{80}-\u{10FFFF}][A-Za-z0-9_\u{80}-\u{10FFFF}]*",
+        priority = 1
+    )]
+    ForeignWord,
+    #[regex("[0-9]+")]
+    Integer,
+    #[regex(r"[0-9]+\.[0-9]+([eE][+-]?[0-9]+)?|[0-9]+[eE][+-]?[0-9]+")]
+    Float,
+    /// A text between quotation marks, both of them included.
+    #[regex(r#""[^"\r\n]*""#)]
+    Text,
+
+    #[token(";")]
+    Semicolon,
+    #[token(",")]
+    Comma,
+    #[token(":")]
+    Colon,
+    #[token(".")]
+    Dot,
+    #[token("^")]
+    Caret,
+    #[token("=")]
+    Equals,
+    #[token("-")]
+    Minus,
+    #[token("->")]
+    Arrow,
+    #[token("*")]
+    Star,
+    #[token("/")]
+    Slash,
+    #[token("{")]
+    BraceOpen,
+    #[token("}")]
+    BraceClose,
+    #[token("[")]
+    BracketOpen,
+    #[token("]")]
+    BracketClose,
+    #[token("(")]
+    ParenthesisOpen,
+    #[token(")")]
+    ParenthesisClose,
+
+    /// A text without its second quotation mark: it ends with its line.
+    #[regex(r#""[^"\r\n]*"#)]
+    UnclosedText,
+    /// A comment without its end: all the rest of the file.
+    #[token("/*", skip_block_comment)]
+    UnclosedComment,
+    /// Characters that no token starts with.
+    Unknown,
+    /// The end of the file, an empty token.
+    EndOfFile,
+}
+
+/// Skips to the end of a block comment. One without an end becomes a token, so that the parser can say where it starts.
+fn skip_block_comment(lexer: &mut logos::Lexer<'_, TokenKind>) -> Filter<()> {
+    match lexer.remainder().find("*/") {
+        Some(end) => {
+            lexer.bump(end + "*/".len());
+            Filter::Skip
+        }
+        None => {
+            lexer.bump(lexer.remainder().len());
+            Filter::Emit(())
+        }
+    }
+}
+
+impl TokenKind {
+    /// Whether the word is reserved, so that nothing can have it as its name.
+    pub fn is_reserved(self) -> bool {
+        (self as u8) <= TokenKind::KeptForLater as u8
+    }
+}
+
+/// A token: its kind and its byte range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Token {
+    /// Kind.
+    pub kind: TokenKind,
+    /// First byte.
+    pub start: u32,
+    /// One past the last byte.
+    pub end: u32,
+}
+
+/// Gives the tokens of a text, then [`TokenKind::EndOfFile`] for ever.
+pub struct Lexer<'t> {
+    logos: logos::Lexer<'t, TokenKind>,
+    /// A token that was read to see where a run of unknown characters ends.
+    pending: Option<Token>,
+    end_of_file: Token,
+}
+
+impl<'t> Lexer<'t> {
+    /// A lexer at the start of the text, which is shorter than 4 GiB.
+    pub fn new(text: &'t str) -> Self {
+        // The end of the file is on its last line: behind the last character that is not the break of that line.
+        let last_line = text.strip_suffix('\n').unwrap_or(text);
+        let last_line = last_line.strip_suffix('\r').unwrap_or(last_line);
+        let end = last_line.len() as u32;
+        Lexer {
+            logos: TokenKind::lexer(text),
+            pending: None,
+            end_of_file: Token {
+                kind: TokenKind::EndOfFile,
+                start: end,
+                end,
+            },
+        }
+    }
+
+    /// A lexer behind a token that ends at byte `start`.
+    pub fn new_at(text: &'t str, start: u32) -> Self {
+        let mut lexer = Lexer::new(text);
+        lexer.logos.bump(start as usize);
+        lexer
+    }
+
+    /// The next token. Neighbouring unknown characters are one token.
+    pub fn next_token(&mut self) -> Token {
+        let Some(mut token) = self.pending.take().or_else(|| self.raw_token()) else {
+            return self.end_of_file;
+        };
+        if token.kind == TokenKind::Unknown {
+            while let Some(next) = self.raw_token() {
+                if next.kind == TokenKind::Unknown && next.start == token.end {
+                    token.end = next.end;
+                } else {
+                    self.pending = Some(next);
+                    break;
+                }
+            }
+        }
+        token
+    }
+
+    fn raw_token(&mut self) -> Option<Token> {
+        let kind = self.logos.next()?.unwrap_or(TokenKind::Unknown);
+        let range = self.logos.span();
+        Some(Token {
+            kind,
+            start: range.start as u32,
+            end: range.end as u32,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TokenKind as T;
+    use super::*;
+
+    fn tokens(text: &str) -> Vec<(TokenKind, &str)> {
+        let mut lexer = Lexer::new(text);
+        let mut tokens = Vec::new();
+        loop {
+            let token = lexer.next_token();
+            if token.kind == T::EndOfFile {
+                return tokens;
+            }
+            tokens.push((token.kind, &text[token.start as usize..token.end as usize]));
+        }
+    }
+
+    #[test]
+    fn texts_and_their_tokens() {
+        let cases: &[(&str, &[(TokenKind, &str)])] = &[
+            ("", &[]),
+            (" \t\r\n\x0C", &[]),
+            ("// a\nuse // b", &[(T::Use, "use")]),
+            (
+                "a/* * / ** */b/**/",
+                &[(T::Identifier, "a"), (T::Identifier, "b")],
+            ),
+            (
+                "a /* b",
+                &[(T::Identifier, "a"), (T::UnclosedComment, "/* b")],
+            ),
+            (
+                "in inout input",
+                &[(T::In, "in"), (T::InOut, "inout"), (T::Identifier, "input")],
+            ),
+            (
+                "link us Hz f32",
+                &[
+                    (T::KeptForLater, "link"),
+                    (T::Identifier, "us"),
+                    (T::Identifier, "Hz"),
+                    (T::Identifier, "f32"),
+                ],
+            ),
+            ("10ms", &[(T::Integer, "10"), (T::Identifier, "ms")]),
+            (
+                "1.5e-3 2e5 3e",
+                &[
+                    (T::Float, "1.5e-3"),
+                    (T::Float, "2e5"),
+                    (T::Integer, "3"),
+                    (T::Identifier, "e"),
+                ],
+            ),
+            (
+                "A.b",
+                &[(T::Identifier, "A"), (T::Dot, "."), (T::Identifier, "b")],
+            ),
+            (
+                "a->b - >",
+                &[
+                    (T::Identifier, "a"),
+                    (T::Arrow, "->"),
+                    (T::Identifier, "b"),
+                    (T::Minus, "-"),
+                    (T::Unknown, ">"),
+                ],
+            ),
+            (
+                "\"a.esm\" \"b",
+                &[(T::Text, "\"a.esm\""), (T::UnclosedText, "\"b")],
+            ),
+            ("\"b\nc", &[(T::UnclosedText, "\"b"), (T::Identifier, "c")]),
+            (
+                "Größe x",
+                &[(T::ForeignWord, "Größe"), (T::Identifier, "x")],
+            ),
+            (
+                "\0\0@ \0;",
+                &[
+                    (T::Unknown, "\0\0@"),
+                    (T::Unknown, "\0"),
+                    (T::Semicolon, ";"),
+                ],
+            ),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(&tokens(text), expected, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn the_file_ends_on_its_last_line() {
+        for (text, end) in [
+            ("", 0),
+            ("a", 1),
+            ("a\n", 1),
+            ("a\r\n", 1),
+            ("a\n\n", 2),
+            ("a\n  ", 4),
+        ] {
+            let mut lexer = Lexer::new(text);
+            while lexer.next_token().kind != T::EndOfFile {}
+            assert_eq!(lexer.next_token().start, end, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn reserved_words_are_told_from_names() {
+        for (text, reserved) in [
+            ("use", true),
+            ("false", true),
+            ("history", true),
+            ("period", false),
+            ("x", false),
+            ("1", false),
+        ] {
+            assert_eq!(
+                Lexer::new(text).next_token().kind.is_reserved(),
+                reserved,
+                "{text}"
+            );
+        }
+    }
+}

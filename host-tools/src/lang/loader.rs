@@ -1,0 +1,242 @@
+//! Which files belong to a set: the one that was asked for, and all that they `use`.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+use crate::model::{SourceFile, Span};
+
+use super::diagnostic::{Code, Diagnostic, Sink};
+use super::parser;
+use super::source::{LoadError, MAX_FILE_BYTES};
+use super::tree::{File, Use};
+
+/// Where files come from.
+pub(super) trait Store {
+    /// What tells one file from another, however it is named.
+    fn identity(&self, path: &str) -> String;
+    /// The whole file.
+    fn read(&self, path: &str) -> Result<Vec<u8>, LoadError>;
+}
+
+/// The file system.
+pub(super) struct Disk;
+
+impl Store for Disk {
+    fn identity(&self, path: &str) -> String {
+        fs::canonicalize(path)
+            .map(|path| path.to_string_lossy().into_owned())
+            .unwrap_or_else(|_| path.to_owned())
+    }
+
+    fn read(&self, path: &str) -> Result<Vec<u8>, LoadError> {
+        let path = PathBuf::from(path);
+        let failed = |cause| LoadError::Read {
+            path: path.clone(),
+            cause,
+        };
+        let metadata = fs::metadata(&path).map_err(failed)?;
+        if !metadata.is_file() {
+            return Err(LoadError::NotAFile { path });
+        }
+        if metadata.len() > MAX_FILE_BYTES {
+            return Err(LoadError::TooLong {
+                bytes: metadata.len(),
+                path,
+            });
+        }
+        fs::read(&path).map_err(failed)
+    }
+}
+
+/// Texts in memory, by path.
+pub(super) struct Memory<'t> {
+    texts: HashMap<String, &'t str>,
+}
+
+impl<'t> Memory<'t> {
+    pub(super) fn new(files: &[(&str, &'t str)]) -> Self {
+        Memory {
+            texts: files
+                .iter()
+                .map(|&(path, text)| (plain(Path::new(path)), text))
+                .collect(),
+        }
+    }
+}
+
+impl Store for Memory<'_> {
+    fn identity(&self, path: &str) -> String {
+        plain(Path::new(path))
+    }
+
+    fn read(&self, path: &str) -> Result<Vec<u8>, LoadError> {
+        match self.texts.get(&plain(Path::new(path))) {
+            Some(text) => Ok(text.as_bytes().to_vec()),
+            None => Err(LoadError::Read {
+                path: PathBuf::from(path),
+                cause: std::io::ErrorKind::NotFound.into(),
+            }),
+        }
+    }
+}
+
+/// A set of files with their trees.
+#[derive(Default)]
+pub(super) struct Set {
+    pub(super) files: Vec<SourceFile>,
+    pub(super) trees: Vec<File>,
+    /// Whether a `use` could not be read.
+    pub(super) is_incomplete: bool,
+}
+
+/// A file whose `use` are being followed.
+struct Open {
+    file: usize,
+    next_use: usize,
+}
+
+/// Reads a file and all that it uses, in the order of their first use, each once.
+///
+/// # Errors
+/// The first file cannot be read.
+pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Set, LoadError> {
+    let mut set = Set::default();
+    let bytes = store.read(path)?;
+    let mut indices = HashMap::from([(store.identity(path), 0)]);
+    set.add(path.to_owned(), &bytes, sink);
+    // Files that use each other in a row may be many: the way down is kept here, not on the stack.
+    let mut way = vec![Open {
+        file: 0,
+        next_use: 0,
+    }];
+    while let Some(open) = way.last_mut() {
+        let file = open.file;
+        let used = set
+            .trees
+            .get(file)
+            .and_then(|tree| tree.uses.get(open.next_use))
+            .copied();
+        open.next_use += 1;
+        let Some(used) = used else {
+            way.pop();
+            continue;
+        };
+        let Some(path) = set.path_of(file, used) else {
+            // Its path is broken, which is reported.
+            set.is_incomplete = true;
+            continue;
+        };
+        let identity = store.identity(&path);
+        match indices.get(&identity) {
+            Some(index) if way.iter().any(|open| open.file == *index) => {
+                sink.push(
+                    Diagnostic::new(Code::E013, used.span, format!("`{path}` uses itself")).hint(
+                        "remove this `use`: everything in a set of files sees everything else",
+                    ),
+                );
+            }
+            Some(_) => {}
+            None => match store.read(&path) {
+                Ok(bytes) => {
+                    let index = set.files.len();
+                    indices.insert(identity, index);
+                    set.add(path, &bytes, sink);
+                    way.push(Open {
+                        file: index,
+                        next_use: 0,
+                    });
+                }
+                Err(error) => {
+                    set.is_incomplete = true;
+                    sink.push(
+                        Diagnostic::new(Code::E013, used.span, error.to_string())
+                            .hint("a path in `use` is relative to the file in which it stands"),
+                    );
+                }
+            },
+        }
+    }
+    Ok(set)
+}
+
+impl Set {
+    /// Reads and parses one more file.
+    fn add(&mut self, path: String, bytes: &[u8], sink: &mut Sink) {
+        let index = self.files.len() as u32;
+        let text = decode(bytes, index, sink);
+        self.trees.push(parser::parse(&text, index, sink));
+        self.files.push(SourceFile { path, text });
+    }
+
+    /// The path that a `use` names, seen from where the first file is seen.
+    fn path_of(&self, file: usize, used: Use) -> Option<String> {
+        let file = self.files.get(file)?;
+        let span = used.path?;
+        let path = file.text.get(span.start as usize..span.end as usize)?;
+        let folder = Path::new(&file.path).parent().unwrap_or(Path::new(""));
+        Some(plain(&folder.join(path)))
+    }
+}
+
+/// The text of a file. What is no UTF-8 is reported at its first place and replaced.
+fn decode(bytes: &[u8], file: u32, sink: &mut Sink) -> String {
+    const BYTE_ORDER_MARK: &str = "\u{FEFF}";
+    let bytes = bytes
+        .strip_prefix(BYTE_ORDER_MARK.as_bytes())
+        .unwrap_or(bytes);
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(error) => {
+            let start = error.valid_up_to() as u32;
+            let span = Span {
+                file,
+                start,
+                end: start + char::REPLACEMENT_CHARACTER.len_utf8() as u32,
+            };
+            sink.push(
+                Diagnostic::new(Code::E001, span, "the file is not UTF-8 from here on")
+                    .hint("save it as UTF-8"),
+            );
+            String::from_utf8_lossy(bytes).into_owned()
+        }
+    }
+}
+
+/// A path without `.` and without `name/..`, with `/` between its parts.
+fn plain(path: &Path) -> String {
+    let mut parts: Vec<String> = Vec::new();
+    let mut root = String::new();
+    for component in path.components() {
+        match component {
+            Component::Prefix(prefix) => root = prefix.as_os_str().to_string_lossy().into_owned(),
+            Component::RootDir => root.push('/'),
+            Component::CurDir => {}
+            Component::ParentDir if parts.last().is_some_and(|part| part != "..") => {
+                parts.pop();
+            }
+            Component::ParentDir => parts.push("..".to_owned()),
+            Component::Normal(part) => parts.push(part.to_string_lossy().into_owned()),
+        }
+    }
+    root + &parts.join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_made_plain() {
+        for (path, expected) in [
+            ("a.esm", "a.esm"),
+            ("./a.esm", "a.esm"),
+            ("a/./b/../c.esm", "a/c.esm"),
+            ("../a.esm", "../a.esm"),
+            ("../../x/../a.esm", "../../a.esm"),
+            ("/x/../a.esm", "/a.esm"),
+        ] {
+            assert_eq!(plain(Path::new(path)), expected, "{path}");
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Diagnostics as people and programs read them.
+
+use annotate_snippets::renderer::DecorStyle;
+use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
+use serde::Serialize;
+
+use crate::model::{SourceFile, Span};
+
+use super::diagnostic::{Diagnostic, Severity};
+use super::source::Positions;
+
+/// The most of a line that is shown before and behind a place, in bytes.
+const MAX_CONTEXT_BYTES: usize = 120;
+
+/// A diagnostic as `--json` gives it; the order of the fields is the order in the line.
+#[derive(Serialize)]
+struct JsonLine<'d> {
+    code: &'static str,
+    severity: &'static str,
+    file: &'d str,
+    line: u32,
+    col: u32,
+    message: String,
+}
+
+/// One JSON object a line.
+pub(super) fn json_lines(files: &[SourceFile], diagnostics: &[Diagnostic]) -> String {
+    let positions = Positions::new(files);
+    diagnostics
+        .iter()
+        .map(|diagnostic| {
+            let position = positions.of(diagnostic.span);
+            let line = JsonLine {
+                code: diagnostic.code.as_str(),
+                severity: diagnostic.severity().as_str(),
+                file: positions.path(diagnostic.span),
+                line: position.line,
+                col: position.col,
+                message: diagnostic.text(),
+            };
+            // Numbers and texts always have a JSON form.
+            serde_json::to_string(&line).unwrap_or_default() + "\n"
+        })
+        .collect()
+}
+
+/// Messages with the source lines they are about, one below the other.
+pub(super) fn for_people(files: &[SourceFile], diagnostics: &[Diagnostic], colour: bool) -> String {
+    let renderer = if colour {
+        Renderer::styled()
+    } else {
+        Renderer::plain()
+    }
+    .decor_style(DecorStyle::Ascii);
+    let positions = Positions::new(files);
+    let mut text = String::new();
+    for diagnostic in diagnostics {
+        text += &renderer.render(&[group(files, &positions, diagnostic)]);
+        text += "\n\n";
+    }
+    text
+}
+
+fn group<'d>(
+    files: &'d [SourceFile],
+    positions: &Positions<'d>,
+    diagnostic: &'d Diagnostic,
+) -> Group<'d> {
+    let level = match diagnostic.severity() {
+        Severity::Error => Level::ERROR,
+        Severity::Warning => Level::WARNING,
+    };
+    let mut group = level
+        .primary_title(diagnostic.message.as_str())
+        .id(diagnostic.code.as_str())
+        .elements(snippet(
+            files,
+            positions,
+            AnnotationKind::Primary,
+            diagnostic.span,
+            None,
+        ));
+    for (span, what) in &diagnostic.related {
+        group = group.elements(snippet(
+            files,
+            positions,
+            AnnotationKind::Context,
+            *span,
+            Some(what),
+        ));
+    }
+    if let Some(hint) = &diagnostic.hint {
+        group = group.element(Level::HELP.message(hint.as_str()));
+    }
+    group
+}
+
+/// The first line of a span with the place marked. Of a long line only what is near is shown.
+fn snippet<'d>(
+    files: &'d [SourceFile],
+    positions: &Positions<'d>,
+    kind: AnnotationKind,
+    span: Span,
+    label: Option<&'d str>,
+) -> Option<Snippet<'d, Annotation<'d>>> {
+    let text = files.get(span.file as usize)?.text.as_str();
+    let start = (span.start as usize).min(text.len());
+    let line_start = text.get(..start)?.rfind('\n').map_or(0, |at| at + 1);
+    let line_end = text
+        .get(start..)?
+        .find('\n')
+        .map_or(text.len(), |length| start + length);
+    let shown_start = floor_boundary(
+        text,
+        line_start.max(start.saturating_sub(MAX_CONTEXT_BYTES)),
+    );
+    let shown_end = floor_boundary(text, line_end.min(start.saturating_add(MAX_CONTEXT_BYTES)));
+    let shown = text.get(shown_start..shown_end)?.trim_end_matches('\r');
+    let marked_start = (start - shown_start).min(shown.len());
+    let marked_end = (span.end as usize)
+        .saturating_sub(shown_start)
+        .clamp(marked_start, shown.len());
+    Some(
+        Snippet::source(shown)
+            .path(positions.path(span))
+            .line_start(positions.of(span).line as usize)
+            .annotation(kind.span(marked_start..marked_end).label(label)),
+    )
+}
+
+/// The nearest character boundary not above `at`.
+fn floor_boundary(text: &str, at: usize) -> usize {
+    (0..=at)
+        .rev()
+        .find(|&at| text.is_char_boundary(at))
+        .unwrap_or(0)
+}

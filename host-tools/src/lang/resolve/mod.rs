@@ -1,0 +1,337 @@
+//! From trees to a [`Model`]: names are looked up, rules are checked.
+//!
+//! All declarations of the set come first (slots, tasks, ports of containers), then the bodies that refer to them, then the rules
+//! that need the whole: recursion, data paths, time. What is unknown stays unknown through all of it, so that one mistake is
+//! reported once: nothing is said about a state whose task is unknown, or about a name that may stand in what could not be read.
+
+mod literals;
+mod nets;
+mod recursion;
+mod regions;
+mod scope;
+mod slots;
+mod tasks;
+mod timing;
+
+use std::collections::HashMap;
+
+use crate::model::{
+    Container, ContainerEvent, DataPort, Direction, Flag, Model, Path, Region, SourceFile, Span,
+};
+
+use super::diagnostic::{Code, Diagnostic, Sink};
+use super::tree::{self, EventListing, File};
+use scope::{Names, Scope};
+use slots::SlotTable;
+use tasks::TaskTable;
+
+/// Capacity of the event queue where no `queue` says another.
+const DEFAULT_QUEUE: u8 = 32;
+
+/// What the set of files came to.
+pub(super) struct Resolved {
+    /// The model, right where no error was reported.
+    pub(super) model: Model,
+    /// Whether every slot of the set is known, so that a schedule can be searched.
+    pub(super) slots_are_whole: bool,
+}
+
+/// A file of the set as the loader hands it over.
+pub(super) struct Trees<'f> {
+    /// The files.
+    pub(super) files: &'f [SourceFile],
+    /// The tree of each.
+    pub(super) trees: &'f [File],
+    /// Whether a `use` could not be read: then nothing is unknown for certain.
+    pub(super) is_incomplete: bool,
+}
+
+/// What else is known of a container than its model: name spaces, and what its states are.
+struct ContainerFacts<'f> {
+    events: Scope<'f>,
+    flags: Scope<'f>,
+    /// Direction of each flag of the model; `None` where it could not be read.
+    flag_directions: Vec<Option<Direction>>,
+    data: Scope<'f>,
+    /// Per region, per state.
+    states: Vec<Vec<StateFacts>>,
+}
+
+/// What is known of a state.
+#[derive(Clone, Copy, Debug)]
+struct StateFacts {
+    kind: Kind,
+    /// From the word on: where things that concern the whole state are reported.
+    span: Span,
+    /// The slot that the state itself names, by index.
+    own_slot: Option<usize>,
+    /// The slot it runs in, by index; not slot 0.
+    slot: Option<usize>,
+}
+
+/// What a state is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Simple,
+    /// Index of a task.
+    Task(usize),
+    /// Index of a container.
+    Super(usize),
+    /// What was meant could not be found out.
+    Unknown,
+}
+
+/// Resolves a set of files.
+pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
+    let mut names = Names::new(set.files, sink);
+    let mut model = Model {
+        files: set.files.to_vec(),
+        queue: DEFAULT_QUEUE,
+        ..Model::default()
+    };
+    let has_machine = set
+        .trees
+        .iter()
+        .flat_map(|tree| &tree.containers)
+        .any(|container| container.is_machine);
+
+    let slots = SlotTable::declare(set, has_machine, &mut model, &mut names);
+    let tasks = TaskTable::declare(set, &slots, &mut model, &mut names);
+    let mut machine_span = None;
+    let (scope, trees) = declare_containers(set, &mut model, &mut names, &mut machine_span);
+    declare_queue(set, &mut model, &mut names);
+    slots::declare_interpreter(set, machine_span, &slots, &mut model, &mut names);
+
+    let mut events = EventNames::default();
+    let mut facts: Vec<ContainerFacts<'_>> = trees
+        .iter()
+        .zip(&mut model.containers)
+        .map(|(tree, container)| declare_parts(tree, container, &mut events, &mut names))
+        .collect();
+    // Regions refer to flags of any container, so all of these are known by now.
+    let resolver = regions::Resolver {
+        containers: &scope,
+        facts: &facts,
+        tasks: &tasks,
+        slots: &slots,
+        model: &model,
+    };
+    let resolved: Vec<ResolvedRegions> = (0..trees.len())
+        .map(|index| resolver.regions(&trees, index, &mut names))
+        .collect();
+    for ((container, facts), (regions, states)) in
+        model.containers.iter_mut().zip(&mut facts).zip(resolved)
+    {
+        container.regions = regions;
+        facts.states = states;
+    }
+    model.events = events.order.iter().map(|&name| name.to_owned()).collect();
+
+    let order = recursion::children_first(&facts, &model, &mut names);
+    let paths = nets::check(&trees, &facts, &tasks, &model, order.as_deref(), &mut names);
+    for (container, paths) in model.containers.iter_mut().zip(paths) {
+        container.paths = paths;
+    }
+    timing::check(&facts, &slots, &model, order.as_deref(), &mut names);
+
+    Resolved {
+        slots_are_whole: slots.is_whole(),
+        model,
+    }
+}
+
+/// Event names of the set, each once.
+#[derive(Default)]
+struct EventNames<'f> {
+    order: Vec<&'f str>,
+    indices: HashMap<&'f str, usize>,
+}
+
+impl<'f> EventNames<'f> {
+    fn index(&mut self, name: &'f str) -> usize {
+        *self.indices.entry(name).or_insert_with(|| {
+            self.order.push(name);
+            self.order.len() - 1
+        })
+    }
+}
+
+/// Fills the name space of containers and the list of containers and machines.
+fn declare_containers<'f>(
+    set: &Trees<'f>,
+    model: &mut Model,
+    names: &mut Names<'f, '_>,
+    machine_span: &mut Option<Span>,
+) -> (Scope<'f>, Vec<&'f tree::Container>) {
+    let mut scope = Scope::default();
+    if set.is_incomplete {
+        scope.is_incomplete();
+    }
+    let mut trees = Vec::new();
+    for tree in set.trees.iter().flat_map(|file| &file.containers) {
+        let index = trees.len();
+        trees.push(tree);
+        if !tree.is_machine {
+            names.declare(&mut scope, tree.name, index, "container");
+        } else if let Some(first) = *machine_span {
+            names.report(
+                Diagnostic::new(Code::E013, tree.span, "a second machine")
+                    .hint("a set of files has one machine: make this one a `container`, or do not `use` its file")
+                    .related(first, "the first machine"),
+            );
+        } else {
+            *machine_span = Some(tree.span);
+            model.machine = Some(index);
+        }
+        let name_span = tree.name.map_or(tree.span, |name| name.0);
+        model.containers.push(Container {
+            name: names.text(name_span).to_owned(),
+            is_machine: tree.is_machine,
+            events: Vec::new(),
+            flags: Vec::new(),
+            data: Vec::new(),
+            regions: Vec::new(),
+            paths: Vec::new(),
+            span: name_span,
+        });
+    }
+    for name in set.trees.iter().flat_map(|file| &file.skipped) {
+        scope.may_have(names.text(name.0));
+    }
+    (scope, trees)
+}
+
+fn declare_queue(set: &Trees<'_>, model: &mut Model, names: &mut Names<'_, '_>) {
+    let mut first: Option<Span> = None;
+    for queue in set.trees.iter().flat_map(|file| &file.queues) {
+        if let Some(first) = first {
+            let diagnostic = Diagnostic::new(Code::E003, queue.span, "a second `queue`")
+                .hint("remove one of the two: there is one queue")
+                .related(first, "the first one");
+            names.report(diagnostic);
+            continue;
+        }
+        first = Some(queue.span);
+        if let Some(capacity) = queue.capacity {
+            model.queue = capacity;
+        }
+    }
+}
+
+/// Declares events, flags and data ports of a container.
+fn declare_parts<'f>(
+    tree: &'f tree::Container,
+    container: &mut Container,
+    events: &mut EventNames<'f>,
+    names: &mut Names<'f, '_>,
+) -> ContainerFacts<'f> {
+    let mut facts = ContainerFacts {
+        events: Scope::default(),
+        flags: Scope::default(),
+        flag_directions: Vec::new(),
+        data: Scope::default(),
+        states: Vec::new(),
+    };
+    declare_events(tree, container, &mut facts.events, events, names);
+    (container.flags, facts.flag_directions) = declare_flags(&tree.flags, &mut facts.flags, names);
+    container.data = declare_data(&tree.data, &mut facts.data, names);
+    for name in &tree.skipped {
+        let text = names.text(name.0);
+        facts.events.may_have(text);
+        facts.flags.may_have(text);
+        facts.data.may_have(text);
+    }
+    facts
+}
+
+fn declare_events<'f>(
+    tree: &'f tree::Container,
+    container: &mut Container,
+    scope: &mut Scope<'f>,
+    events: &mut EventNames<'f>,
+    names: &mut Names<'f, '_>,
+) {
+    for event in &tree.events {
+        let Some(name) = event.name else {
+            scope.is_incomplete();
+            continue;
+        };
+        let text = names.text(name.0);
+        let listed_in = event.listing == EventListing::In;
+        let listed_out = event.listing == EventListing::Out;
+        let Err(first) = scope.declare(text, name.0, container.events.len()) else {
+            container.events.push(ContainerEvent {
+                event: events.index(text),
+                forwarded_in: listed_in,
+                forwarded_out: listed_out,
+                span: name.0,
+            });
+            continue;
+        };
+        // The same event may be forwarded both ways; then it has both listings once.
+        let known = match scope.find(text) {
+            scope::Found::Index(index) => container.events.get_mut(index),
+            _ => None,
+        };
+        match known {
+            Some(known) if listed_in && known.forwarded_out && !known.forwarded_in => {
+                known.forwarded_in = true;
+            }
+            Some(known) if listed_out && known.forwarded_in && !known.forwarded_out => {
+                known.forwarded_out = true;
+            }
+            _ => names.defined_twice("event", text, name.0, first),
+        }
+    }
+}
+
+/// Declares flags; gives them with their directions, which are `None` where they could not be read.
+fn declare_flags<'f>(
+    trees: &[tree::Flag],
+    scope: &mut Scope<'f>,
+    names: &mut Names<'f, '_>,
+) -> (Vec<Flag>, Vec<Option<Direction>>) {
+    trees
+        .iter()
+        .enumerate()
+        .map(|(index, flag)| {
+            names.declare(scope, flag.name, index, "flag");
+            let name = flag.name.map_or("", |name| names.text(name.0));
+            let model = Flag {
+                name: name.to_owned(),
+                direction: flag.direction.unwrap_or(Direction::In),
+                span: flag.span,
+            };
+            (model, flag.direction)
+        })
+        .unzip()
+}
+
+/// Declares data ports. A type that could not be read is the empty name.
+fn declare_data<'f>(
+    trees: &[tree::DataPort],
+    scope: &mut Scope<'f>,
+    names: &mut Names<'f, '_>,
+) -> Vec<DataPort> {
+    trees
+        .iter()
+        .enumerate()
+        .map(|(index, port)| {
+            names.declare(scope, port.name, index, "data port");
+            let text = |name: Option<tree::Name>| name.map_or("", |name| names.text(name.0));
+            DataPort {
+                name: text(port.name).to_owned(),
+                direction: port.direction,
+                type_name: text(port.type_name).to_owned(),
+                optional: port.optional,
+                span: port.span,
+            }
+        })
+        .collect()
+}
+
+/// Regions and states of a container as they are resolved.
+type ResolvedRegions = (Vec<Region>, Vec<Vec<StateFacts>>);
+
+/// Data paths of each container.
+type ResolvedPaths = Vec<Vec<Path>>;

@@ -1,0 +1,687 @@
+//! Regions: states, transitions, guards, actions.
+
+use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::tree::{
+    self, Endpoint, Given, GuardKind, GuardTerm, Literal, Name, Number, SystemFlag,
+};
+use crate::model::{
+    Action, ContainerEvent, Direction, Guard, Model, Region, SlotRef, Source, Span, State,
+    StateKind, Target, Transition, Trigger, Value,
+};
+
+use super::scope::{Found, Names, Scope};
+use super::slots::SlotTable;
+use super::tasks::{self, TaskTable};
+use super::{ContainerFacts, Kind, ResolvedRegions, StateFacts};
+
+/// What regions refer to.
+pub(super) struct Resolver<'r, 'f> {
+    pub(super) containers: &'r Scope<'f>,
+    pub(super) facts: &'r [ContainerFacts<'f>],
+    pub(super) tasks: &'r TaskTable<'f>,
+    pub(super) slots: &'r SlotTable,
+    /// Tasks, and events of containers.
+    pub(super) model: &'r Model,
+}
+
+/// The container in which something stands.
+#[derive(Clone, Copy)]
+struct Around<'r, 'f> {
+    name: &'f str,
+    is_machine: bool,
+    facts: &'r ContainerFacts<'f>,
+    events: &'r [ContainerEvent],
+}
+
+/// A state at one end of a transition.
+#[derive(Clone, Copy)]
+enum End<'f> {
+    /// `initial` or `final`.
+    Pseudo(&'static str),
+    /// A state, by its name and kind.
+    State(&'f str, Kind),
+    /// One that is not known; nothing is said about it.
+    Unknown,
+}
+
+/// How a flag is used, and so which direction it must have.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// `.F` in a guard: `out`.
+    ReadOwn,
+    /// `.F` in an action: `in`.
+    WriteOwn,
+    /// `^F` in a guard: both.
+    ReadParent,
+    /// `^F` in an action: `out`.
+    WriteParent,
+}
+
+impl<'f> Resolver<'_, 'f> {
+    /// Resolves the regions of the container with an index.
+    pub(super) fn regions(
+        &self,
+        trees: &[&'f tree::Container],
+        index: usize,
+        names: &mut Names<'f, '_>,
+    ) -> ResolvedRegions {
+        let (Some(tree), Some(facts), Some(container)) = (
+            trees.get(index),
+            self.facts.get(index),
+            self.model.containers.get(index),
+        ) else {
+            return ResolvedRegions::default();
+        };
+        let around = Around {
+            name: tree.name.map_or("", |name| names.text(name.0)),
+            is_machine: tree.is_machine,
+            facts,
+            events: &container.events,
+        };
+        let mut scope = Scope::default();
+        tree.regions
+            .iter()
+            .enumerate()
+            .map(|(region_index, region)| {
+                names.declare(&mut scope, region.name, region_index, "region");
+                self.region(region, around, names)
+            })
+            .unzip()
+    }
+
+    fn region(
+        &self,
+        tree: &'f tree::Region,
+        around: Around<'_, 'f>,
+        names: &mut Names<'f, '_>,
+    ) -> (Region, Vec<StateFacts>) {
+        let mut scope = Scope::default();
+        let (states, facts): (Vec<State>, Vec<StateFacts>) = tree
+            .states
+            .iter()
+            .enumerate()
+            .map(|(index, state)| {
+                names.declare(&mut scope, state.name, index, "state");
+                self.state(state, names)
+            })
+            .unzip();
+        for name in &tree.skipped {
+            scope.may_have(names.text(name.0));
+        }
+        let mut region = Region {
+            name: tree.name.map_or("", |name| names.text(name.0)).to_owned(),
+            states,
+            transitions: Vec::with_capacity(tree.transitions.len()),
+            span: tree.name.map_or(tree.span, |name| name.0),
+        };
+        let mut has_initial = tree.may_have_initial;
+        for transition in &tree.transitions {
+            let context = Context {
+                resolver: self,
+                around,
+                region: &region,
+                states: &scope,
+                facts: &facts,
+            };
+            has_initial |= context.leaves_initial(transition, names);
+            if let Some(transition) = context.transition(transition, names) {
+                region.transitions.push(transition);
+            }
+        }
+        if let (Some(name), false) = (tree.name, has_initial) {
+            let first = region
+                .states
+                .first()
+                .map_or("A", |state| state.name.as_str());
+            names.report(
+                Diagnostic::new(
+                    Code::E004,
+                    name.0,
+                    format!("region `{}` has no initial transition", region.name),
+                )
+                .hint(format!("say where it starts: `initial -> {first};`")),
+            );
+        }
+        (region, facts)
+    }
+
+    // ─── States ───────────────────────────────────────────────────────────────────────────────────────────────────
+
+    fn state(&self, tree: &tree::State, names: &mut Names<'f, '_>) -> (State, StateFacts) {
+        let name = tree.name.map_or("", |name| names.text(name.0));
+        let mut facts = StateFacts {
+            kind: Kind::Unknown,
+            span: tree.span,
+            own_slot: None,
+            slot: None,
+        };
+        let kind = match &tree.kind {
+            tree::StateKind::Simple => {
+                facts.kind = Kind::Simple;
+                StateKind::Simple
+            }
+            tree::StateKind::Super { container } => {
+                let container = container.and_then(|reference| self.container(reference, names));
+                facts.kind = container.map_or(Kind::Unknown, Kind::Super);
+                StateKind::Super {
+                    container: container.unwrap_or(0),
+                }
+            }
+            tree::StateKind::Task {
+                task,
+                slot,
+                with,
+                with_broken,
+            } => {
+                let task = task.and_then(|reference| {
+                    names.resolve(&self.tasks.names, reference, "task", |task| {
+                        format!("declare it (`task {task} {{ … }}`) or `use` the file that does")
+                    })
+                });
+                facts.kind = task.map_or(Kind::Unknown, Kind::Task);
+                let slot = self.task_state_slot(*slot, task, name, &mut facts, names);
+                let params = task
+                    .map(|task| self.parameters(task, with, *with_broken, name, tree.span, names));
+                StateKind::Task {
+                    task: task.unwrap_or(0),
+                    slot: slot.unwrap_or(SlotRef::NonRealTime),
+                    params: params.unwrap_or_default(),
+                }
+            }
+        };
+        let state = State {
+            name: name.to_owned(),
+            kind,
+            timeout_us: tree.timeout_us.value(),
+            span: tree.name.map_or(tree.span, |name| name.0),
+        };
+        (state, facts)
+    }
+
+    fn container(&self, reference: Name, names: &mut Names<'f, '_>) -> Option<usize> {
+        names.resolve(self.containers, reference, "container", |container| {
+            format!("declare it (`container {container} {{ … }}`) or `use` the file that does")
+        })
+    }
+
+    /// The slot of a task state: its own, else its task's.
+    fn task_state_slot(
+        &self,
+        own: Given<Number>,
+        task: Option<usize>,
+        name: &str,
+        facts: &mut StateFacts,
+        names: &mut Names<'f, '_>,
+    ) -> Option<SlotRef> {
+        let slot = match own {
+            Given::Broken => None,
+            Given::Value(number) => {
+                let slot = self.slots.resolve(number, names);
+                if let Some(SlotRef::Slot(index)) = slot {
+                    facts.own_slot = Some(index);
+                }
+                slot
+            }
+            Given::Absent => {
+                let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
+                if task.1.slot == Given::Absent {
+                    let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
+                    names.report(
+                        Diagnostic::new(
+                            Code::E009,
+                            facts.span,
+                            format!("neither task state `{name}` nor its task `{task_name}` names a slot"),
+                        )
+                        .hint(format!(
+                            "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real time"
+                        ))
+                        .related(task.1.span, "the task"),
+                    );
+                }
+                task.1.slot.value()
+            }
+        };
+        if let Some(SlotRef::Slot(index)) = slot {
+            facts.slot = Some(index);
+        }
+        slot
+    }
+
+    /// One value for each parameter of the task.
+    fn parameters(
+        &self,
+        task: usize,
+        with: &[(Name, Option<Literal>)],
+        with_broken: bool,
+        state: &str,
+        span: Span,
+        names: &mut Names<'f, '_>,
+    ) -> Vec<Value> {
+        let (Some(model), Some(facts)) = (self.model.tasks.get(task), self.tasks.facts(task))
+        else {
+            return Vec::new();
+        };
+        let mut given: Vec<Option<Span>> = vec![None; model.params.len()];
+        let mut values: Vec<Option<Value>> =
+            model.params.iter().map(|param| param.default).collect();
+        let mut is_certain = !with_broken;
+        for &(name, literal) in with {
+            let known = names.resolve(&facts.params, name, "parameter", |_| {
+                let params = model.params.iter().map(|param| param.name.as_str());
+                format!("task `{}` has {}", model.name, list_of("parameter", params))
+            });
+            let Some(index) = known else {
+                // It may have been meant for one that now seems to have no value.
+                is_certain = false;
+                continue;
+            };
+            let (Some(param), Some(seen), Some(value)) = (
+                model.params.get(index),
+                given.get_mut(index),
+                values.get_mut(index),
+            ) else {
+                continue;
+            };
+            if let Some(first) = *seen {
+                names.defined_twice("parameter", &param.name, name.0, first);
+                continue;
+            }
+            *seen = Some(name.0);
+            let has_type = facts
+                .param_facts
+                .get(index)
+                .is_some_and(|facts| facts.param_type.is_some());
+            if let (Some(literal), true) = (literal, has_type) {
+                *value = tasks::read_value(literal, param, names);
+            }
+        }
+        let missing: Vec<&str> = model
+            .params
+            .iter()
+            .zip(&facts.param_facts)
+            .zip(&given)
+            .enumerate()
+            .filter(|(index, ((param, param_facts), given))| {
+                given.is_none()
+                    && !param_facts.has_default
+                    && facts.params.is_first(&param.name, *index)
+            })
+            .map(|(_, ((param, _), _))| param.name.as_str())
+            .collect();
+        if let (true, Some(first)) = (is_certain, missing.first()) {
+            names.report(
+                Diagnostic::new(
+                    Code::E009,
+                    span,
+                    format!(
+                        "task state `{state}` gives no value to {} of task `{}`",
+                        list_of("parameter", missing.iter().copied()),
+                        model.name
+                    ),
+                )
+                .hint(format!(
+                    "write `with {{ {first} = … }}`, or give it a default in the task"
+                ))
+                .related(facts.span, "the task"),
+            );
+        }
+        values
+            .into_iter()
+            .map(|value| value.unwrap_or(Value::Bool(false)))
+            .collect()
+    }
+}
+
+/// "no parameters", "parameter `a`", "parameters `a`, `b`"
+pub(super) fn list_of<'n>(what: &str, mut names: impl Iterator<Item = &'n str>) -> String {
+    /// More than this is not worth reading.
+    const MAX_SHOWN: usize = 8;
+    let shown: Vec<String> = names
+        .by_ref()
+        .take(MAX_SHOWN)
+        .map(|name| format!("`{name}`"))
+        .collect();
+    let more = if names.next().is_some() { ", …" } else { "" };
+    match shown.len() {
+        0 => format!("no {what}s"),
+        1 => format!("{what} {}", shown.concat()),
+        _ => format!("{what}s {}{more}", shown.join(", ")),
+    }
+}
+
+/// Where a transition stands.
+struct Context<'r, 'f> {
+    resolver: &'r Resolver<'r, 'f>,
+    around: Around<'r, 'f>,
+    region: &'r Region,
+    states: &'r Scope<'f>,
+    facts: &'r [StateFacts],
+}
+
+impl<'f> Context<'_, 'f> {
+    /// Whether a transition is one from `initial`, or was probably meant to be.
+    fn leaves_initial(&self, tree: &tree::Transition, names: &mut Names<'f, '_>) -> bool {
+        match tree.source {
+            Endpoint::Pseudo => true,
+            Endpoint::State(name) => {
+                let text = names.text(name.0);
+                self.states.find(text) == Found::Nothing
+                    && names.meant(text, &["initial"]).is_some()
+            }
+        }
+    }
+
+    fn transition(&self, tree: &tree::Transition, names: &mut Names<'f, '_>) -> Option<Transition> {
+        let (source, source_end) = match tree.source {
+            Endpoint::Pseudo => (Some(Source::Initial), End::Pseudo("initial")),
+            Endpoint::State(name) => {
+                let state = self.state(name, "initial", names);
+                (state.map(Source::State), self.end(state, name, names))
+            }
+        };
+        let (target, target_end) = match tree.target {
+            Some(Endpoint::Pseudo) => (Some(Target::Final), End::Pseudo("final")),
+            Some(Endpoint::State(name)) => {
+                let state = self.state(name, "final", names);
+                (state.map(Target::State), self.end(state, name, names))
+            }
+            None => (None, End::Unknown),
+        };
+        let trigger = self.trigger(tree, source_end, names);
+        let guard = match (&tree.guard, tree.trigger) {
+            (Given::Value(term), Given::Value(tree::Trigger::Star(_))) => {
+                names.report(
+                    Diagnostic::new(Code::E006, term.span, "`on *` takes no guard").hint(
+                        "it is taken when the state has finished: write `on pulse [exit and …]` to ask for more",
+                    ),
+                );
+                None
+            }
+            (Given::Value(term), _) => self.guard(term, source_end, names),
+            _ => None,
+        };
+        let actions = tree
+            .actions
+            .iter()
+            .filter_map(|&action| self.action(action, target_end, names))
+            .collect();
+        Some(Transition {
+            source: source?,
+            target: target?,
+            trigger: trigger?,
+            guard,
+            actions,
+            span: tree.span,
+        })
+    }
+
+    fn state(&self, name: Name, pseudo: &'static str, names: &mut Names<'f, '_>) -> Option<usize> {
+        let text = names.text(name.0);
+        match self.states.find(text) {
+            Found::Index(index) => Some(index),
+            Found::Perhaps => None,
+            Found::Nothing => {
+                let hint = names
+                    .meant(text, self.states.names())
+                    .or_else(|| names.meant(text, &[pseudo]))
+                    .map_or_else(
+                        || {
+                            format!(
+                                "declare it in region `{}`: `state {text};`",
+                                self.region.name
+                            )
+                        },
+                        |meant| format!("did you mean `{meant}`?"),
+                    );
+                names.unknown(name, "state", hint);
+                None
+            }
+        }
+    }
+
+    fn end(&self, state: Option<usize>, name: Name, names: &Names<'f, '_>) -> End<'f> {
+        state
+            .and_then(|state| self.facts.get(state))
+            .map_or(End::Unknown, |facts| match facts.kind {
+                Kind::Unknown => End::Unknown,
+                kind => End::State(names.text(name.0), kind),
+            })
+    }
+
+    fn trigger(
+        &self,
+        tree: &tree::Transition,
+        source: End<'f>,
+        names: &mut Names<'f, '_>,
+    ) -> Option<Trigger> {
+        match tree.trigger {
+            Given::Absent | Given::Value(tree::Trigger::Pulse) => Some(Trigger::Pulse),
+            Given::Broken => None,
+            Given::Value(tree::Trigger::Event(name)) => self.event(name, names).map(Trigger::Event),
+            Given::Value(tree::Trigger::Star(span)) => {
+                let what = match source {
+                    End::Pseudo(word) => format!("the pseudo-state `{word}`"),
+                    End::State(name, Kind::Simple) => format!("the simple state `{name}`"),
+                    End::State(..) | End::Unknown => return Some(Trigger::Star),
+                };
+                names.report(
+                    Diagnostic::new(
+                        Code::E006,
+                        span,
+                        format!("`on *` from {what}, which never finishes"),
+                    )
+                    .hint("only task states and superstates finish: leave `on *` out to be taken on the pulse"),
+                );
+                None
+            }
+        }
+    }
+
+    /// An event that the container sees, as index into the events of the model.
+    fn event(&self, name: Name, names: &mut Names<'f, '_>) -> Option<usize> {
+        let container = self.around.name;
+        let is_machine = self.around.is_machine;
+        let index = names.resolve(&self.around.facts.events, name, "event", |event| {
+            let forward = if is_machine {
+                ""
+            } else {
+                ", or `in event` to receive it from outside"
+            };
+            format!("declare it in `{container}`: `event {event};`{forward}")
+        })?;
+        self.around.events.get(index).map(|event| event.event)
+    }
+
+    // ─── Guards ───────────────────────────────────────────────────────────────────────────────────────────────────
+
+    /// Resolves a guard. The depth of the recursion is that of the tree, which the parser bounds.
+    fn guard(&self, term: &GuardTerm, source: End<'f>, names: &mut Names<'f, '_>) -> Option<Guard> {
+        let mut all = |terms: &[GuardTerm]| {
+            // All terms are resolved, so that all that is wrong is reported.
+            let terms: Vec<Option<Guard>> = terms
+                .iter()
+                .map(|term| self.guard(term, source, names))
+                .collect();
+            terms.into_iter().collect::<Option<Vec<Guard>>>()
+        };
+        match &term.kind {
+            GuardKind::And(terms) => all(terms).map(Guard::And),
+            GuardKind::Or(terms) => all(terms).map(Guard::Or),
+            GuardKind::Not(inner) => self
+                .guard(inner, source, names)
+                .map(|inner| Guard::Not(Box::new(inner))),
+            GuardKind::System(flag) => self.system_flag(*flag, term.span, source, names),
+            GuardKind::Own(name) => self
+                .own_flag(*name, source, Use::ReadOwn, names)
+                .map(Guard::Own),
+            GuardKind::Parent(name) => self
+                .parent_flag(*name, Use::ReadParent, names)
+                .map(Guard::Parent),
+        }
+    }
+
+    fn system_flag(
+        &self,
+        flag: SystemFlag,
+        span: Span,
+        source: End<'f>,
+        names: &mut Names<'f, '_>,
+    ) -> Option<Guard> {
+        let (word, guard) = match flag {
+            SystemFlag::Exit => ("exit", Guard::Exit),
+            SystemFlag::Timeout => ("timeout", Guard::Timeout),
+            SystemFlag::Busy => ("busy", Guard::Busy),
+        };
+        let (message, hint) = match source {
+            End::Pseudo(pseudo) => (
+                format!("the pseudo-state `{pseudo}` has no `{word}`"),
+                "a guard from `initial` can use `^` flags only",
+            ),
+            End::State(name, Kind::Simple) if flag != SystemFlag::Timeout => (
+                format!("the simple state `{name}` has no `{word}`"),
+                "only task states and superstates have it; a simple state has `timeout`",
+            ),
+            End::State(..) | End::Unknown => return Some(guard),
+        };
+        names.report(Diagnostic::new(Code::E006, span, message).hint(hint));
+        None
+    }
+
+    // ─── Flags ────────────────────────────────────────────────────────────────────────────────────────────────────
+
+    /// A flag of a task state or superstate, as index into the flags of its task or container.
+    fn own_flag(
+        &self,
+        name: Name,
+        end: End<'f>,
+        usage: Use,
+        names: &mut Names<'f, '_>,
+    ) -> Option<usize> {
+        let flag = names.text(name.0);
+        let (state, kind) = match end {
+            End::Unknown => return None,
+            End::Pseudo(pseudo) => {
+                let hint = if pseudo == "initial" {
+                    "a guard from `initial` can use `^` flags only"
+                } else {
+                    "`final` has no flags: set one of the container with `^`"
+                };
+                let message = format!("the pseudo-state `{pseudo}` has no flag `{flag}`");
+                names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
+                return None;
+            }
+            End::State(state, kind) => (state, kind),
+        };
+        let (owner, scope, directions) = match kind {
+            Kind::Unknown => return None,
+            Kind::Simple => {
+                let message = format!("the simple state `{state}` has no flag `{flag}`");
+                let hint = "only task states and superstates have flags";
+                names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
+                return None;
+            }
+            Kind::Task(task) => {
+                let facts = self.resolver.tasks.facts(task)?;
+                let owner = self.resolver.model.tasks.get(task)?.name.as_str();
+                (
+                    format!("task `{owner}`"),
+                    &facts.flags,
+                    &facts.flag_directions,
+                )
+            }
+            Kind::Super(container) => {
+                let facts = self.resolver.facts.get(container)?;
+                (
+                    format!("the container of `{state}`"),
+                    &facts.flags,
+                    &facts.flag_directions,
+                )
+            }
+        };
+        let word = if usage == Use::ReadOwn { "out" } else { "in" };
+        let index = names.resolve(scope, name, "flag", |flag| {
+            format!("declare it in {owner}: `{word} flag {flag};`")
+        })?;
+        check_direction(directions, index, usage, name, names);
+        Some(index)
+    }
+
+    /// A flag of the container around.
+    fn parent_flag(&self, name: Name, usage: Use, names: &mut Names<'f, '_>) -> Option<usize> {
+        if self.around.is_machine {
+            names.report(
+                Diagnostic::new(
+                    Code::E005,
+                    name.0,
+                    format!("`^{}`: nothing is around a machine", names.text(name.0)),
+                )
+                .hint("use an event between regions, or `.` for a flag of the state itself"),
+            );
+            return None;
+        }
+        let container = self.around.name;
+        let index = names.resolve(&self.around.facts.flags, name, "flag", |flag| {
+            format!("declare it in container `{container}`: `out flag {flag};`")
+        })?;
+        check_direction(
+            &self.around.facts.flag_directions,
+            index,
+            usage,
+            name,
+            names,
+        );
+        Some(index)
+    }
+
+    fn action(
+        &self,
+        action: tree::Action,
+        target: End<'f>,
+        names: &mut Names<'f, '_>,
+    ) -> Option<Action> {
+        match action {
+            tree::Action::Send(name) => self.event(name, names).map(Action::Send),
+            tree::Action::Own(name, value) => self
+                .own_flag(name, target, Use::WriteOwn, names)
+                .map(|flag| Action::Own(flag, value)),
+            tree::Action::Parent(name, value) => self
+                .parent_flag(name, Use::WriteParent, names)
+                .map(|flag| Action::Parent(flag, value)),
+        }
+    }
+}
+
+/// Reports a flag that is used against its direction.
+fn check_direction(
+    directions: &[Option<Direction>],
+    index: usize,
+    usage: Use,
+    name: Name,
+    names: &mut Names<'_, '_>,
+) {
+    let Some(Some(direction)) = directions.get(index) else {
+        return;
+    };
+    let (wrong, message, hint) = match usage {
+        Use::ReadParent => return,
+        Use::ReadOwn => (
+            Direction::In,
+            "is an `in` flag: a transition cannot read it from its state",
+            "`in` flags are set on the way into a state; declare it `out` to read it on the way out",
+        ),
+        Use::WriteOwn => (
+            Direction::Out,
+            "is an `out` flag: a transition cannot write it from outside",
+            "`out` flags are set by the task or container itself; declare it `in` to set it on the way in",
+        ),
+        Use::WriteParent => (
+            Direction::In,
+            "is an `in` flag: it cannot be written inside its container",
+            "`in` flags are set from outside; declare it `out` to set it here",
+        ),
+    };
+    if *direction == wrong {
+        let message = format!("`{}` {message}", names.text(name.0));
+        names.report(Diagnostic::new(Code::E005, name.0, message).hint(hint));
+    }
+}

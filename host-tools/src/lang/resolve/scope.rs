@@ -1,0 +1,178 @@
+//! Name spaces: what a name stands for, and what it may have been meant to be.
+
+use std::collections::HashMap;
+
+use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::tree::Name;
+use crate::model::{SourceFile, Span};
+use crate::nearest::nearest;
+
+/// One name space: each name stands for an index, the first that was declared.
+#[derive(Debug, Default)]
+pub(super) struct Scope<'f> {
+    /// Index and place of each declared name; `None` for names in what was skipped.
+    names: HashMap<&'f str, Option<(usize, Span)>>,
+    /// Declared names in order, to propose.
+    in_order: Vec<&'f str>,
+    /// Something in it could not be read, so nothing is unknown for certain.
+    is_incomplete: bool,
+}
+
+/// What a look-up came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Found {
+    /// The index that was declared.
+    Index(usize),
+    /// It may exist: what declares it could not be read.
+    Perhaps,
+    /// It does not exist.
+    Nothing,
+}
+
+impl<'f> Scope<'f> {
+    /// Adds a name. One that is there already keeps its meaning, and its first place is given back.
+    pub(super) fn declare(&mut self, name: &'f str, span: Span, index: usize) -> Result<(), Span> {
+        match self.names.get(name) {
+            Some(Some((_, first))) => Err(*first),
+            _ => {
+                self.names.insert(name, Some((index, span)));
+                self.in_order.push(name);
+                Ok(())
+            }
+        }
+    }
+
+    /// Adds a name of something that was skipped.
+    pub(super) fn may_have(&mut self, name: &'f str) {
+        self.names.entry(name).or_insert(None);
+    }
+
+    /// Marks that something in this scope has a name that could not be read.
+    pub(super) fn is_incomplete(&mut self) {
+        self.is_incomplete = true;
+    }
+
+    pub(super) fn find(&self, name: &str) -> Found {
+        match self.names.get(name) {
+            Some(Some((index, _))) => Found::Index(*index),
+            Some(None) => Found::Perhaps,
+            None if self.is_incomplete => Found::Perhaps,
+            None => Found::Nothing,
+        }
+    }
+
+    /// Whether `name` is declared here and stands for `index`, not for an earlier one.
+    pub(super) fn is_first(&self, name: &str, index: usize) -> bool {
+        self.find(name) == Found::Index(index)
+    }
+
+    /// The declared names, in order.
+    pub(super) fn names(&self) -> &[&'f str] {
+        &self.in_order
+    }
+}
+
+/// How many names may be compared in all to find what was meant: enough for every text that a person wrote, and a bound for those
+/// that nobody did.
+const MAX_COMPARISONS: usize = 5_000_000;
+
+/// Texts of names, and reports on them.
+#[derive(Debug)]
+pub(super) struct Names<'f, 's> {
+    files: &'f [SourceFile],
+    sink: &'s mut Sink,
+    comparisons: usize,
+}
+
+impl<'f, 's> Names<'f, 's> {
+    pub(super) fn new(files: &'f [SourceFile], sink: &'s mut Sink) -> Self {
+        Names {
+            files,
+            sink,
+            comparisons: 0,
+        }
+    }
+
+    /// The text that a span covers.
+    pub(super) fn text(&self, span: Span) -> &'f str {
+        self.files
+            .get(span.file as usize)
+            .and_then(|file| file.text.get(span.start as usize..span.end as usize))
+            .unwrap_or("")
+    }
+
+    pub(super) fn report(&mut self, diagnostic: Diagnostic) {
+        self.sink.push(diagnostic);
+    }
+
+    /// Declares a name that was read, and reports one that is there already. `what` is the kind of thing, as in "state".
+    pub(super) fn declare(
+        &mut self,
+        scope: &mut Scope<'f>,
+        name: Option<Name>,
+        index: usize,
+        what: &str,
+    ) {
+        let Some(Name(span)) = name else {
+            return scope.is_incomplete();
+        };
+        let text = self.text(span);
+        if let Err(first) = scope.declare(text, span, index) {
+            self.defined_twice(what, text, span, first);
+        }
+    }
+
+    /// Reports a second definition.
+    pub(super) fn defined_twice(&mut self, what: &str, name: &str, second: Span, first: Span) {
+        self.report(
+            Diagnostic::new(
+                Code::E003,
+                second,
+                format!("{what} `{name}` is defined twice"),
+            )
+            .hint("give the second one another name or remove it")
+            .related(first, "first defined here"),
+        );
+    }
+
+    /// The index of a name that must be in a scope. An unknown one is reported with the nearest name of the scope, or, where none is
+    /// near, with `otherwise`.
+    pub(super) fn resolve(
+        &mut self,
+        scope: &Scope<'f>,
+        name: Name,
+        what: &str,
+        otherwise: impl FnOnce(&str) -> String,
+    ) -> Option<usize> {
+        let text = self.text(name.0);
+        match scope.find(text) {
+            Found::Index(index) => Some(index),
+            Found::Perhaps => None,
+            Found::Nothing => {
+                let hint = self.meant(text, scope.names()).map_or_else(
+                    || otherwise(text),
+                    |meant| format!("did you mean `{meant}`?"),
+                );
+                self.unknown(name, what, hint);
+                None
+            }
+        }
+    }
+
+    /// Reports an unknown name.
+    pub(super) fn unknown(&mut self, name: Name, what: &str, hint: String) {
+        let text = self.text(name.0);
+        self.report(
+            Diagnostic::new(Code::E002, name.0, format!("unknown {what} `{text}`")).hint(hint),
+        );
+    }
+
+    /// The name that was probably meant.
+    pub(super) fn meant<'n>(&mut self, text: &str, names: &[&'n str]) -> Option<&'n str> {
+        self.comparisons = self.comparisons.saturating_add(names.len());
+        if self.comparisons > MAX_COMPARISONS {
+            return None;
+        }
+        nearest(text, names.iter().copied())
+    }
+}

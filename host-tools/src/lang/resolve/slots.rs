@@ -1,0 +1,210 @@
+//! Slots, and the one that runs the interpreter.
+
+use std::collections::HashMap;
+
+use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::tree::{Name, Number, Rate};
+use crate::model::{Model, Slot, SlotRef, Span};
+
+use super::Trees;
+use super::scope::Names;
+
+const US_PER_SECOND: u32 = 1_000_000;
+
+/// All slots of the set, by number.
+pub(super) struct SlotTable {
+    indices: HashMap<u32, (usize, Span)>,
+    /// Per slot of the model, whether its period and duration are known.
+    is_known: Vec<bool>,
+    /// Whether some slot may exist whose number is not known.
+    is_incomplete: bool,
+    /// Whether a number that no slot has is an error.
+    must_be_declared: bool,
+}
+
+impl SlotTable {
+    /// Declares the slots of all files.
+    pub(super) fn declare(
+        set: &Trees<'_>,
+        has_machine: bool,
+        model: &mut Model,
+        names: &mut Names<'_, '_>,
+    ) -> Self {
+        let mut table = SlotTable {
+            indices: HashMap::new(),
+            is_known: Vec::new(),
+            is_incomplete: set.is_incomplete,
+            must_be_declared: has_machine,
+        };
+        for slot in set.trees.iter().flat_map(|file| &file.slots) {
+            let period_us = match slot.rate {
+                Some(Rate::PeriodUs(period_us)) => Some(period_us),
+                Some(Rate::Hertz(hertz)) => period_of_rate(hertz, slot.span, names),
+                None => None,
+            };
+            let Some(number) = slot.number else {
+                table.is_incomplete = true;
+                continue;
+            };
+            if let Some(&(_, first)) = table.indices.get(&number.value) {
+                names.defined_twice("slot", &number.value.to_string(), number.span, first);
+                continue;
+            }
+            if let (Some(period_us), Some(duration_us)) = (period_us, slot.duration_us)
+                && duration_us > period_us
+            {
+                names.report(
+                    Diagnostic::new(
+                        Code::E010,
+                        slot.span,
+                        format!(
+                            "slot {} lasts {duration_us} us, longer than its period of {period_us} us",
+                            number.value
+                        ),
+                    )
+                    .hint("shorten the duration or lengthen the period"),
+                );
+            }
+            table
+                .indices
+                .insert(number.value, (model.slots.len(), number.span));
+            table
+                .is_known
+                .push(period_us.is_some() && slot.duration_us.is_some());
+            model.slots.push(Slot {
+                number: number.value,
+                period_us: period_us.unwrap_or(1),
+                duration_us: slot.duration_us.unwrap_or(0),
+                span: slot.span,
+            });
+        }
+        table
+    }
+
+    /// The slot that a task or task state names; an unknown one is reported, but not in a set without a machine.
+    pub(super) fn resolve(&self, number: Number, names: &mut Names<'_, '_>) -> Option<SlotRef> {
+        if number.value == 0 {
+            return Some(SlotRef::NonRealTime);
+        }
+        self.index(number, names).map(SlotRef::Slot)
+    }
+
+    fn index(&self, number: Number, names: &mut Names<'_, '_>) -> Option<usize> {
+        if let Some(&(index, _)) = self.indices.get(&number.value) {
+            return Some(index);
+        }
+        if self.must_be_declared && !self.is_incomplete {
+            names.unknown(
+                Name(number.span),
+                "slot",
+                format!(
+                    "declare it: `slot {} period 10 ms duration 1 ms;`",
+                    number.value
+                ),
+            );
+        }
+        None
+    }
+
+    /// Period and duration of a slot of the model, both in microseconds, where both are known.
+    pub(super) fn times_us(&self, model: &Model, index: usize) -> Option<(u32, u32)> {
+        let slot = model.slots.get(index)?;
+        self.is_known
+            .get(index)
+            .is_some_and(|&known| known)
+            .then_some((slot.period_us, slot.duration_us))
+    }
+
+    /// Whether all slots of the set are known with their times.
+    pub(super) fn is_whole(&self) -> bool {
+        !self.is_incomplete && self.is_known.iter().all(|&known| known)
+    }
+}
+
+/// The period of a rate in microseconds. A rate that has none is reported.
+fn period_of_rate(hertz: u32, span: Span, names: &mut Names<'_, '_>) -> Option<u32> {
+    if US_PER_SECOND.is_multiple_of(hertz) {
+        return Some(US_PER_SECOND / hertz);
+    }
+    let nearest = nearest_rates(hertz)
+        .map(|rate| format!("{rate} Hz"))
+        .collect::<Vec<_>>()
+        .join(" or ");
+    names.report(
+        Diagnostic::new(
+            Code::E010,
+            span,
+            format!("a rate of {hertz} Hz has no period of whole microseconds"),
+        )
+        .hint(format!(
+            "the nearest that have one are {nearest}; or give a `period`"
+        )),
+    );
+    None
+}
+
+/// The rates below and above that have a period of whole microseconds.
+fn nearest_rates(hertz: u32) -> impl Iterator<Item = u32> {
+    let below = (1..hertz.min(US_PER_SECOND + 1))
+        .rev()
+        .find(|rate| US_PER_SECOND.is_multiple_of(*rate));
+    let above = (hertz..=US_PER_SECOND).find(|rate| US_PER_SECOND.is_multiple_of(*rate));
+    below.into_iter().chain(above)
+}
+
+/// Finds the slot that runs the interpreter. A machine needs one.
+pub(super) fn declare_interpreter(
+    set: &Trees<'_>,
+    machine: Option<Span>,
+    slots: &SlotTable,
+    model: &mut Model,
+    names: &mut Names<'_, '_>,
+) {
+    let mut first: Option<Span> = None;
+    for interpreter in set.trees.iter().flat_map(|file| &file.interpreters) {
+        if let Some(first) = first {
+            let diagnostic =
+                Diagnostic::new(Code::E003, interpreter.span, "a second `interpreter`")
+                    .hint("remove one of the two: one slot runs the interpreter")
+                    .related(first, "the first one");
+            names.report(diagnostic);
+            continue;
+        }
+        first = Some(interpreter.span);
+        model.interpreter_slot = interpreter
+            .slot
+            .and_then(|number| slots.index(number, names));
+    }
+    if let (Some(machine), None, false) = (machine, first, set.is_incomplete) {
+        names.report(
+            Diagnostic::new(
+                Code::E013,
+                machine,
+                "no slot is said to run the interpreter of this machine",
+            )
+            .hint("name one: `interpreter slot 1;`"),
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_that_have_a_period() {
+        for (hertz, expected) in [
+            (300, vec![250, 320]),
+            (3, vec![2, 4]),
+            (700_000, vec![500_000, 1_000_000]),
+            (2_000_000, vec![1_000_000]),
+            (u32::MAX, vec![1_000_000]),
+        ] {
+            assert_eq!(
+                nearest_rates(hertz).collect::<Vec<_>>(),
+                expected,
+                "{hertz} Hz"
+            );
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! The search for start times.
+//!
+//! First a quick constructive one: slots are placed one after another, each at its first start that clashes with none placed before,
+//! jumping from clash to clash. A slot that finds no place is moved to the front, and all begins anew (squeaky wheel). Then, for as
+//! long as the limit allows, an exhaustive search that also proves that there is no schedule.
+//!
+//! The exhaustive search rests on pushing left: in any schedule, all slots that do not rest against the first one, directly or through
+//! others, can be moved earlier together until one does. So if there is a schedule, there is one in which each slot but the first
+//! begins exactly where another one ends (modulo the greatest common divisor of their periods), and a search that adds one slot at a
+//! time at such a place, whichever slot it is, misses none.
+
+use std::cmp::Reverse;
+use std::time::{Duration, Instant};
+
+use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd};
+
+/// How often the constructive search begins anew.
+const MAX_RESTARTS: usize = 400;
+
+/// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
+/// the depth of the recursion.
+const MAX_EXHAUSTIVE: usize = 24;
+
+/// As many places are looked at in one step of the exhaustive search; more are beyond exhausting.
+const MAX_PLACES: usize = 100_000;
+
+/// Looks at the time now and then.
+#[derive(Debug)]
+pub(super) struct Clock {
+    end: Option<Instant>,
+    ticks: u32,
+    is_over: bool,
+}
+
+impl Clock {
+    /// A clock that runs out after `limit`, and never, where that is beyond what can be told.
+    pub(super) fn new(limit: Duration) -> Self {
+        Clock {
+            end: Instant::now().checked_add(limit),
+            ticks: 0,
+            is_over: false,
+        }
+    }
+
+    /// Counts a small piece of work. Gives whether the time has run out.
+    fn tick(&mut self) -> bool {
+        const TICKS_PER_LOOK: u32 = 4_096;
+        self.ticks += 1;
+        if self.ticks == TICKS_PER_LOOK {
+            self.ticks = 0;
+            self.is_over |= self.end.is_some_and(|end| Instant::now() >= end);
+        }
+        self.is_over
+    }
+}
+
+/// A slot with its start.
+#[derive(Clone, Copy, Debug)]
+struct Placed {
+    index: usize,
+    period_us: u64,
+    duration_us: u64,
+    start_us: u64,
+}
+
+impl Placed {
+    fn new(index: usize, slot: &SlotSpec, start_us: u64) -> Self {
+        Placed {
+            index,
+            period_us: slot.period_us.into(),
+            duration_us: slot.duration_us.into(),
+            start_us,
+        }
+    }
+}
+
+/// Whether a start fits beside a slot that is placed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Fit {
+    /// It does.
+    Free,
+    /// It does not; the first later one that does is this, in microseconds.
+    Later(u64),
+    /// No start does.
+    Never,
+}
+
+/// Searches until there is an answer or the clock has run out. The slots fit alone, and together do not ask for too much.
+pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
+    let mut fixed: Vec<Placed> = Vec::new();
+    let mut free: Vec<(usize, &SlotSpec)> = Vec::new();
+    for (index, slot) in slots.iter().enumerate() {
+        match slot.fixed_start_us {
+            Some(start_us) => fixed.push(Placed::new(index, slot, start_us.into())),
+            None => free.push((index, slot)),
+        }
+    }
+    if let Some(reason) = given_starts_clash(slots, &fixed) {
+        return Outcome::Infeasible(reason);
+    }
+    free.sort_by_key(|(_, slot)| (slot.period_us, Reverse(slot.duration_us)));
+    if let Some(layout) = construct(&fixed, free.clone(), clock) {
+        return Outcome::Feasible(schedule_of(slots, &layout));
+    }
+    if free.len() > MAX_EXHAUSTIVE {
+        return Outcome::Undecided;
+    }
+    exhaust(slots, fixed, free, clock)
+}
+
+/// Slots whose starts are given must fit each other and start within their periods.
+fn given_starts_clash(slots: &[SlotSpec], fixed: &[Placed]) -> Option<Infeasibility> {
+    let number = |placed: &Placed| slots.get(placed.index).map_or(0, |slot| slot.number);
+    fixed.iter().enumerate().find_map(|(position, b)| {
+        let is_late = b.start_us >= b.period_us;
+        let clashes = |a: &&Placed| fit(a, b.start_us, b.period_us, b.duration_us) != Fit::Free;
+        let other = if is_late {
+            Some(b)
+        } else {
+            fixed.iter().take(position).find(clashes)
+        };
+        other.map(|a| Infeasibility::FixedStarts {
+            first: number(a),
+            second: number(b),
+        })
+    })
+}
+
+/// Whether a slot fits at a start beside one that is placed.
+fn fit(other: &Placed, start_us: u64, period_us: u64, duration_us: u64) -> Fit {
+    let divisor = gcd(other.period_us, period_us);
+    if other.duration_us + duration_us > divisor {
+        return Fit::Never;
+    }
+    // How long before the start the other one began, modulo the divisor.
+    let since = (start_us + divisor - other.start_us % divisor) % divisor;
+    if since < other.duration_us {
+        Fit::Later(start_us + other.duration_us - since)
+    } else if since + duration_us > divisor {
+        Fit::Later(start_us + divisor - since + other.duration_us)
+    } else {
+        Fit::Free
+    }
+}
+
+/// The first start below the period that clashes with nothing placed. `None` also where the time has run out.
+fn first_fit(layout: &[Placed], slot: &SlotSpec, clock: &mut Clock) -> Option<u64> {
+    let period_us = u64::from(slot.period_us);
+    let duration_us = u64::from(slot.duration_us);
+    let mut start_us = 0;
+    // As many others in a row fit this start.
+    let mut fitting = 0;
+    let mut others = layout.iter().cycle();
+    while fitting < layout.len() {
+        if clock.tick() {
+            return None;
+        }
+        match fit(others.next()?, start_us, period_us, duration_us) {
+            Fit::Free => fitting += 1,
+            Fit::Later(later_us) if later_us < period_us => {
+                start_us = later_us;
+                fitting = 1;
+            }
+            Fit::Later(_) | Fit::Never => return None,
+        }
+    }
+    Some(start_us)
+}
+
+// ─── Construction ─────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// Places slots one after another; what finds no place is moved forward in the next attempt.
+fn construct(
+    fixed: &[Placed],
+    mut order: Vec<(usize, &SlotSpec)>,
+    clock: &mut Clock,
+) -> Option<Vec<Placed>> {
+    for _ in 0..MAX_RESTARTS {
+        let mut layout = fixed.to_vec();
+        let stuck = order.iter().position(|&(index, slot)| {
+            let start_us = first_fit(&layout, slot, clock);
+            layout.extend(start_us.map(|start_us| Placed::new(index, slot, start_us)));
+            start_us.is_none()
+        });
+        let Some(stuck) = stuck else {
+            return Some(layout);
+        };
+        if clock.is_over {
+            return None;
+        }
+        // Half the way to the front: straight to it, those that squeak take turns for ever.
+        order.get_mut(stuck / 2..=stuck)?.rotate_right(1);
+    }
+    None
+}
+
+fn schedule_of(slots: &[SlotSpec], layout: &[Placed]) -> Schedule {
+    let mut starts_us = vec![0; slots.len()];
+    for placed in layout {
+        if let (Some(start_us), Ok(found_us)) = (
+            starts_us.get_mut(placed.index),
+            u32::try_from(placed.start_us),
+        ) {
+            *start_us = found_us;
+        }
+    }
+    Schedule { starts_us }
+}
+
+// ─── Exhaustive search ────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// What a part of the exhaustive search came to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum End {
+    Found,
+    Exhausted,
+    GivenUp,
+}
+
+/// Tries every arrangement.
+fn exhaust(
+    slots: &[SlotSpec],
+    mut layout: Vec<Placed>,
+    mut free: Vec<(usize, &SlotSpec)>,
+    clock: &mut Clock,
+) -> Outcome {
+    if layout.is_empty() && !free.is_empty() {
+        // A schedule as a whole can be moved, so one slot may as well start at 0.
+        let (index, slot) = free.remove(0);
+        layout.push(Placed::new(index, slot, 0));
+    }
+    // With several given starts, nothing can be pushed against just one of them, and a search without success proves nothing.
+    let can_prove = layout.len() <= 1;
+    let mut search = Exhaustive {
+        clock,
+        done: Vec::new(),
+        arrangements: 0,
+    };
+    match search.extend(&mut layout, &free) {
+        End::Found => Outcome::Feasible(schedule_of(slots, &layout)),
+        End::Exhausted if can_prove => Outcome::Infeasible(Infeasibility::Exhausted {
+            arrangements: search.arrangements,
+        }),
+        End::Exhausted | End::GivenUp => Outcome::Undecided,
+    }
+}
+
+struct Exhaustive<'c> {
+    clock: &'c mut Clock,
+    /// Places that were tried on the way here, by slot and start: all schedules with one of them and the present layout are known not
+    /// to work.
+    done: Vec<(usize, u64)>,
+    /// How many arrangements came to a dead end.
+    arrangements: u64,
+}
+
+impl Exhaustive<'_> {
+    /// Adds the rest of the slots to the layout in every way that can matter.
+    fn extend(&mut self, layout: &mut Vec<Placed>, rest: &[(usize, &SlotSpec)]) -> End {
+        if rest.is_empty() {
+            return End::Found;
+        }
+        for (_, slot) in rest {
+            let has_place = first_fit(layout, slot, self.clock).is_some();
+            if self.clock.is_over {
+                return End::GivenUp;
+            }
+            if !has_place {
+                self.arrangements += 1;
+                return End::Exhausted;
+            }
+        }
+        let Some(places) = self.places(layout, rest) else {
+            return End::GivenUp;
+        };
+        let done_before = self.done.len();
+        let mut end = End::Exhausted;
+        for place in places {
+            if self.done.contains(&(place.index, place.start_us)) {
+                continue;
+            }
+            let others: Vec<(usize, &SlotSpec)> = rest
+                .iter()
+                .copied()
+                .filter(|&(index, _)| index != place.index)
+                .collect();
+            layout.push(place);
+            end = self.extend(layout, &others);
+            if end != End::Exhausted {
+                break;
+            }
+            layout.pop();
+            self.done.push((place.index, place.start_us));
+        }
+        self.done.truncate(done_before);
+        if end == End::Exhausted {
+            self.arrangements += 1;
+        }
+        end
+    }
+
+    /// All places at which a slot begins exactly where one that is placed ends. `None` where these are too many, or time ran out.
+    fn places(&mut self, layout: &[Placed], rest: &[(usize, &SlotSpec)]) -> Option<Vec<Placed>> {
+        let mut places: Vec<Placed> = Vec::new();
+        for &(index, slot) in rest {
+            let period_us = u64::from(slot.period_us);
+            let mut starts_us: Vec<u64> = Vec::new();
+            for other in layout {
+                let divisor = gcd(other.period_us, period_us);
+                let first_us = (other.start_us + other.duration_us) % divisor;
+                let count = usize::try_from(period_us / divisor).ok()?;
+                if starts_us.len() + count > MAX_PLACES {
+                    return None;
+                }
+                starts_us.extend((0..count as u64).map(|turn| first_us + turn * divisor));
+            }
+            starts_us.sort_unstable();
+            starts_us.dedup();
+            for start_us in starts_us {
+                let place = Placed::new(index, slot, start_us);
+                let fits = |other: &Placed| {
+                    fit(other, start_us, period_us, place.duration_us) == Fit::Free
+                };
+                if layout.iter().all(fits) {
+                    places.push(place);
+                }
+                if self.clock.tick() {
+                    return None;
+                }
+            }
+        }
+        Some(places)
+    }
+}
