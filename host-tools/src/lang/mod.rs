@@ -141,7 +141,7 @@ impl Checked {
     /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are none or none were found.
     ///
     /// Gives `None` where slots are wrong already, so that the question has no meaning.
-    pub fn lay_out(&mut self, limit: Duration) -> Option<Outcome> {
+    pub fn solve_slots(&mut self, limit: Duration) -> Option<Outcome> {
         if !self.slots_are_sound {
             return None;
         }
@@ -174,9 +174,9 @@ impl Checked {
         Some(outcome)
     }
 
-    /// The same, giving only a schedule that was found.
-    pub fn schedule(&mut self, limit: Duration) -> Option<Schedule> {
-        match self.lay_out(limit)? {
+    /// [`Checked::solve_slots`] for those who want a schedule or nothing.
+    pub fn lay_out(&mut self, limit: Duration) -> Option<Schedule> {
+        match self.solve_slots(limit)? {
             Outcome::Feasible(schedule) => Some(schedule),
             Outcome::Infeasible(_) | Outcome::Undecided => None,
         }
