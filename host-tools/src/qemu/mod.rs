@@ -38,6 +38,9 @@ const CONSOLE_FILE: &str = "console";
 /// How long the emulator may take to connect its serial line.
 const START_LIMIT: Duration = Duration::from_secs(20);
 
+/// How long the firmware may leave bytes that were sent to it untouched.
+const UART_WRITE_LIMIT: Duration = Duration::from_secs(5);
+
 /// Lines of the emulator's own output that an error message repeats.
 const CONSOLE_LINES_TOLD: usize = 8;
 
@@ -179,6 +182,9 @@ impl Emulator {
             match listener.accept() {
                 Ok((uart, _)) => {
                     uart.set_nonblocking(false).map_err(system)?;
+                    // A firmware that reads no bytes must not keep anybody waiting for ever.
+                    uart.set_write_timeout(Some(UART_WRITE_LIMIT))
+                        .map_err(system)?;
                     return Ok(uart);
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
