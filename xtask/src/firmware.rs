@@ -18,6 +18,8 @@ pub const FAULTS_BIN: &str = "faults";
 /// The example of a robot outside the workspace, and its firmware.
 pub const EXAMPLE_FOLDER: &str = "examples/my_robot";
 /// See [`EXAMPLE_FOLDER`].
+pub const EXAMPLE_FIRMWARE_FOLDER: &str = "examples/my_robot/firmware";
+/// See [`EXAMPLE_FOLDER`].
 pub const EXAMPLE_BIN: &str = "my_robot";
 
 /// Where finished firmware goes, below the checkout.
@@ -41,7 +43,7 @@ pub fn build(root: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<
 pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
     build_in(
         root,
-        &root.join(EXAMPLE_FOLDER).join("firmware"),
+        &root.join(EXAMPLE_FIRMWARE_FOLDER),
         toolchain,
         &[EXAMPLE_BIN.to_owned()],
     )

@@ -1,14 +1,19 @@
 //! `cargo xtask test`: every check, one after another; what fails does not keep the rest from running.
 
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-use crate::firmware::{self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FOLDER, FAULTS_BIN};
+use crate::firmware::{
+    self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
+};
 use crate::process::{self, Failure, shown};
 use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
 use crate::size;
+
+/// Tells the example's tests where its firmware is.
+const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_MY_ROBOT_FIRMWARE";
 
 /// What has been counted so far: a step is one, and each test of a test program is one.
 #[derive(Default)]
@@ -39,13 +44,20 @@ impl Tally {
     }
 
     /// A step that is a run of `cargo test`, whose tests are counted each.
-    fn tests(&mut self, name: &str, folder: &Path, arguments: &[&str]) {
+    fn tests(
+        &mut self,
+        name: &str,
+        folder: &Path,
+        arguments: &[&str],
+        variable: Option<(&str, PathBuf)>,
+    ) {
         let (mut passed, mut failed) = (0, 0);
         self.step(name, || {
             let mut cargo = cargo(folder);
             cargo
                 .args(["test", "--no-fail-fast"])
                 .args(arguments)
+                .envs(variable)
                 .stdout(Stdio::piped());
             let command = shown(&cargo);
             let start = |cause| Failure::Start {
@@ -99,6 +111,7 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
             "tests of the libraries",
             root,
             &["--workspace", "--lib", "--bins"],
+            None,
         );
     } else {
         let mut toolchain = None;
@@ -120,7 +133,7 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
                 "esm",
             ]))
         });
-        tally.tests("tests of the workspace", root, &["--workspace"]);
+        tally.tests("tests of the workspace", root, &["--workspace"], None);
         if let Some(toolchain) = &toolchain {
             example_checks(root, toolchain, &mut tally);
         }
@@ -141,7 +154,7 @@ fn host_checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in ["", BOARD_FOLDER, EXAMPLE_FOLDER] {
+        for folder in ["", BOARD_FOLDER, EXAMPLE_FOLDER, EXAMPLE_FIRMWARE_FOLDER] {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {
@@ -227,16 +240,19 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     );
 }
 
-/// A robot of a user's own, outside the workspace: its firmware, and its program for the host, which drives the example's mission.
+/// A robot of a user's own, outside the workspace: its firmware, and its tests, which drive its mission on the host and in the emulator.
 fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
+    let mut firmware = None;
     tally.step("my_robot: firmware", || {
-        firmware::build_example(root, toolchain).map(drop)
+        firmware = firmware::build_example(root, toolchain)?.pop();
+        Ok(())
     });
-    let target = root.join("target");
+    let environment = firmware.map(|file| (EXAMPLE_FIRMWARE_VARIABLE, file));
     tally.tests(
-        "my_robot: tests, which drive its mission",
+        "my_robot: tests",
         &root.join(EXAMPLE_FOLDER),
-        &["--target-dir", &target.to_string_lossy()],
+        &["--target-dir", &root.join("target").to_string_lossy()],
+        environment,
     );
 }
 

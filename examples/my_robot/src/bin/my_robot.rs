@@ -1,0 +1,9 @@
+//! The `esm` command with this robot on the board `host`: `cargo run -- run mission.esm --board host --until '30 s'`.
+
+use std::process::ExitCode;
+
+use my_robot::MyRobot;
+
+fn main() -> ExitCode {
+    host_tools::cli::main_with(|parts, run| run(&mut MyRobot::new(parts).banks()))
+}

@@ -1,0 +1,66 @@
+//! The whole robot drives its mission: on the host board, and, where `ESM_MY_ROBOT_FIRMWARE` names its ELF file, in the emulator, with the
+//! same trace.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Runs the mission on a board; returns its trace.
+fn trace_of_a_run(board: &[&str], folder: &Path) -> String {
+    let trace = folder.join("trace.jsonl");
+    let output = Command::new(env!("CARGO_BIN_EXE_my_robot"))
+        .args(["run", concat!(env!("CARGO_MANIFEST_DIR"), "/mission.esm")])
+        .args(["--until", "30 s", "--trace"])
+        .arg(&trace)
+        .args(board)
+        .output()
+        .expect("the program starts");
+    assert!(
+        output.status.success(),
+        "{board:?}: {}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    fs::read_to_string(trace).expect("the run has left a trace")
+}
+
+#[test]
+fn it_drives_its_mission_and_lights_its_lamp_on_every_board() {
+    let folder = tempfile::tempdir().expect("a folder for the traces");
+    let on_host = trace_of_a_run(&["--board", "host"], folder.path());
+    for transition in [
+        r#""from":"light/Watch","to":"light/Hold""#,
+        r#""from":"light/Hold","to":"light/Watch""#,
+        r#""from":"motion/Ahead","to":"motion/Away""#,
+        r#""from":"motion/Away","to":"motion/Ahead""#,
+    ] {
+        assert!(on_host.contains(transition), "never taken: {transition}");
+    }
+    if let Ok(firmware) = std::env::var("ESM_MY_ROBOT_FIRMWARE") {
+        let in_emulator = trace_of_a_run(&["--firmware", &firmware], folder.path());
+        let differing = on_host
+            .lines()
+            .zip(in_emulator.lines())
+            .find(|(a, b)| a != b);
+        assert_eq!(differing, None, "the first line that differs");
+        assert_eq!(on_host.len(), in_emulator.len());
+    }
+}
+
+#[test]
+fn the_declarations_that_the_mission_uses_are_those_of_the_firmware() {
+    let output = Command::new(env!("CARGO_BIN_EXE_my_robot"))
+        .args(["tasks", "--board", "host"])
+        .output()
+        .expect("the program starts");
+    let kept = include_str!("../tasks.esm");
+    let declared = |text: &str| {
+        let lines = text.lines().filter(|line| !line.starts_with("//"));
+        lines.collect::<Vec<_>>().join("\n")
+    };
+    assert_eq!(
+        declared(kept),
+        declared(&String::from_utf8_lossy(&output.stdout)),
+        "update tasks.esm: cargo run -- tasks --board host > tasks.esm"
+    );
+}
