@@ -2,8 +2,10 @@
 //!
 //! [`reference`](mod@reference) says what a machine does by the shortest route from the definition, with no regard for memory or time. It
 //! shares no line with the interpreter that the firmware runs, so that where the two agree, they agree about the language.
-//! [`random_machine`] writes machines that use all of it, and [`shrink`] makes a failing one small enough to think about.
+//! [`random_machine`] writes machines that use all of it, and [`shrink`] makes a failing one small enough to think about. [`command`]
+//! drives the project from outside, as a person at a terminal does.
 
+pub mod command;
 pub mod random;
 pub mod random_machine;
 pub mod reference;

@@ -1,0 +1,537 @@
+//! Each mission that ships, in each world, on the emulated board and on the host: the same trace, line by line, and every transition taken.
+//!
+//! What one test drives, the others look at too: a run in the emulator takes a good part of a minute.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::array;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use esm_tests::command::{Done, esm, firmware, root};
+use host_tools::host_board::{self, RobotMaker};
+use host_tools::lang;
+use host_tools::model::{Action, Container, Model, Region, Source, StateKind, Target, Trigger};
+use host_tools::run::board::Board;
+use host_tools::run::drive::{self, Plan, Planned};
+use host_tools::run::interrupt::Interrupt;
+use host_tools::run::mission::Mission;
+use host_tools::world::World;
+use rt_firmware::body::Parts;
+use rt_firmware::drivers::{BatteryGauge, DcMotor, WheelEncoder};
+use rt_firmware::rover::{BATTERY_FULL_SCALE_V, CHASSIS, PinRover, PinRoverParts};
+use rt_firmware::tasks::{
+    Back, BatteryMonitor, Chassis, Cruise, FollowWall, Logger, Odometry, ProximityMonitor,
+    RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+};
+use rt_firmware::{Bank, TaskBank};
+
+const MISSIONS: [&str; 2] = ["patrol", "follow_wall"];
+const WORLDS: [&str; 2] = ["office", "corridor"];
+/// Robot time of a run.
+const RUN_S: u64 = 120;
+
+/// Transitions that no run takes, and why. `missions/README.md` tells people the same.
+const NOT_TAKEN: &[(&str, &str, &str)] = &[
+    (
+        "patrol",
+        "battery: Measure -> final on pulse",
+        "the battery lasts for more than an hour",
+    ),
+    (
+        "patrol",
+        "wheels: Drive -> final on pulse",
+        "the plant's wheels slip where real ones would block",
+    ),
+];
+
+/// A mission driven in a world on both boards.
+struct Driven {
+    mission: &'static str,
+    world: &'static str,
+    /// The emulator's.
+    trace: String,
+    emulated: Done,
+    /// Kept for further runs.
+    recording: PathBuf,
+    on_host: String,
+    host: Done,
+}
+
+/// Where traces and recordings of these tests are kept, to be looked at after a failure.
+fn folder() -> PathBuf {
+    let folder = root().join("target/boards");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Drives a mission; gives the trace.
+fn drive_on(
+    board: &str,
+    mission: &str,
+    world: &str,
+    trace: &Path,
+    more: &[&str],
+) -> (String, Done) {
+    let mission = format!("missions/{mission}.esm");
+    let world = format!("missions/worlds/{world}.world");
+    let until = format!("{RUN_S} s");
+    let trace = trace.to_str().unwrap();
+    let elf = firmware("rover");
+    let mut arguments = vec!["run", &mission, "--board", board, "--world", &world];
+    arguments.extend(["--until", &until, "--trace", trace]);
+    if board == "lm3s6965" {
+        arguments.extend(["--firmware", elf.to_str().unwrap()]);
+    }
+    arguments.extend(more);
+    let done = esm(&arguments).good();
+    (std::fs::read_to_string(trace).unwrap(), done)
+}
+
+/// All runs, made once.
+fn driven() -> &'static [Driven] {
+    static DRIVEN: OnceLock<Vec<Driven>> = OnceLock::new();
+    DRIVEN.get_or_init(|| {
+        let mut found = Vec::new();
+        for mission in MISSIONS {
+            for world in WORLDS {
+                let file = |name: &str| folder().join(format!("{mission}-{world}-{name}"));
+                let recording = file("recording.jsonl");
+                let kept = recording.to_str().unwrap();
+                let (trace, emulated) = drive_on(
+                    "lm3s6965",
+                    mission,
+                    world,
+                    &file("lm3s6965.jsonl"),
+                    &["--record", kept],
+                );
+                let (on_host, host) = drive_on(
+                    "host",
+                    mission,
+                    world,
+                    &file("host.jsonl"),
+                    &["--replay", kept],
+                );
+                found.push(Driven {
+                    mission,
+                    world,
+                    trace,
+                    emulated,
+                    recording,
+                    on_host,
+                    host,
+                });
+            }
+        }
+        found
+    })
+}
+
+/// The first line in which two traces differ.
+fn first_difference(a: &str, b: &str) -> Option<String> {
+    if a == b {
+        return None;
+    }
+    let line = a.lines().zip(b.lines()).position(|(a, b)| a != b);
+    let line = line.unwrap_or_else(|| a.lines().count().min(b.lines().count()));
+    let at = |text: &str| {
+        text.lines()
+            .nth(line)
+            .unwrap_or("(the trace has ended)")
+            .to_owned()
+    };
+    Some(format!("line {}:\n  {}\n  {}", line + 1, at(a), at(b)))
+}
+
+#[test]
+fn the_emulated_board_and_the_host_give_the_same_trace() {
+    for run in driven() {
+        let what = format!("{} in the {}", run.mission, run.world);
+        if let Some(difference) = first_difference(&run.trace, &run.on_host) {
+            panic!("{what}: emulator and host differ in {difference}");
+        }
+        let steps = run
+            .trace
+            .lines()
+            .filter(|line| line.contains(r#""kind":"step""#))
+            .count();
+        // Macro steps at 0 s, 20 ms, … up to 120 s: the last one may be the one that ends the run.
+        let expected = RUN_S as usize * 50;
+        assert!(
+            (expected..=expected + 1).contains(&steps),
+            "{what}: {steps} macro steps"
+        );
+        assert!(!run.trace.contains(r#""kind":"fault""#), "{what}");
+    }
+}
+
+#[test]
+fn two_runs_in_the_emulator_are_equal_to_the_byte() {
+    for mission in MISSIONS {
+        let run = driven().iter().find(|run| run.mission == mission).unwrap();
+        let again = folder().join(format!("{mission}-again.jsonl"));
+        let recording = folder().join(format!("{mission}-again-recording.jsonl"));
+        let kept = ["--record", recording.to_str().unwrap()];
+        let (trace, _) = drive_on("lm3s6965", mission, run.world, &again, &kept);
+        if let Some(difference) = first_difference(&run.trace, &trace) {
+            panic!("{mission}: {difference}");
+        }
+        assert_eq!(
+            std::fs::read(&run.recording).unwrap(),
+            std::fs::read(recording).unwrap(),
+            "{mission}: what entered the run"
+        );
+    }
+}
+
+#[test]
+fn no_run_collides_and_each_is_fast_enough() {
+    for run in driven() {
+        let what = format!("{} in the {}", run.mission, run.world);
+        println!(
+            "{what}: emulator {:?}, host {:?}",
+            run.emulated.took, run.host.took
+        );
+        for done in [&run.emulated, &run.host] {
+            let collisions = figure(&done.out, "collisions");
+            assert_eq!(collisions, Some(0.0), "{what}: {}", done.out);
+        }
+        assert!(
+            run.emulated.took < Duration::from_secs(RUN_S / 2),
+            "{what}: the emulator took {:?}",
+            run.emulated.took
+        );
+        // Start and end of the process are part of what is measured.
+        assert!(
+            run.host.took < Duration::from_millis(RUN_S * 1_000 / 200) + Duration::from_millis(300),
+            "{what}: the host took {:?}",
+            run.host.took
+        );
+    }
+}
+
+/// The first number on the line of the summary that has the word.
+fn figure(summary: &str, word: &str) -> Option<f64> {
+    summary
+        .lines()
+        .find(|line| line.contains(word))?
+        .split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .find_map(|number| number.parse().ok())
+}
+
+#[test]
+fn every_transition_is_taken_or_listed_with_the_reason() {
+    for mission in MISSIONS {
+        let path = root().join(format!("missions/{mission}.esm"));
+        let model = lang::load(&path).unwrap().model.unwrap();
+        let mut open = transitions(&model);
+        let all = open.len();
+        for run in driven().iter().filter(|run| run.mission == mission) {
+            for line in run.trace.lines() {
+                let line: serde_json::Value = serde_json::from_str(line).unwrap();
+                if line["kind"] == "transition" {
+                    let line = Taken::of(&line);
+                    open.retain(|_, places| !places.contains(&line));
+                }
+            }
+        }
+        let open: BTreeSet<&str> = open.keys().map(String::as_str).collect();
+        let listed: BTreeSet<&str> = NOT_TAKEN
+            .iter()
+            .filter(|(of, _, _)| *of == mission)
+            .map(|(_, transition, _)| *transition)
+            .collect();
+        println!("{mission}: {all} transitions, not taken: {open:?}");
+        assert_eq!(
+            open, listed,
+            "{mission}: not taken in any run, against the list"
+        );
+    }
+}
+
+/// What a trace tells of a transition.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Taken {
+    event: String,
+    from: String,
+    to: String,
+    sent: Vec<String>,
+    written: Vec<String>,
+}
+
+impl Taken {
+    fn of(line: &serde_json::Value) -> Self {
+        let text = |key: &str| line[key].as_str().unwrap().to_owned();
+        let list = |key: &str| -> Vec<String> {
+            let values = line[key].as_array().unwrap().iter();
+            values
+                .map(|value| value.as_str().unwrap().to_owned())
+                .collect()
+        };
+        Taken {
+            event: text("event"),
+            from: text("from"),
+            to: text("to"),
+            sent: list("sent"),
+            written: [list("set"), list("cleared")].concat(),
+        }
+    }
+}
+
+/// All transitions of the machine and its containers as the source has them, each with what a trace can say of it: once for each use.
+fn transitions(model: &Model) -> BTreeMap<String, BTreeSet<Taken>> {
+    let mut found = BTreeMap::new();
+    list_transitions(model, model.machine.unwrap(), "", None, &mut found);
+    found
+}
+
+fn list_transitions(
+    model: &Model,
+    container: usize,
+    prefix: &str,
+    holder: Option<&str>,
+    found: &mut BTreeMap<String, BTreeSet<Taken>>,
+) {
+    let declared = &model.containers[container];
+    for region in &declared.regions {
+        let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+        for transition in &region.transitions {
+            let name = |state: &str| format!("{prefix}{}/{state}", region.name);
+            let (from, to) = (
+                source_name(region, transition.source),
+                target_name(region, transition.target),
+            );
+            let event = match transition.trigger {
+                Trigger::Pulse | Trigger::Star => "pulse",
+                Trigger::Event(event) => &model.events[event],
+            };
+            let mut taken = Taken {
+                event: event.to_owned(),
+                from: name(from),
+                to: name(to),
+                sent: Vec::new(),
+                written: Vec::new(),
+            };
+            let mut cleared = Vec::new();
+            for action in &transition.actions {
+                let (flag, value) = match *action {
+                    Action::Send(event) => {
+                        taken.sent.push(model.events[event].clone());
+                        continue;
+                    }
+                    Action::Own(flag, value) => {
+                        let flag = own_flag(model, region, transition.target, flag);
+                        (format!("{}.{flag}", taken.to), value)
+                    }
+                    Action::Parent(flag, value) => {
+                        let flag = &declared.flags[flag].name;
+                        (format!("{}.{flag}", holder.unwrap()), value)
+                    }
+                };
+                if value {
+                    &mut taken.written
+                } else {
+                    &mut cleared
+                }
+                .push(flag);
+            }
+            taken.written.append(&mut cleared);
+            // A container's transitions are counted once, however often it is used.
+            let place = place_of(declared, region);
+            let text = format!("{place}: {from} -> {to} on {event}");
+            let number = seen.entry(text.clone()).or_default();
+            *number += 1;
+            let text = if *number == 1 {
+                text
+            } else {
+                format!("{text} ({number})")
+            };
+            found.entry(text).or_default().insert(taken);
+        }
+        for state in &region.states {
+            if let StateKind::Super { container } = state.kind {
+                let path = format!("{prefix}{}/{}", region.name, state.name);
+                list_transitions(model, container, &format!("{path}/"), Some(&path), found);
+            }
+        }
+    }
+}
+
+fn place_of(container: &Container, region: &Region) -> String {
+    if container.is_machine {
+        region.name.clone()
+    } else {
+        format!("{}/{}", container.name, region.name)
+    }
+}
+
+fn source_name(region: &Region, source: Source) -> &str {
+    match source {
+        Source::Initial => "initial",
+        Source::State(state) => &region.states[state].name,
+    }
+}
+
+fn target_name(region: &Region, target: Target) -> &str {
+    match target {
+        Target::Final => "final",
+        Target::State(state) => &region.states[state].name,
+    }
+}
+
+fn own_flag<'m>(model: &'m Model, region: &Region, target: Target, flag: usize) -> &'m str {
+    let Target::State(state) = target else {
+        unreachable!("`final` has no flags");
+    };
+    match region.states[state].kind {
+        StateKind::Task { task, .. } => &model.tasks[task].flags[flag].name,
+        StateKind::Super { container } => &model.containers[container].flags[flag].name,
+        StateKind::Simple => unreachable!("a simple state has no control flags"),
+    }
+}
+
+#[test]
+fn a_changed_plant_or_table_breaks_the_equality() {
+    let run = &driven()[0];
+    let text =
+        std::fs::read_to_string(root().join(format!("missions/{}.esm", run.mission))).unwrap();
+    let rover = root().join("missions/rover.esm");
+    let text = text.replace("\"rover.esm\"", &format!("\"{}\"", rover.display()));
+    let world = root().join(format!("missions/worlds/{}.world", run.world));
+    let world = std::fs::read_to_string(world).unwrap();
+    let changed = |text: &str, from: &str, to: &str| {
+        assert!(text.contains(from), "there is nothing to change: {from}");
+        text.replacen(from, to, 1)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (mission, map) = (folder.path().join("m.esm"), folder.path().join("w.world"));
+    for (what, text, world, seed) in [
+        ("nothing", text.clone(), world.clone(), "1"),
+        ("a sensor's noise", text.clone(), world.clone(), "2"),
+        (
+            "a wall, by a centimetre",
+            text.clone(),
+            changed(&world, "8,6.2", "8.01,6.2"),
+            "1",
+        ),
+        (
+            "a timeout, by a macro step",
+            changed(&text, "timeout 2 s", "timeout 2020 ms"),
+            world.clone(),
+            "1",
+        ),
+        (
+            "a parameter, by a millimetre",
+            changed(&text, "close_m = 0.25", "close_m = 0.251"),
+            world.clone(),
+            "1",
+        ),
+        (
+            "a flag of an action",
+            changed(
+                &text,
+                "[.near and .left_freer] / set .left",
+                "[.near and .left_freer]",
+            ),
+            world.clone(),
+            "1",
+        ),
+    ] {
+        std::fs::write(&mission, text).unwrap();
+        std::fs::write(&map, world).unwrap();
+        let trace = folder.path().join("t.jsonl");
+        esm(&[
+            "run",
+            mission.to_str().unwrap(),
+            "--board",
+            "host",
+            "--world",
+            map.to_str().unwrap(),
+            "--until",
+            &format!("{RUN_S} s"),
+            "--seed",
+            seed,
+            "--trace",
+            trace.to_str().unwrap(),
+        ])
+        .good();
+        let trace = std::fs::read_to_string(trace).unwrap();
+        // Without a recording slot-0 runs end where the host ends them: for this mission that is where the emulator did.
+        let equal = first_difference(&run.trace, &trace).is_none();
+        assert_eq!(equal, what == "nothing", "changed was: {what}");
+    }
+}
+
+/// A robot like the rover, but with wheels a millimetre farther apart.
+fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
+    let parts: PinRoverParts<'_> = parts.into();
+    let wider = Chassis {
+        wheel_base_m: CHASSIS.wheel_base_m + 0.001,
+        ..CHASSIS
+    };
+    let mut robot = PinRover {
+        sonar_ring: Bank::new([SonarRing::new(parts.sonar_triggers, parts.echo_timers)]),
+        odometry: Bank::new([Odometry::new(
+            WheelEncoder::new(parts.left_encoder),
+            WheelEncoder::new(parts.right_encoder),
+            wider,
+        )]),
+        wheel_speed: Bank::new([WheelSpeed::new(
+            DcMotor::new(parts.left_pwm, parts.left_direction),
+            DcMotor::new(parts.right_pwm, parts.right_direction),
+            CHASSIS,
+        )]),
+        battery_monitor: Bank::new([BatteryMonitor::new(BatteryGauge::new(
+            parts.battery,
+            BATTERY_FULL_SCALE_V,
+        ))]),
+        proximity_monitor: Bank::new([ProximityMonitor]),
+        cruise: Bank::new(array::from_fn(|_| Cruise)),
+        back: Bank::new(array::from_fn(|_| Back::default())),
+        turn: Bank::new(array::from_fn(|_| Turn::default())),
+        follow_wall: Bank::new([FollowWall]),
+        round_corner: Bank::new([RoundCorner]),
+        stop: Bank::new(array::from_fn(|_| Stop)),
+        logger: Bank::new([Logger]),
+    };
+    run(&mut robot.banks());
+}
+
+#[test]
+fn a_changed_task_breaks_the_equality() {
+    let run = &driven()[0];
+    let blob = folder().join("task.blob");
+    esm(&[
+        "build",
+        &format!("missions/{}.esm", run.mission),
+        "-o",
+        blob.to_str().unwrap(),
+    ])
+    .good();
+    for (robot, is_equal) in [
+        (host_board::rover as RobotMaker, true),
+        (wider_rover, false),
+    ] {
+        let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
+        let plan = Plan {
+            board: Board::Host { robot },
+            world: World::load(&root().join(format!("missions/worlds/{}.world", run.world)))
+                .unwrap(),
+            seed: 1, // the default of `esm run`
+            until_us: Some(RUN_S * 1_000_000),
+            realtime: false,
+            missions: vec![Planned {
+                at_us: 0,
+                mission: Mission::new(&blob, verified).unwrap(),
+            }],
+            replay: None,
+            plant_fault: None,
+        };
+        let interrupt = Interrupt::take_over().unwrap();
+        let driven = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
+        let trace = String::from_utf8(driven.told.out).unwrap();
+        assert_eq!(first_difference(&run.trace, &trace).is_none(), is_equal);
+    }
+}

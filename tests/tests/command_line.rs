@@ -1,0 +1,368 @@
+//! The command from outside: what it answers, where, and with which exit status.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::path::PathBuf;
+
+use esm_tests::command::{esm, root};
+
+const GOOD: &str =
+    "interpreter slot 1; slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms;
+task Drive slot 2 { out flag near; }
+container Escape { region turn { task Back: Drive; initial -> Back; Back -> final on *; } }
+machine Rover {
+  event Obstacle;
+  region motion {
+    task Cruise: Drive; super Escape: Escape;
+    initial -> Cruise;
+    Cruise -> Escape [.near] / send Obstacle;
+    Escape -> Cruise on *;
+  }
+  region count { state None; state Some; initial -> None; None -> Some on Obstacle; }
+}
+";
+
+/// Files that belong together, in a folder of their own.
+struct Files {
+    folder: tempfile::TempDir,
+}
+
+impl Files {
+    fn new(files: &[(&str, &str)]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        Files { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// `esm` with `{}` in the arguments standing for the folder.
+    #[track_caller]
+    fn esm(&self, arguments: &str) -> esm_tests::command::Done {
+        let folder = self.folder.path().to_str().unwrap();
+        let arguments: Vec<String> = arguments
+            .split_whitespace()
+            .map(|argument| argument.replace("{}", folder))
+            .collect();
+        esm(&arguments)
+    }
+}
+
+#[test]
+fn exit_statuses_are_those_of_the_manual() {
+    let files = Files::new(&[
+        ("good.esm", GOOD),
+        ("bad.esm", "machine M { region r { state A; } }"),
+        ("lib.esm", "task T slot 2 { out flag near; }"),
+        (
+            "met.scenario",
+            "at 0 ms expect motion/Cruise\nuntil 10 ms\n",
+        ),
+        (
+            "unmet.scenario",
+            "at 0 ms expect motion/Escape\nuntil 10 ms\n",
+        ),
+        (
+            "wrong.scenario",
+            "at 0 ms expect motion/Nowhere\nuntil 10 ms\n",
+        ),
+        ("endless.scenario", "at 0 ms expect motion/Cruise\n"),
+        ("noise.blob", "this is no blob"),
+    ]);
+    for (arguments, expected) in [
+        ("check {}/good.esm", 0),
+        ("check {}/lib.esm", 0),
+        ("check {}/bad.esm", 1),
+        ("check {}/absent.esm", 1),
+        ("check", 2),
+        ("check --nonsense {}/good.esm", 2),
+        ("nonsense", 2),
+        ("build {}/good.esm -o {}/good.blob", 0),
+        ("build {}/bad.esm -o {}/bad.blob", 1),
+        ("build {}/lib.esm -o {}/lib.blob", 1),
+        ("build {}/good.esm", 2),
+        ("inspect {}/good.blob", 0),
+        ("inspect {}/noise.blob", 1),
+        ("schedule {}/good.esm", 0),
+        ("sim {}/good.esm {}/met.scenario", 0),
+        ("sim {}/good.esm {}/unmet.scenario", 1),
+        ("sim {}/good.esm {}/wrong.scenario", 1),
+        ("sim {}/good.esm {}/endless.scenario", 1),
+        ("status --port /dev/no-such-port", 3),
+        ("upload {}/good.esm --port unix:/no/such/socket", 3),
+        ("upload {}/good.esm --port nonsense:", 3),
+        ("run {}/good.esm --board nonsense", 2),
+        ("--help", 0),
+        ("--version", 0),
+    ] {
+        let done = files.esm(arguments);
+        assert_eq!(done.status, Some(expected), "esm {arguments}: {done:#?}");
+        if expected != 0 {
+            assert!(!done.err.trim().is_empty(), "esm {arguments} says nothing");
+        }
+    }
+    assert!(
+        !files.path("bad.blob").exists(),
+        "a failed build leaves no file"
+    );
+}
+
+#[test]
+fn every_subcommand_has_help_worth_reading() {
+    let overview = esm(&["--help"]).good().out;
+    for subcommand in [
+        "check", "build", "inspect", "schedule", "sim", "run", "board", "upload", "log", "status",
+        "stop", "start", "tasks",
+    ] {
+        assert!(overview.contains(subcommand), "{subcommand}: {overview}");
+        let help = esm(&[subcommand, "--help"]).good().out;
+        assert!(help.contains("Usage: esm"), "{subcommand}: {help}");
+        assert!(help.contains("Example"), "{subcommand}: {help}");
+    }
+}
+
+#[test]
+fn check_reports_all_errors_with_place_and_hint() {
+    let files = Files::new(&[(
+        "bad.esm",
+        "interpreter slot 1; slot 1 period 10 ms duration 1 ms;
+task Drive slot 1 { out flag near; }
+machine M {
+  region a { task Cruise: Drive; state Cruise; initial -> Cruise; Cruise -> Cruse [.near]; }
+  region b { state Lone }
+  region c { state Idle; }
+  region d { task T: Drive slot 9; initial -> T; }
+}
+",
+    )]);
+    let done = files.esm("check {}/bad.esm --json");
+    assert_eq!(done.status, Some(1), "{done:#?}");
+    let mut found: Vec<(String, u64)> = Vec::new();
+    for line in done.out.lines() {
+        let value: serde_json::Value = serde_json::from_str(line).unwrap();
+        for key in ["file", "message"] {
+            assert!(value[key].is_string(), "{key} in {line}");
+        }
+        assert!(value["col"].as_u64().unwrap() >= 1, "{line}");
+        if value["severity"] == "error" {
+            let code = value["code"].as_str().unwrap().to_owned();
+            found.push((code, value["line"].as_u64().unwrap()));
+        }
+    }
+    found.sort();
+    let expected = [
+        ("E001", 5),
+        ("E002", 4),
+        ("E002", 7),
+        ("E003", 4),
+        ("E004", 5),
+        ("E004", 6),
+    ];
+    let expected: Vec<(String, u64)> = expected
+        .iter()
+        .map(|(code, line)| ((*code).to_owned(), *line))
+        .collect();
+    assert_eq!(found, expected, "{}", done.out);
+
+    let done = files.esm("check {}/bad.esm");
+    assert!(
+        done.out.is_empty(),
+        "messages for people go to standard error"
+    );
+    for part in ["E002", "did you mean", "Cruise -> Cruse"] {
+        assert!(done.err.contains(part), "{part}: {}", done.err);
+    }
+    assert!(!done.err.contains('\x1b'), "no colour where nobody looks");
+}
+
+#[test]
+fn a_blob_is_the_same_each_time_and_inspect_reads_it() {
+    let files = Files::new(&[("good.esm", GOOD)]);
+    let built = files
+        .esm("build {}/good.esm -o {}/a.blob --json")
+        .good()
+        .json();
+    files.esm("build {}/good.esm -o {}/b.blob").good();
+    let (a, b) = (
+        std::fs::read(files.path("a.blob")).unwrap(),
+        std::fs::read(files.path("b.blob")).unwrap(),
+    );
+    assert_eq!(a, b);
+    for (key, expected) in [
+        ("bytes", a.len()),
+        ("states", 5),
+        ("transitions", 7),
+        ("containers", 2),
+        ("instances", 2),
+        ("events", 1),
+    ] {
+        assert_eq!(built[key], expected, "{key} in {built}");
+    }
+    assert!(built["flags"].as_u64().unwrap() > 0, "{built}");
+    assert!(built["ram_bytes"].as_u64().unwrap() > 0, "{built}");
+    let inspected = files.esm("inspect {}/a.blob --json").good();
+    inspected.json();
+    for name in ["Rover", "Escape", "Cruise", "Obstacle"] {
+        assert!(inspected.out.contains(name), "{name}");
+        let table = files.esm("inspect {}/a.blob").good().out;
+        assert!(table.contains(name), "{name}: {table}");
+    }
+}
+
+#[test]
+fn a_damaged_blob_is_refused_with_the_reason() {
+    let files = Files::new(&[("good.esm", GOOD)]);
+    files.esm("build {}/good.esm -o {}/a.blob").good();
+    let mut bytes = std::fs::read(files.path("a.blob")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(files.path("a.blob"), &bytes).unwrap();
+    let done = files.esm("inspect {}/a.blob");
+    assert_eq!(done.status, Some(1));
+    assert!(
+        done.err.contains("CRC") || done.err.contains("checksum"),
+        "{}",
+        done.err
+    );
+}
+
+#[test]
+fn sim_writes_the_trace_of_the_manual() {
+    let files = Files::new(&[
+        ("good.esm", GOOD),
+        (
+            "s.scenario",
+            "at 10 ms set motion/Cruise.near     # something ahead\n\
+             at 10 ms expect motion/Escape\n\
+             at 10 ms expect count/Some\n\
+             at 30 ms exit motion/Escape/turn/Back\n\
+             at 50 ms expect motion/Cruise\n\
+             at 50 ms expect not motion/Cruise.near\n\
+             until 55 ms\n",
+        ),
+    ]);
+    files
+        .esm("sim {}/good.esm {}/s.scenario --trace {}/t.jsonl")
+        .good();
+    let trace = std::fs::read_to_string(files.path("t.jsonl")).unwrap();
+    let expected = r#"{"kind":"transition","step":0,"micro":0,"t_us":0,"event":"pulse","from":"motion/initial","to":"motion/Cruise","sent":[],"set":[],"cleared":[]}
+{"kind":"transition","step":0,"micro":0,"t_us":0,"event":"pulse","from":"count/initial","to":"count/None","sent":[],"set":[],"cleared":[]}
+{"kind":"step","step":0,"t_us":0,"micro_steps":1,"active":["motion/Cruise","count/None"],"enabled":["motion/Cruise"]}
+{"kind":"transition","step":1,"micro":0,"t_us":10000,"event":"pulse","from":"motion/Cruise","to":"motion/Escape","sent":["Obstacle"],"set":[],"cleared":[]}
+{"kind":"transition","step":1,"micro":1,"t_us":10000,"event":"Obstacle","from":"count/None","to":"count/Some","sent":[],"set":[],"cleared":[]}
+{"kind":"step","step":1,"t_us":10000,"micro_steps":2,"active":["motion/Escape","motion/Escape/turn/initial","count/Some"],"enabled":[]}
+{"kind":"transition","step":2,"micro":0,"t_us":20000,"event":"pulse","from":"motion/Escape/turn/initial","to":"motion/Escape/turn/Back","sent":[],"set":[],"cleared":[]}
+{"kind":"step","step":2,"t_us":20000,"micro_steps":1,"active":["motion/Escape","motion/Escape/turn/Back","count/Some"],"enabled":["motion/Escape/turn/Back"]}
+{"kind":"transition","step":3,"micro":0,"t_us":30000,"event":"pulse","from":"motion/Escape/turn/Back","to":"motion/Escape/turn/final","sent":[],"set":[],"cleared":[]}
+{"kind":"step","step":3,"t_us":30000,"micro_steps":1,"active":["motion/Escape","motion/Escape/turn/final","count/Some"],"enabled":[]}
+{"kind":"transition","step":4,"micro":0,"t_us":40000,"event":"pulse","from":"motion/Escape","to":"motion/Cruise","sent":[],"set":[],"cleared":[]}
+{"kind":"step","step":4,"t_us":40000,"micro_steps":1,"active":["motion/Cruise","count/Some"],"enabled":["motion/Cruise"]}
+{"kind":"step","step":5,"t_us":50000,"micro_steps":1,"active":["motion/Cruise","count/Some"],"enabled":["motion/Cruise"]}
+"#;
+    assert_eq!(trace, expected);
+    let to_output = files.esm("sim {}/good.esm {}/s.scenario --trace -").good();
+    assert_eq!(to_output.out, expected);
+}
+
+#[test]
+fn a_failed_expectation_says_where_and_what_was_current_instead() {
+    let files = Files::new(&[
+        ("good.esm", GOOD),
+        ("s.scenario", "until 20 ms\nat 0 ms expect motion/Escape\n"),
+    ]);
+    let done = files.esm("sim {}/good.esm {}/s.scenario");
+    assert_eq!(done.status, Some(1));
+    let told = done.out + &done.err;
+    for part in ["s.scenario:2", "motion/Escape", "motion/Cruise"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+}
+
+#[test]
+fn the_cd_player_takes_at_most_ten_bytes_a_transition() {
+    let blob = tempfile::tempdir().unwrap();
+    let blob = blob.path().join("cd51.blob");
+    esm(&["build", "tests/data/cd51.esm", "-o", blob.to_str().unwrap()]).good();
+    let inspected = esm(&["inspect", blob.to_str().unwrap(), "--json"])
+        .good()
+        .json();
+    let bytes = inspected["bytes_per_transition"].as_f64().unwrap();
+    assert!((6.0..=10.0).contains(&bytes), "{bytes} bytes a transition");
+}
+
+#[test]
+fn the_missions_that_ship_are_without_errors_and_warnings() {
+    let missions = root().join("missions");
+    let mut checked = 0;
+    for entry in std::fs::read_dir(missions).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "esm") {
+            let done = esm(&["check", path.to_str().unwrap(), "--json"]).good();
+            assert_eq!(done.out, "", "{}", path.display());
+            checked += 1;
+        }
+    }
+    assert!(checked >= 3, "only {checked} missions were found");
+}
+
+/// Commands of fenced `sh` blocks in a Markdown file.
+fn commands_in(file: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(root().join(file)).unwrap();
+    let mut commands = Vec::new();
+    let mut inside = false;
+    for line in text.lines() {
+        match line.trim_end() {
+            "```sh" => inside = true,
+            "```" => inside = false,
+            line if inside => {
+                let command = line.split(" #").next().unwrap_or_default().trim();
+                if !command.is_empty() {
+                    commands.push(command.to_owned());
+                }
+            }
+            _ => {}
+        }
+    }
+    commands
+}
+
+/// Splits a command into words; quotes keep words together.
+fn words(command: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (index, part) in command.split('\'').enumerate() {
+        if index % 2 == 1 {
+            found.push(part.to_owned());
+        } else {
+            found.extend(part.split_whitespace().map(str::to_owned));
+        }
+    }
+    found
+}
+
+#[test]
+fn the_commands_of_the_front_page_work_as_they_stand() {
+    let folder = tempfile::tempdir().unwrap();
+    let blob = folder.path().join("patrol.blob");
+    let mut ran = 0;
+    for command in commands_in("README.md") {
+        let Some(arguments) = command.strip_prefix("cargo esm ") else {
+            assert!(
+                ["cargo xtask demo", "cargo xtask test"].contains(&command.as_str()),
+                "a new kind of command: test it too: {command}"
+            );
+            continue;
+        };
+        let arguments: Vec<String> = words(arguments)
+            .into_iter()
+            .map(|word| word.replace("patrol.blob", blob.to_str().unwrap()))
+            .collect();
+        let done = esm(&arguments);
+        assert_eq!(done.status, Some(0), "{command}: {done:#?}");
+        ran += 1;
+    }
+    assert!(ran >= 4, "only {ran} commands were found");
+}

@@ -1,0 +1,191 @@
+//! Planted faults on the emulated board: each shows in the robot's own counters with its exact number, and ends in the safe state where
+//! it must.
+//!
+//! The firmware `faults` has tasks that misbehave once, in the first step after their state is entered.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use esm_tests::command::{Robot, esm, firmware};
+
+const HEAD: &str = "interpreter slot 1;
+slot 1 period 20 ms duration 2 ms;
+slot 2 period 20 ms duration 4 ms;
+slot 3 period 40 ms duration 2 ms;
+task Overrun slot 2 { param duration_us: u32 = 20000 min 0 max 250000; }
+task MaskInterrupts slot 0 { param duration_us: u32 = 20000 min 0 max 250000; }
+task NeverReturn slot 2 {}
+task Panic slot 2 {}
+task Undefined slot 2 {}
+";
+
+/// A robot with the firmware `faults` that runs a machine with one region, which starts in `Quiet` and goes on after a second.
+fn robot_with(states: &str) -> Robot {
+    let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
+    upload(&robot, states);
+    robot
+}
+
+fn upload(robot: &Robot, states: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mission.esm");
+    let machine = format!(
+        "{HEAD}machine M {{ region r {{ state Quiet timeout 1 s; initial -> Quiet; {states} }} }}"
+    );
+    std::fs::write(&path, machine).unwrap();
+    robot.esm(&["upload", path.to_str().unwrap()]).good();
+}
+
+/// What the counters must say, after the state behind `Quiet` has been current for a while.
+struct Counted {
+    what: &'static str,
+    states: &'static str,
+    overruns: u64,
+    missed: u64,
+}
+
+const COUNTED: &[Counted] = &[
+    Counted {
+        what: "nothing",
+        states: "state After; Quiet -> After [timeout];",
+        overruns: 0,
+        missed: 0,
+    },
+    Counted {
+        what: "an overrun that ends before the next slot",
+        states: "task After: Overrun with { duration_us = 6000 }; Quiet -> After [timeout];",
+        overruns: 1,
+        missed: 0,
+    },
+    Counted {
+        // From 2 ms after a start of slot 1 to 24 ms later: slot 1 is late once, within its period.
+        what: "an overrun that makes another slot late",
+        states: "task After: Overrun with { duration_us = 24000 }; Quiet -> After [timeout];",
+        overruns: 1,
+        missed: 0,
+    },
+    Counted {
+        // 45 ms: the next occurrences of slots 1 and 2 find no start within their period, those after them do.
+        what: "an overrun over two periods",
+        states: "task After: Overrun with { duration_us = 45000 }; Quiet -> After [timeout];",
+        overruns: 1,
+        missed: 2,
+    },
+    Counted {
+        what: "interrupts masked for two periods",
+        states: "task After: MaskInterrupts with { duration_us = 40000 }; Quiet -> After [timeout];",
+        overruns: 0,
+        missed: 2,
+    },
+    Counted {
+        what: "two overruns, one after the other",
+        states: "task One: Overrun with { duration_us = 6000 } timeout 100 ms;
+                 task After: Overrun with { duration_us = 7000 };
+                 Quiet -> One [timeout]; One -> After [timeout];",
+        overruns: 2,
+        missed: 0,
+    },
+];
+
+#[test]
+fn counters_have_the_exact_number_of_faults_and_the_robot_goes_on() {
+    let robot = robot_with(COUNTED[0].states);
+    let (mut overruns, mut missed) = (0, 0);
+    for case in COUNTED {
+        upload(&robot, case.states);
+        let status = robot.status_when(case.what, |status| {
+            status["t_us"].as_u64() > Some(1_500_000)
+                && status["active"]
+                    .as_array()
+                    .unwrap()
+                    .contains(&"r/After".into())
+        });
+        // Counted since the robot started, over all missions.
+        overruns += case.overruns;
+        missed += case.missed;
+        assert_eq!(status["overruns"], overruns, "{}: {status:#}", case.what);
+        assert_eq!(status["slots_missed"], missed, "{}: {status:#}", case.what);
+        assert_eq!(status["mode"], "running", "{}: {status:#}", case.what);
+        let of_slots: u64 = status["slots"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|slot| slot["missed"].as_u64().unwrap())
+            .sum();
+        assert_eq!(of_slots, case.missed, "{}: {status:#}", case.what);
+    }
+}
+
+#[test]
+fn what_ends_the_firmware_is_told_after_the_reset() {
+    for (task, reason) in [
+        ("NeverReturn", "watchdog"),
+        ("Panic", "panicked"),
+        ("Undefined", "fault"),
+    ] {
+        let robot = robot_with(&format!("task Fatal: {task}; Quiet -> Fatal [timeout];"));
+        assert_eq!(robot.status()["last_reset"], "power on", "{task}");
+        let status = robot.status_when("the reset", |status| status["mode"] != "running");
+        let told = status["last_reset"].as_str().unwrap();
+        assert!(told.contains(reason), "{task}: {told}");
+        assert_eq!(
+            status["mode"], "empty",
+            "{task}: no mission, so nothing moves"
+        );
+        // The robot is as good as new.
+        upload(&robot, "");
+        robot.status_when("the next mission", |status| {
+            status["steps"].as_u64() > Some(10)
+        });
+    }
+}
+
+#[test]
+fn faults_of_the_machine_end_in_the_safe_state() {
+    let robot = Robot::start("lm3s6965", None);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mission.esm");
+    for (machine, reason) in [
+        (
+            "queue 2; machine M { event E; region r { state Quiet timeout 200 ms; state B; initial -> Quiet;
+             Quiet -> B [timeout] / send E, send E, send E; } }",
+            "queue",
+        ),
+        (
+            "machine M { event E; region r { state Quiet timeout 200 ms; state B; initial -> Quiet;
+             Quiet -> B [timeout] / send E; B -> B on E / send E; } }",
+            "no end",
+        ),
+    ] {
+        let head = "interpreter slot 1; slot 1 period 20 ms duration 2 ms;\n";
+        std::fs::write(&path, format!("{head}{machine}")).unwrap();
+        robot.esm(&["upload", path.to_str().unwrap()]).good();
+        let status = robot.status_when("the safe state", |status| status["mode"] == "safe");
+        let told = status["safe_reason"].as_str().unwrap();
+        assert!(told.contains(reason), "{reason}: {told}");
+    }
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+    robot.status_when("a mission that runs", |status| status["mode"] == "running");
+}
+
+#[test]
+fn a_frozen_plant_ends_a_run_in_the_safe_state() {
+    for board in ["lm3s6965", "host"] {
+        let done = esm(&[
+            "run",
+            "missions/patrol.esm",
+            "--board",
+            board,
+            "--firmware",
+            firmware("rover").to_str().unwrap(),
+            "--until",
+            "20 s",
+            "--freeze-plant-at",
+            "5 s",
+        ]);
+        assert_eq!(done.status, Some(1), "{board}: {done:#?}");
+        assert!(
+            done.err.contains("body does not answer"),
+            "{board}: {done:#?}"
+        );
+    }
+}

@@ -1,0 +1,213 @@
+//! A robot on a serial line (a pty), in real time: uploads, refusals, status, log, stop and start, on both boards.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use esm_core::format::{CRC_BYTES, crc32};
+use esm_tests::command::{Robot, esm};
+use esm_tests::random::Random;
+use host_tools::link_client::{ClientError, LinkClient};
+use host_tools::serial;
+
+const BOARDS: [&str; 2] = ["host", "lm3s6965"];
+
+/// A blob of a mission that ships.
+fn blob(mission: &str) -> (String, Vec<u8>) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mission.blob");
+    esm(&[
+        "build",
+        &format!("missions/{mission}.esm"),
+        "-o",
+        path.to_str().unwrap(),
+    ])
+    .good();
+    let blob = std::fs::read(path).unwrap();
+    let hash = u32::from_le_bytes(*blob.last_chunk().unwrap());
+    (format!("{hash:08x}"), blob)
+}
+
+#[test]
+fn a_robot_takes_missions_while_it_moves_and_tells_what_it_does() {
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        assert_eq!(robot.status()["mode"], "empty", "{board}");
+        let told = robot.esm(&["status"]).good().out;
+        assert!(told.contains(board), "{board}: {told}");
+
+        robot.esm(&["upload", "missions/patrol.esm"]).good();
+        let status = robot.status_when("a second of patrol", |status| {
+            status["t_us"].as_u64() > Some(1_000_000)
+        });
+        assert_eq!(status["mode"], "running", "{board}");
+        assert_eq!(status["mission"], blob("patrol").0.as_str(), "{board}");
+        let active: Vec<&str> = status["active"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|path| path.as_str().unwrap())
+            .collect();
+        assert!(active.contains(&"sonars/Listen"), "{board}: {active:?}");
+
+        robot.esm(&["upload", "missions/follow_wall.esm"]).good();
+        let status = robot.status_when("follow_wall", |status| status["steps"].as_u64() > Some(10));
+        assert_eq!(status["mission"], blob("follow_wall").0.as_str(), "{board}");
+        assert_eq!(status["slots_missed"], 0, "{board}");
+
+        robot.esm(&["stop"]).good();
+        assert_eq!(robot.status()["mode"], "stopped", "{board}");
+        robot.esm(&["start"]).good();
+        let status = robot.status_when("driving again", |status| {
+            status["steps"].as_u64() > Some(10)
+        });
+        assert_eq!(status["mode"], "running", "{board}");
+        assert_eq!(status["mission"], blob("follow_wall").0.as_str(), "{board}");
+
+        assert_eq!(robot.end(), Some(0), "{board}: Ctrl-C is a good end");
+    }
+}
+
+#[test]
+fn a_robot_declares_the_tasks_that_the_missions_take_in() {
+    let shipped =
+        std::fs::read_to_string(esm_tests::command::root().join("missions/rover.esm")).unwrap();
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        let told = robot.esm(&["tasks"]).good().out;
+        for line in shipped.lines().filter(|line| line.starts_with("task ")) {
+            let name = line.split_whitespace().nth(1).unwrap();
+            assert!(
+                told.contains(&format!("task {name}")),
+                "{board}: {name} in\n{told}"
+            );
+        }
+        let file = tempfile::Builder::new().suffix(".esm").tempfile().unwrap();
+        std::fs::write(file.path(), &told).unwrap();
+        esm(&["check", file.path().to_str().unwrap()]).good();
+    }
+}
+
+/// Missions that the robot cannot run, and words with which it must be told.
+const REFUSED: &[(&str, &str, &[&str])] = &[
+    (
+        "a task that the firmware lacks",
+        "task Somersault slot 2 { out flag landed; } machine M { region r { task T: Somersault; initial -> T; } }",
+        &["Somersault"],
+    ),
+    (
+        "a task with another signature",
+        "task Stop slot 2 { out data twist: Twist; out flag stopped; }
+         machine M { region r { task T: Stop; initial -> T; } }",
+        &["Stop", "signature"],
+    ),
+    (
+        "a port of another type",
+        "task Stop slot 2 { out data twist: Pose; } machine M { region r { task T: Stop; initial -> T; } }",
+        &["Stop"],
+    ),
+    (
+        "more states of a task than there are tasks",
+        "task Stop slot 2 { out data twist: Twist; }
+         machine M { region r { task A: Stop; task B: Stop; task C: Stop; initial -> A; A -> B; B -> C; } }",
+        &["Stop", "3", "2"],
+    ),
+];
+
+#[test]
+fn a_robot_refuses_what_it_cannot_run_by_name_and_drives_on() {
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        robot.esm(&["upload", "missions/patrol.esm"]).good();
+        let folder = tempfile::tempdir().unwrap();
+        for (what, machine, words) in REFUSED {
+            let path = folder.path().join("mission.esm");
+            let head = "interpreter slot 1; slot 1 period 20 ms duration 1 ms; slot 2 period 20 ms duration 1 ms;\n";
+            std::fs::write(&path, format!("{head}{machine}")).unwrap();
+            let before = robot.status()["steps"].as_u64();
+            let done = robot.esm(&["upload", path.to_str().unwrap()]);
+            assert_eq!(done.status, Some(1), "{board}, {what}: {done:#?}");
+            for word in *words {
+                assert!(
+                    done.err.contains(word),
+                    "{board}, {what}: `{word}` in {}",
+                    done.err
+                );
+            }
+            let status =
+                robot.status_when("driving on", |status| status["steps"].as_u64() > before);
+            assert_eq!(status["mode"], "running", "{board}, {what}");
+            assert_eq!(
+                status["mission"],
+                blob("patrol").0.as_str(),
+                "{board}, {what}"
+            );
+        }
+        assert_eq!(robot.status()["slots_missed"], 0, "{board}");
+    }
+}
+
+#[test]
+fn a_robot_refuses_corrupted_blobs_and_drives_on() {
+    let (hash, good) = blob("patrol");
+    let (_, other) = blob("follow_wall");
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        robot.esm(&["upload", "missions/patrol.esm"]).good();
+        let port = robot.port().parse().unwrap();
+        let line = serial::open(&port, serial::DEFAULT_BAUD).unwrap();
+        let (mut client, _) = LinkClient::connect(line).unwrap();
+        let mut random = Random::new(5);
+        let mut refused = 0;
+        let mut tried = 0;
+        while tried < 24 {
+            let mut bytes = other.clone();
+            match tried % 4 {
+                0 => bytes.truncate(random.between(1, other.len() - 1)),
+                1 => {
+                    bytes = (0..random.between(1, 200))
+                        .map(|_| random.bits() as u8)
+                        .collect()
+                }
+                2 => bytes[random.below(other.len())] ^= 1 << random.below(8),
+                _ => {
+                    // The tables, and not the names at the end, of which any will do.
+                    let place = random.between(4, other.len() / 2);
+                    bytes[place] ^= 1 << random.below(8);
+                    let end = bytes.len() - CRC_BYTES;
+                    let crc = crc32(&bytes[..end]);
+                    bytes[end..].copy_from_slice(&crc.to_le_bytes());
+                }
+            }
+            tried += 1;
+            // One that is valid after all would take over: the host's own verifier says which are not.
+            if esm_core::verify(&bytes[..]).is_ok() {
+                continue;
+            }
+            match client.upload(&bytes, &mut |_| ()) {
+                Err(ClientError::Refused { .. }) => refused += 1,
+                other => panic!(
+                    "{board}: {:?} for a blob that is not valid",
+                    other.map(drop)
+                ),
+            }
+            let status = client.status().unwrap();
+            assert_eq!(
+                status.mission.map(|hash| format!("{hash:08x}")),
+                Some(hash.clone()),
+                "{board}"
+            );
+        }
+        assert!(
+            refused >= 15,
+            "{board}: only {refused} of {tried} were put to the robot"
+        );
+        drop(client);
+        let before = robot.status()["steps"].as_u64();
+        let status = robot.status_when("driving on", |status| status["steps"].as_u64() > before);
+        assert_eq!(status["mode"], "running", "{board}");
+        assert_eq!(status["slots_missed"], 0, "{board}");
+        // And it takes a good one as before.
+        let path = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(path.path(), &good).unwrap();
+        robot.esm(&["upload", path.path().to_str().unwrap()]).good();
+    }
+}
