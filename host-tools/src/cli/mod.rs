@@ -7,7 +7,7 @@
 //! |---|---|
 //! | [`exit`] | what a command can end with: [`exit::ExitStatus`] and [`exit::CommandError`] |
 //! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
-//! | [`file`] | files read and written, whole or not at all |
+//! | [`file`](mod@file) | files read and written, whole or not at all |
 //! | [`mission`] | from a source file to a verified blob |
 //! | [`argument`] | values that several commands take: times, ports |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
