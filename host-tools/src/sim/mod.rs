@@ -391,3 +391,6 @@ impl<W: Write> Observer for Watcher<'_, W> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
