@@ -393,4 +393,4 @@ impl<W: Write> Observer for Watcher<'_, W> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -11,7 +11,7 @@ use crate::trace::directory::Directory;
 use crate::{lang, sim};
 
 /// A machine with all kinds of states: two regions, a container used twice, flags through `^`, an event, a slot-0 task.
-const ROVER: &str = "
+pub(crate) const ROVER: &str = "
     interpreter slot 1;
     slot 1 period 10 ms duration 1 ms;
     slot 2 period 10 ms duration 1 ms;
@@ -58,7 +58,7 @@ struct Ran {
     trace: Vec<String>,
 }
 
-fn directory_and_blob(machine: &str) -> (Arc<Directory>, Vec<u8>) {
+pub(crate) fn directory_and_blob(machine: &str) -> (Arc<Directory>, Vec<u8>) {
     let mut checked = lang::load_text("machine.esm", machine);
     let schedule = checked.lay_out(Duration::from_secs(5));
     let (Some(model), Some(schedule)) = (&checked.model, schedule) else {
@@ -300,7 +300,7 @@ fn an_expectation_that_no_macro_step_follows_fails() {
 }
 
 /// In the second macro step one transition sends two events, each of which sends two more.
-const FLOOD: &str = "
+pub(crate) const FLOOD: &str = "
     interpreter slot 1; queue 4;
     slot 1 period 10 ms duration 1 ms;
     machine Flood {

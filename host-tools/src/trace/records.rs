@@ -165,3 +165,165 @@ impl<W: Write> RecordTrace<W> {
         self.writer.into_inner()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::tests::{FLOOD, ROVER, directory_and_blob};
+    use esm_core::{Interpreter, Observer, TransitionTaken};
+    use rt_firmware::link::trace::{RecordSink, write_step};
+
+    /// The records of a robot, as they come over the wire.
+    #[derive(Default)]
+    struct Wire(Vec<u8>);
+
+    impl RecordSink for Wire {
+        fn put(&mut self, byte: u8) {
+            self.0.push(byte);
+        }
+    }
+
+    impl Observer for Wire {
+        fn transition(&mut self, taken: TransitionTaken) {
+            let TransitionTaken {
+                micro,
+                region_instance,
+                transition,
+            } = taken;
+            TraceRecord::Transition {
+                micro,
+                region_instance,
+                transition,
+            }
+            .write(self);
+        }
+    }
+
+    /// Runs a machine whose first task sets its first flag before macro step 2 and reports its end before step 7; gives the records
+    /// and the trace that a writer makes of the same run.
+    fn recorded(machine: &str, steps: u64) -> (Arc<Directory>, Vec<u8>, String) {
+        let (directory, blob) = directory_and_blob(machine);
+        let verified = esm_core::verify(&blob[..]).unwrap();
+        let mut arena = vec![0; verified.arena_words()];
+        let mut machine = Interpreter::new(verified, &mut arena).unwrap();
+        let mut writer = TraceWriter::new(Vec::new(), Arc::clone(&directory));
+        let mut wire = Wire::default();
+        TraceRecord::Started { mission: 7 }.write(&mut wire);
+        for step in 0..steps {
+            match step {
+                2 => machine.set_flag(0, 0, true),
+                7 => machine.report_exit(0),
+                _ => {}
+            }
+            let before = wire.0.len();
+            let at = Step {
+                step,
+                t_us: step * 10_000,
+            };
+            let ended = machine.macro_step(&mut wire);
+            for (micro, region, transition) in transitions(&wire.0[before..]) {
+                writer
+                    .transition(at, micro.into(), region.into(), transition.into())
+                    .unwrap();
+            }
+            match ended {
+                Ok(summary) if !summary.changed && step % 3 == 0 && step != 7 => {
+                    TraceRecord::Same {
+                        micro_steps: summary.micro_steps,
+                    }
+                    .write(&mut wire);
+                    writer
+                        .step(at, summary.micro_steps.into(), &machine)
+                        .unwrap();
+                }
+                Ok(summary) => {
+                    let active: Vec<(u16, u16)> = directory
+                        .active(|region| machine.current(region))
+                        .map(|id| (id.region as u16, machine.current(id.region) as u16))
+                        .collect();
+                    let tasks = 0..directory.task_states().len();
+                    let enabled: Vec<u16> = tasks
+                        .filter(|task| machine.is_enabled(*task))
+                        .map(|task| task as u16)
+                        .collect();
+                    write_step(
+                        &mut wire,
+                        step,
+                        summary.micro_steps,
+                        active.into_iter(),
+                        enabled.into_iter(),
+                    );
+                    writer
+                        .step(at, summary.micro_steps.into(), &machine)
+                        .unwrap();
+                }
+                Err(fault) => {
+                    TraceRecord::Fault {
+                        step,
+                        code: FaultCode::EventQueueOverflow,
+                    }
+                    .write(&mut wire);
+                    writer.fault(at, fault.code()).unwrap();
+                    break;
+                }
+            }
+        }
+        (
+            directory,
+            wire.0,
+            String::from_utf8(writer.into_inner()).unwrap(),
+        )
+    }
+
+    fn transitions(mut bytes: &[u8]) -> Vec<(u8, u16, u16)> {
+        let mut taken = Vec::new();
+        while let Ok(TraceRecord::Transition {
+            micro,
+            region_instance,
+            transition,
+        }) = TraceRecord::take(&mut bytes)
+        {
+            taken.push((micro, region_instance, transition));
+        }
+        taken
+    }
+
+    #[test]
+    fn a_robots_records_give_the_trace_of_the_same_run_on_the_host() {
+        for (machine, steps) in [(ROVER, 30), (FLOOD, 5)] {
+            let (directory, records, expected) = recorded(machine, steps);
+            let mut trace = RecordTrace::new(Vec::new(), directory);
+            let mut rest = &records[..];
+            while !rest.is_empty() {
+                trace
+                    .record(&TraceRecord::take(&mut rest).unwrap())
+                    .unwrap();
+            }
+            assert_eq!(String::from_utf8(trace.into_inner()).unwrap(), expected);
+            assert!(expected.lines().count() > 3, "{expected}");
+        }
+    }
+
+    #[test]
+    fn records_that_fit_no_machine_change_nothing() {
+        let (directory, _) = directory_and_blob(ROVER);
+        let mut trace = RecordTrace::new(Vec::new(), directory);
+        trace
+            .record(&TraceRecord::Transition {
+                micro: 0,
+                region_instance: 999,
+                transition: 0,
+            })
+            .unwrap();
+        trace
+            .record(&TraceRecord::Transition {
+                micro: 0,
+                region_instance: 0,
+                transition: 9_999,
+            })
+            .unwrap();
+        trace.record(&TraceRecord::Same { micro_steps: 1 }).unwrap();
+        let text = String::from_utf8(trace.into_inner()).unwrap();
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}
