@@ -208,7 +208,11 @@ mod tests {
         let mut machine = Interpreter::new(verified, &mut arena).unwrap();
         let mut writer = TraceWriter::new(Vec::new(), Arc::clone(&directory));
         let mut wire = Wire::default();
-        TraceRecord::Started { mission: 7, start_us: 0 }.write(&mut wire);
+        TraceRecord::Started {
+            mission: 7,
+            start_us: 0,
+        }
+        .write(&mut wire);
         for step in 0..steps {
             match step {
                 2 => machine.set_flag(0, 0, true),
