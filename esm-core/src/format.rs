@@ -15,7 +15,7 @@
 //!
 //! | section | record | fields |
 //! |---|---|---|
-//! | mission | 8, just one | queue capacity (1–255); index of the interpreter's slot; number of events; number of flag bits |
+//! | mission | 10, just one | queue capacity (1–255); index of the interpreter's slot; number of events; number of flag bits; number of exclusive groups |
 //! | slots | 16 | number, period, duration, first start: 32 bits each, times in µs |
 //! | containers | 16 | first region; control flags; channels; first instance; then what an instance takes with all inside it: flag bits; task instances; region instances; container instances |
 //! | regions | 4 | first state; container |

@@ -398,14 +398,14 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
 const WORD_BITS: usize = u32::BITS as usize;
 
-#[inline(always)]
+#[inline]
 fn bit(words: &[u32], index: usize) -> bool {
     words
         .get(index / WORD_BITS)
         .is_some_and(|word| word >> (index % WORD_BITS) & 1 != 0)
 }
 
-#[inline(always)]
+#[inline]
 fn set_bit(words: &mut [u32], index: usize, value: bool) {
     if let Some(word) = words.get_mut(index / WORD_BITS) {
         let mask = 1 << (index % WORD_BITS);

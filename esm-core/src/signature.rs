@@ -15,6 +15,8 @@
 /// assert_eq!(esm_core::signature::fnv1a(b""), 0xcbf2_9ce4_8422_2325);
 /// assert_eq!(esm_core::signature::fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
 /// ```
+// Long where it is inlined, and never in a hurry.
+#[inline(never)]
 #[must_use]
 pub const fn fnv1a(bytes: &[u8]) -> u64 {
     const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
@@ -161,45 +163,63 @@ impl<'a> Iterator for Ports<'a> {
 
 /// Reads one declaration with its semicolon.
 fn port(text: &[u8]) -> Option<(Port<'_>, &[u8])> {
-    if let Some(text) = text.strip_prefix(b"param ") {
-        let (name, text) = identifier(text)?;
-        let (type_name, text) = identifier(text.strip_prefix(b":")?)?;
-        return Some((Port::Param { name, type_name }, text.strip_prefix(b";")?));
+    let (first, text) = word(text, b' ')?;
+    if first == b"param" {
+        let (name, text) = word(text, b':')?;
+        let (type_name, text) = word(text, b';')?;
+        return Some((Port::Param { name, type_name }, text));
     }
-    let (direction, text) = if let Some(text) = text.strip_prefix(b"in ") {
-        (Direction::In, text)
-    } else if let Some(text) = text.strip_prefix(b"out ") {
-        (Direction::Out, text)
-    } else {
-        (Direction::InOut, text.strip_prefix(b"inout ")?)
+    let direction = match first {
+        b"in" => Direction::In,
+        b"out" => Direction::Out,
+        b"inout" => Direction::InOut,
+        _ => return None,
     };
-    if let Some(text) = text.strip_prefix(b"data ") {
-        let (name, text) = identifier(text)?;
-        let (type_name, text) = identifier(text.strip_prefix(b":")?)?;
-        let (optional, text) = match text.strip_prefix(b" optional") {
-            Some(text) => (true, text),
-            None => (false, text),
-        };
-        let port = Port::Data {
-            direction,
-            name,
-            type_name,
-            optional,
-        };
-        Some((port, text.strip_prefix(b";")?))
-    } else {
-        let (name, text) = identifier(text.strip_prefix(b"flag ")?)?;
-        Some((Port::Flag { direction, name }, text.strip_prefix(b";")?))
+    match word(text, b' ')? {
+        (b"flag", text) => {
+            let (name, text) = word(text, b';')?;
+            Some((Port::Flag { direction, name }, text))
+        }
+        (b"data", text) => {
+            let (name, text) = word(text, b':')?;
+            let (type_name, text) = identifier(text)?;
+            let (optional, text) = match text.strip_prefix(b" optional") {
+                Some(text) => (true, text),
+                None => (false, text),
+            };
+            let port = Port::Data {
+                direction,
+                name,
+                type_name,
+                optional,
+            };
+            Some((port, text.strip_prefix(b";")?))
+        }
+        _ => None,
     }
 }
 
+/// Splits off an identifier and the character behind it.
+#[inline(never)]
+fn word(text: &[u8], end: u8) -> Option<(&[u8], &[u8])> {
+    let (word, rest) = identifier(text)?;
+    let (found, rest) = rest.split_first()?;
+    (*found == end).then_some((word, rest))
+}
+
 /// Splits off an identifier of at least one character.
+#[inline(never)]
 fn identifier(text: &[u8]) -> Option<(&[u8], &[u8])> {
-    let is_part = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
-    let length = text.iter().take_while(|byte| is_part(byte)).count();
+    let end = text.iter().position(|byte| !is_identifier_part(*byte));
+    let length = end.unwrap_or(text.len());
     (length > 0)
         .then(|| text.split_at_checked(length))
         .flatten()
+}
+
+/// Whether a character can stand in an identifier.
+pub(crate) fn is_identifier_part(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || byte == b'_'
 }
 
 #[cfg(test)]

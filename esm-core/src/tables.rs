@@ -195,6 +195,8 @@ pub struct Channel {
 pub struct Task<'a> {
     /// Its signature.
     pub signature: Signature<'a>,
+    /// Where the text of the signature starts among those of all tasks.
+    pub text_start: usize,
     /// Hash of the signature.
     pub signature_hash: u64,
     /// Number of its `exclusive` group, if it has one.
@@ -237,8 +239,8 @@ pub(crate) const fn record_bytes(section: Section) -> usize {
     match section {
         Section::Slots | Section::Containers | Section::States | Section::Instances => 16,
         Section::Tasks => 20,
-        Section::Channels => 10,
-        Section::Mission | Section::RegionInstances | Section::Nets => 8,
+        Section::Channels | Section::Mission => 10,
+        Section::RegionInstances | Section::Nets => 8,
         Section::Transitions | Section::TaskStates | Section::TaskInstances => 6,
         Section::Regions | Section::Code | Section::Params => 4,
         Section::Connections => 2,
@@ -333,6 +335,47 @@ impl Region {
         Region {
             first_state: word(s0, s1),
             container: word(c0, c1),
+        }
+    }
+}
+
+impl<'a> Task<'a> {
+    fn decode(record: &[u8; 20], texts: &'a [u8]) -> Self {
+        let &[
+            h0,
+            h1,
+            h2,
+            h3,
+            h4,
+            h5,
+            h6,
+            h7, //
+            s0,
+            s1,
+            n0,
+            n1,
+            x0,
+            x1,
+            d0,
+            d1,
+            f0,
+            f1,
+            p0,
+            p1,
+        ] = record;
+        let (start, length) = (word(s0, s1), word(n0, n1));
+        let text = texts.get(start..start + length).unwrap_or(&[]);
+        let exclusive = u16::from_le_bytes([x0, x1]);
+        Task {
+            signature: Signature::new(text),
+            text_start: start,
+            signature_hash: u64::from_le_bytes([h0, h1, h2, h3, h4, h5, h6, h7]),
+            exclusive: (exclusive != format::NONE).then_some(exclusive),
+            ports: PortCounts {
+                data: word(d0, d1),
+                flags: word(f0, f1),
+                params: word(p0, p1),
+            },
         }
     }
 }
@@ -522,6 +565,8 @@ impl<'a> Tables<'a> {
     }
 
     /// The bytes of a section.
+    // Inlined, it would be the largest part of the verifier.
+    #[inline(never)]
     pub(crate) fn section(&self, section: Section) -> &'a [u8] {
         let (start, length) = self.sections[section as usize];
         let from_start = self.bytes.get(start as usize..).unwrap_or(&[]);
@@ -574,6 +619,12 @@ impl<'a> Tables<'a> {
     #[must_use]
     pub fn flag_count(&self) -> usize {
         self.mission_word(3)
+    }
+
+    /// Number of `exclusive` groups.
+    #[must_use]
+    pub fn exclusive_group_count(&self) -> usize {
+        self.mission_word(4)
     }
 
     /// The slots in the order of their declaration.
@@ -661,11 +712,17 @@ impl<'a> Tables<'a> {
     /// The transitions out of a state: first those on the pulse, then the others, both in source order.
     #[must_use]
     pub fn transitions_of(&self, state: usize) -> core::ops::Range<usize> {
-        let first = |index| self.state(index).map(|state| state.first_transition);
-        match (first(state), first(state + 1)) {
-            (Some(start), Some(end)) => start..end,
+        match (self.state(state), self.transition_end(state)) {
+            (Some(state), Some(end)) => state.first_transition..end,
             _ => 0..0,
         }
+    }
+
+    /// One past the last transition out of a state, which is the first out of the next: `None` for the last state of all.
+    #[inline(never)]
+    pub(crate) fn transition_end(&self, state: usize) -> Option<usize> {
+        let [t0, t1, ..] = *self.record::<16>(Section::States, state + 1)?;
+        Some(word(t0, t1))
     }
 
     /// Number of instructions of all guards and actions.
@@ -746,49 +803,16 @@ impl<'a> Tables<'a> {
     /// The tasks that the mission uses.
     pub fn tasks(&self) -> impl ExactSizeIterator<Item = Task<'a>> + use<'a> {
         let texts = self.section(Section::Signatures);
-        self.records(Section::Tasks).iter().map(move |record| {
-            let &[
-                h0,
-                h1,
-                h2,
-                h3,
-                h4,
-                h5,
-                h6,
-                h7, //
-                s0,
-                s1,
-                n0,
-                n1,
-                x0,
-                x1,
-                d0,
-                d1,
-                f0,
-                f1,
-                p0,
-                p1,
-            ] = record;
-            let (start, length) = (word(s0, s1), word(n0, n1));
-            let text = texts.get(start..start + length).unwrap_or(&[]);
-            let exclusive = u16::from_le_bytes([x0, x1]);
-            Task {
-                signature: Signature::new(text),
-                signature_hash: u64::from_le_bytes([h0, h1, h2, h3, h4, h5, h6, h7]),
-                exclusive: (exclusive != format::NONE).then_some(exclusive),
-                ports: PortCounts {
-                    data: word(d0, d1),
-                    flags: word(f0, f1),
-                    params: word(p0, p1),
-                },
-            }
-        })
+        let records = self.records(Section::Tasks).iter();
+        records.map(move |record| Task::decode(record, texts))
     }
 
     /// One task.
     #[must_use]
     pub fn task(&self, index: usize) -> Option<Task<'a>> {
-        self.tasks().nth(index)
+        let texts = self.section(Section::Signatures);
+        let record = self.record(Section::Tasks, index)?;
+        Some(Task::decode(record, texts))
     }
 
     /// Number of task states of all container templates.

@@ -15,8 +15,10 @@ use core::ops::Deref;
 use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
-use crate::signature::{Port, fnv1a};
-use crate::tables::{self, Code, Container, Instance, Region, State, StateKind, Tables};
+use crate::signature::{Port, fnv1a, is_identifier_part};
+use crate::tables::{
+    self, Code, Container, Instance, Region, RegionInstance, Slot, State, StateKind, Tables,
+};
 
 /// Why a blob is refused. It must be built again, or sent again; none of these can be put right on the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,29 +70,6 @@ pub enum Cause {
     Type,
     /// Two slots overlap, or have the same number.
     Overlap,
-}
-
-/// A [`Refusal::Record`] on its way: small enough for a register.
-#[derive(Clone, Copy)]
-struct BadRecord {
-    section: Section,
-    cause: Cause,
-    index: u16,
-}
-
-impl From<BadRecord> for Refusal {
-    fn from(bad: BadRecord) -> Self {
-        let BadRecord {
-            section,
-            cause,
-            index,
-        } = bad;
-        Self::Record {
-            section,
-            index,
-            cause,
-        }
-    }
 }
 
 /// Where the sections of a blob are, and what was worked out on the way.
@@ -238,125 +217,36 @@ impl Layout {
 /// The whole check.
 fn check(bytes: &[u8]) -> Result<Layout, Refusal> {
     let layout = Layout::read(bytes)?;
-    check_tables(&layout.tables(bytes))?;
-    Ok(layout)
-}
-
-fn check_tables(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    check_mission(tables)?;
-    check_slots(tables)?;
-    check_tasks(tables)?;
-    Templates::default().check(tables)?;
-    check_instances(tables)?;
-    check_channels(tables)?;
-    check_task_instances(tables)?;
-    check_names(tables)
-}
-
-/// One record under test.
-#[derive(Clone, Copy)]
-struct Place(Section, usize);
-
-impl Place {
-    fn refuse(self, cause: Cause) -> BadRecord {
-        BadRecord {
-            section: self.0,
+    let mut pass = Pass::over(layout.tables(bytes));
+    match pass.check() {
+        Ok(()) => Ok(layout),
+        Err(cause) => Err(Refusal::Record {
+            section: pass.section,
+            index: pass.index as u16,
             cause,
-            index: self.1 as u16,
-        }
-    }
-
-    fn ensure(self, holds: bool, cause: Cause) -> Result<(), BadRecord> {
-        if holds {
-            Ok(())
-        } else {
-            Err(self.refuse(cause))
-        }
+        }),
     }
 }
 
-fn check_mission(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    let place = Place(Section::Mission, 0);
-    place.ensure(tables.count(Section::Mission) == 1, Cause::Order)?;
-    let in_range = (1..=format::MAX_QUEUE).contains(&tables.queue_capacity())
-        && tables.event_count() <= usize::from(format::MAX_EVENT);
-    place.ensure(in_range, Cause::Range)?;
-    place.ensure(
-        tables.interpreter_slot() < tables.count(Section::Slots),
-        Cause::Index,
-    )
+fn ensure(holds: bool, cause: Cause) -> Result<(), Cause> {
+    if holds { Ok(()) } else { Err(cause) }
 }
 
-/// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
-/// their periods (Korst, Aarts, Lenstra 1996).
-fn check_slots(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    for (index, slot) in tables.slots().enumerate() {
-        let place = Place(Section::Slots, index);
-        let in_range = slot.number >= 1
-            && (1..=format::MAX_TIME_US).contains(&slot.period_us)
-            && slot.duration_us <= slot.period_us
-            && slot.start_us < slot.period_us;
-        place.ensure(in_range, Cause::Range)?;
-        for earlier in tables.slots().take(index) {
-            let base_us = greatest_common_divisor(slot.period_us, earlier.period_us);
-            let ahead_us = if slot.start_us >= earlier.start_us {
-                (slot.start_us - earlier.start_us) % base_us
-            } else {
-                (base_us - (earlier.start_us - slot.start_us) % base_us) % base_us
-            };
-            let fits = earlier.duration_us <= ahead_us
-                && base_us
-                    .checked_sub(slot.duration_us)
-                    .is_some_and(|room_us| ahead_us <= room_us);
-            place.ensure(fits && slot.number != earlier.number, Cause::Overlap)?;
-        }
-    }
-    Ok(())
-}
-
-fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
-    while b != 0 {
-        (a, b) = (b, a % b);
-    }
-    a
-}
-
-fn check_tasks(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    let mut text_bytes = 0;
-    for (index, task) in tables.tasks().enumerate() {
-        let place = Place(Section::Tasks, index);
-        let text = task.signature.text();
-        // Texts in a row: each begins where the one before ended.
-        let expected = tables.section(Section::Signatures).get(text_bytes..);
-        let in_row = expected.is_some_and(|rest| {
-            rest.as_ptr() == text.as_ptr() && rest.starts_with(text) && !text.is_empty()
-        });
-        place.ensure(in_row, Cause::Order)?;
-        text_bytes += text.len();
-        let right = task.signature.counts() == Some(task.ports)
-            && task.signature.hash() == task.signature_hash;
-        place.ensure(right, Cause::Text)?;
-        let in_range = task
-            .exclusive
-            .is_none_or(|group| usize::from(group) < tables.count(Section::Tasks));
-        place.ensure(in_range, Cause::Range)?;
-    }
-    let place = Place(Section::Signatures, text_bytes);
-    place.ensure(
-        text_bytes == tables.count(Section::Signatures),
-        Cause::Order,
-    )
-}
-
-/// How far the pass over the templates has come.
-#[derive(Default)]
-struct Templates {
+/// The pass, with the places that it has come to.
+struct Pass<'a> {
+    tables: Tables<'a>,
+    /// The record under test: it is the one that is wrong if a test fails.
+    section: Section,
+    index: usize,
+    /// Next records of the templates.
     regions: usize,
     states: usize,
     transitions: usize,
     code: usize,
     task_states: usize,
     params: usize,
+    /// Control flags of containers.
+    control_flags: usize,
 }
 
 /// What the states of a container took of its spans so far.
@@ -369,49 +259,121 @@ struct Spans {
     instances: usize,
 }
 
-impl Templates {
-    fn check(mut self, tables: &Tables<'_>) -> Result<(), BadRecord> {
-        for (index, container) in tables.containers().enumerate() {
-            self.container(tables, index, &container)?;
+impl<'a> Pass<'a> {
+    fn over(tables: Tables<'a>) -> Self {
+        Self {
+            tables,
+            section: Section::Mission,
+            index: 0,
+            regions: 0,
+            states: 0,
+            transitions: 0,
+            code: 0,
+            task_states: 0,
+            params: 0,
+            control_flags: 0,
         }
-        let ends = [
-            (
-                Section::Regions,
-                self.regions,
-                tables.count(Section::Regions),
-            ),
-            (Section::States, self.states, tables.count(Section::States)),
-            (
-                Section::Transitions,
-                self.transitions,
-                tables.count(Section::Transitions),
-            ),
-            (Section::Code, self.code, tables.count(Section::Code)),
-            (
-                Section::TaskStates,
-                self.task_states,
-                tables.count(Section::TaskStates),
-            ),
-            (Section::Params, self.params, tables.count(Section::Params)),
-        ];
-        for (section, checked, length) in ends {
-            Place(section, checked).ensure(checked == length, Cause::Order)?;
+    }
+
+    fn check(&mut self) -> Result<(), Cause> {
+        self.mission()?;
+        self.slots()?;
+        self.tasks()?;
+        self.templates()?;
+        self.instances()?;
+        self.channels()?;
+        self.task_instances()?;
+        self.names()
+    }
+
+    /// Says which record is under test.
+    fn at(&mut self, section: Section, index: usize) {
+        self.section = section;
+        self.index = index;
+    }
+
+    /// Nothing of a section may be left behind `checked` records.
+    fn end(&mut self, section: Section, checked: usize) -> Result<(), Cause> {
+        self.at(section, checked);
+        ensure(checked == self.tables.count(section), Cause::Order)
+    }
+
+    fn mission(&mut self) -> Result<(), Cause> {
+        let tables = self.tables;
+        self.end(Section::Mission, 1)?;
+        let in_range = (1..=format::MAX_QUEUE).contains(&tables.queue_capacity())
+            && tables.event_count() <= usize::from(format::MAX_EVENT);
+        ensure(in_range, Cause::Range)?;
+        let slots = tables.count(Section::Slots);
+        ensure(tables.interpreter_slot() < slots, Cause::Index)
+    }
+
+    /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
+    /// their periods (Korst, Aarts, Lenstra 1996).
+    fn slots(&mut self) -> Result<(), Cause> {
+        let mut index = 0;
+        while let Some(slot) = self.tables.slot(index) {
+            self.at(Section::Slots, index);
+            let in_range = slot.number >= 1
+                && slot.period_us <= format::MAX_TIME_US
+                && slot.duration_us <= slot.period_us
+                && slot.start_us < slot.period_us;
+            ensure(in_range, Cause::Range)?;
+            for earlier in 0..index {
+                let earlier = self.tables.slot(earlier).ok_or(Cause::Index)?;
+                let apart = do_not_overlap(&earlier, &slot) && slot.number != earlier.number;
+                ensure(apart, Cause::Overlap)?;
+            }
+            index += 1;
         }
         Ok(())
     }
 
-    fn container(
-        &mut self,
-        tables: &Tables<'_>,
-        index: usize,
-        container: &Container,
-    ) -> Result<(), BadRecord> {
-        let place = Place(Section::Containers, index);
-        place.ensure(container.first_region == self.regions, Cause::Order)?;
-        let instance = tables
+    fn tasks(&mut self) -> Result<(), Cause> {
+        let groups = self.tables.exclusive_group_count();
+        let mut text_bytes = 0;
+        let mut index = 0;
+        while let Some(task) = self.tables.task(index) {
+            self.at(Section::Tasks, index);
+            let signature = task.signature;
+            // A text that would end behind the last one reads as empty, which has no counts.
+            ensure(task.text_start == text_bytes, Cause::Order)?;
+            text_bytes += signature.text().len();
+            let right =
+                signature.counts() == Some(task.ports) && signature.hash() == task.signature_hash;
+            ensure(right, Cause::Text)?;
+            let in_range = task
+                .exclusive
+                .is_none_or(|group| usize::from(group) < groups);
+            ensure(in_range, Cause::Range)?;
+            index += 1;
+        }
+        self.end(Section::Signatures, text_bytes)
+    }
+
+    fn templates(&mut self) -> Result<(), Cause> {
+        let mut index = 0;
+        while let Some(container) = self.tables.container(index) {
+            self.container(index, &container)?;
+            self.control_flags += container.flags;
+            index += 1;
+        }
+        self.end(Section::Regions, self.regions)?;
+        self.end(Section::States, self.states)?;
+        self.end(Section::Transitions, self.transitions)?;
+        self.end(Section::Code, self.code)?;
+        self.end(Section::TaskStates, self.task_states)?;
+        self.end(Section::Params, self.params)
+    }
+
+    fn container(&mut self, index: usize, container: &Container) -> Result<(), Cause> {
+        self.at(Section::Containers, index);
+        ensure(container.first_region == self.regions, Cause::Order)?;
+        let instance = self
+            .tables
             .instance(container.first_instance)
-            .filter(|instance| instance.container == index)
-            .ok_or(place.refuse(Cause::Index))?;
+            .ok_or(Cause::Index)?;
+        ensure(instance.container == index, Cause::Index)?;
         let mut spans = Spans {
             flags: format::CONTAINER_CONTROL_FLAGS + container.flags,
             tasks: 0,
@@ -419,47 +381,48 @@ impl Templates {
             instances: 1,
         };
         let mut region_instances = 0;
-        while let Some(region) = tables
-            .region(self.regions)
-            .filter(|region| region.container == index)
-        {
+        while let Some(region) = self.tables.region(self.regions) {
+            if region.container != index {
+                break;
+            }
             spans.regions = 1;
-            self.region(tables, &region, container, &instance, &mut spans)?;
+            self.region(&region, container, &instance, &mut spans)?;
             region_instances += spans.regions;
             self.regions += 1;
         }
+        self.at(Section::Containers, index);
         let exact = container.flag_span == spans.flags
             && container.task_span == spans.tasks
             && container.region_span == region_instances
-            && container.instance_span == spans.instances;
-        place.ensure(exact && region_instances > 0, Cause::Template)
+            && container.instance_span == spans.instances
+            && region_instances > 0;
+        ensure(exact, Cause::Template)
     }
 
     fn region(
         &mut self,
-        tables: &Tables<'_>,
         region: &Region,
         container: &Container,
         instance: &Instance,
         spans: &mut Spans,
-    ) -> Result<(), BadRecord> {
-        Place(Section::Regions, self.regions)
-            .ensure(region.first_state == self.states, Cause::Order)?;
-        let end = tables
-            .region(self.regions + 1)
-            .map_or(tables.count(Section::States), |next| next.first_state);
-        let mut is_first = true;
+    ) -> Result<(), Cause> {
+        self.at(Section::Regions, self.regions);
+        ensure(region.first_state == self.states, Cause::Order)?;
+        let end = match self.tables.region(self.regions + 1) {
+            Some(next) => next.first_state,
+            None => self.tables.count(Section::States),
+        };
         loop {
-            let place = Place(Section::States, self.states);
-            let state = tables.state(self.states).ok_or(place.refuse(Cause::Kind))?;
+            self.at(Section::States, self.states);
+            let state = self.tables.state(self.states).ok_or(Cause::Kind)?;
+            let is_first = self.states == region.first_state;
             let is_last = self.states + 1 == end;
             let right_kind = is_first == (state.kind == StateKind::Initial)
                 && is_last == (state.kind == StateKind::Final);
-            place.ensure(right_kind, Cause::Kind)?;
-            self.state(tables, place, &state, container, instance, spans)?;
-            self.transitions(tables, place, &state, container, region.first_state..end)?;
+            ensure(right_kind, Cause::Kind)?;
+            self.state(&state, container, instance, spans)?;
+            self.transitions(&state, container, region.first_state, end)?;
             self.states += 1;
-            is_first = false;
             if is_last {
                 return Ok(());
             }
@@ -468,23 +431,21 @@ impl Templates {
 
     fn state(
         &mut self,
-        tables: &Tables<'_>,
-        place: Place,
         state: &State,
         container: &Container,
         instance: &Instance,
         spans: &mut Spans,
-    ) -> Result<(), BadRecord> {
-        place.ensure(state.first_flag == spans.flags, Cause::Order)?;
-        let in_range = state
-            .timeout_us
-            .is_none_or(|timeout_us| timeout_us <= format::MAX_TIME_US && state.flags > 0);
-        place.ensure(in_range, Cause::Range)?;
-        let right_flags = match state.kind {
-            StateKind::Initial | StateKind::Final => state.flags == 0,
+    ) -> Result<(), Cause> {
+        ensure(state.first_flag == spans.flags, Cause::Order)?;
+        if let Some(timeout_us) = state.timeout_us {
+            let in_range = timeout_us <= format::MAX_TIME_US && state.flags > 0;
+            ensure(in_range, Cause::Range)?;
+        }
+        let (flags, flag_span) = match state.kind {
+            StateKind::Initial | StateKind::Final => (0, 0),
             StateKind::Simple => {
-                spans.flags += state.flags;
-                state.flags <= 1
+                let timeout = state.flags.min(1);
+                (timeout, timeout)
             }
             StateKind::Task {
                 task_offset,
@@ -492,90 +453,93 @@ impl Templates {
                 real_time,
             } => {
                 let in_order = task_offset == spans.tasks && task_state == self.task_states;
-                place.ensure(in_order, Cause::Order)?;
+                ensure(in_order, Cause::Order)?;
                 spans.tasks += 1;
-                spans.flags += state.flags;
-                state.flags == format::TASK_CONTROL_FLAGS + self.task_state(tables, real_time)?
+                let flags = format::TASK_CONTROL_FLAGS + self.task_state(real_time)?;
+                (flags, flags)
             }
             StateKind::Super {
                 region_offset,
                 instance_offset,
             } => {
-                let inside = tables
+                let inside = self
+                    .tables
                     .instance(container.first_instance + instance_offset)
-                    .ok_or(place.refuse(Cause::Index))?;
-                let content = tables
+                    .ok_or(Cause::Index)?;
+                let content = self
+                    .tables
                     .container(inside.container)
-                    .ok_or(place.refuse(Cause::Index))?;
+                    .ok_or(Cause::Index)?;
                 let in_order = region_offset == spans.regions
                     && instance_offset == spans.instances
                     && inside.first_task == instance.first_task + spans.tasks;
-                place.ensure(in_order, Cause::Order)?;
-                spans.flags += content.flag_span;
+                ensure(in_order, Cause::Order)?;
                 spans.tasks += content.task_span;
                 spans.regions += content.region_span;
                 spans.instances += content.instance_span;
-                state.flags == format::CONTAINER_CONTROL_FLAGS + content.flags
+                let flags = format::CONTAINER_CONTROL_FLAGS + content.flags;
+                (flags, content.flag_span)
             }
         };
-        place.ensure(right_flags, Cause::Template)
+        spans.flags += flag_span;
+        ensure(state.flags == flags, Cause::Template)
     }
 
     /// Checks the next task state and returns the number of its task's control flags.
-    fn task_state(&mut self, tables: &Tables<'_>, real_time: bool) -> Result<usize, BadRecord> {
-        let place = Place(Section::TaskStates, self.task_states);
-        let task_state = tables
+    fn task_state(&mut self, real_time: bool) -> Result<usize, Cause> {
+        self.at(Section::TaskStates, self.task_states);
+        let task_state = self
+            .tables
             .task_state(self.task_states)
-            .ok_or(place.refuse(Cause::Index))?;
-        let task = tables
-            .task(task_state.task)
-            .ok_or(place.refuse(Cause::Index))?;
+            .ok_or(Cause::Index)?;
+        let task = self.tables.task(task_state.task).ok_or(Cause::Index)?;
+        let slots = self.tables.count(Section::Slots);
         let right_slot = match task_state.slot {
             None => !real_time,
-            Some(slot) => real_time && slot < tables.count(Section::Slots),
+            Some(slot) => real_time && slot < slots,
         };
-        place.ensure(right_slot, Cause::Index)?;
-        place.ensure(task_state.first_param == self.params, Cause::Order)?;
+        ensure(right_slot, Cause::Index)?;
+        ensure(task_state.first_param == self.params, Cause::Order)?;
         self.params += task.ports.params;
         self.task_states += 1;
+        self.at(Section::States, self.states);
         Ok(task.ports.flags)
     }
 
-    /// Checks the transitions out of a state whose region has the states `region`.
+    /// Checks the transitions out of the next state, whose region has the states from `first_state` up to `end_state`.
     fn transitions(
         &mut self,
-        tables: &Tables<'_>,
-        state_place: Place,
         state: &State,
         container: &Container,
-        region: core::ops::Range<usize>,
-    ) -> Result<(), BadRecord> {
-        let end = tables
-            .state(self.states + 1)
-            .map_or(tables.count(Section::Transitions), |next| {
-                next.first_transition
-            });
+        first_state: usize,
+        end_state: usize,
+    ) -> Result<(), Cause> {
+        let end = self
+            .tables
+            .transition_end(self.states)
+            .unwrap_or(self.transitions);
         let in_order = state.first_transition == self.transitions
-            && (self.transitions..=end).contains(&state.first_event_transition);
-        state_place.ensure(in_order, Cause::Order)?;
-        state_place.ensure(
-            state.kind != StateKind::Final || end == self.transitions,
-            Cause::Kind,
-        )?;
+            && self.transitions <= state.first_event_transition
+            && state.first_event_transition <= end;
+        ensure(in_order, Cause::Order)?;
+        let is_left = end != self.transitions;
+        ensure(!is_left || state.kind != StateKind::Final, Cause::Kind)?;
         while self.transitions < end {
-            let place = Place(Section::Transitions, self.transitions);
-            let transition = tables
+            self.at(Section::Transitions, self.transitions);
+            let transition = self
+                .tables
                 .transition(self.transitions)
-                .ok_or(place.refuse(Cause::Index))?;
+                .ok_or(Cause::Index)?;
             let on_pulse = self.transitions < state.first_event_transition;
-            let right_event = on_pulse == (transition.event == format::PULSE)
-                && usize::from(transition.event) <= tables.event_count();
-            place.ensure(right_event, Cause::Index)?;
-            let enters_state = transition.target > region.start && transition.target < region.end;
-            place.ensure(enters_state, Cause::Index)?;
+            let enters_other_than_initial =
+                transition.target > first_state && transition.target < end_state;
+            let right = on_pulse == (transition.event == format::PULSE)
+                && usize::from(transition.event) <= self.tables.event_count()
+                && enters_other_than_initial;
+            ensure(right, Cause::Index)?;
             if let Some(start) = transition.code {
-                place.ensure(start == self.code, Cause::Order)?;
-                self.code(tables, state, container)?;
+                ensure(start == self.code, Cause::Order)?;
+                self.code(state, container)?;
             }
             self.transitions += 1;
         }
@@ -583,106 +547,230 @@ impl Templates {
     }
 
     /// Checks a guard and the actions behind it.
-    fn code(
-        &mut self,
-        tables: &Tables<'_>,
-        source: &State,
-        container: &Container,
-    ) -> Result<(), BadRecord> {
+    fn code(&mut self, source: &State, container: &Container) -> Result<(), Cause> {
         let mut farthest_jump = self.code;
         let mut in_guard = true;
         loop {
-            let place = Place(Section::Code, self.code);
-            let code = tables.code(self.code).ok_or(place.refuse(Cause::Kind))?;
-            let jump = match code {
-                Code::Test { jump, .. } | Code::TestBusyInside { jump, .. } => jump,
-                _ => {
-                    // A jump may lead to what follows the last test, and no farther.
-                    place.ensure(!in_guard || farthest_jump <= self.code, Cause::Direction)?;
-                    None
+            self.at(Section::Code, self.code);
+            let code = self.tables.code(self.code).ok_or(Cause::Kind)?;
+            let may_end = in_guard;
+            if !code.is_test() {
+                // A jump may lead to what follows the last test, and no farther.
+                ensure(!in_guard || farthest_jump <= self.code, Cause::Direction)?;
+                in_guard = false;
+            }
+            let (flag, last) = match code {
+                Code::Test { flag, jump, .. } => {
+                    farthest_jump = farthest_jump.max(self.code + jump.unwrap_or(0));
+                    ensure(in_guard, Cause::Kind)?;
+                    (flag, false)
                 }
-            };
-            farthest_jump = farthest_jump.max(self.code + jump.unwrap_or(0));
-            let follows_guard = in_guard;
-            in_guard &= code.is_test();
-            let last = match code {
-                Code::Test { flag, .. } => {
-                    place.ensure(in_guard, Cause::Kind)?;
-                    place.ensure(flag < container.flag_span, Cause::Index)?;
-                    false
-                }
-                Code::TestBusyInside { .. } => {
+                Code::TestBusyInside { jump, .. } => {
+                    farthest_jump = farthest_jump.max(self.code + jump.unwrap_or(0));
                     let is_super = matches!(source.kind, StateKind::Super { .. });
-                    place.ensure(in_guard && is_super, Cause::Kind)?;
-                    false
+                    ensure(in_guard && is_super, Cause::Kind)?;
+                    (0, false)
                 }
                 Code::End => {
-                    place.ensure(follows_guard, Cause::Kind)?;
-                    true
+                    ensure(may_end, Cause::Kind)?;
+                    (0, true)
                 }
                 Code::Send { channel, last } => {
-                    place.ensure(channel < container.channels, Cause::Index)?;
-                    last
+                    ensure(channel < container.channels, Cause::Index)?;
+                    (0, last)
                 }
-                Code::Write { flag, last, .. } => {
-                    place.ensure(flag < container.flag_span, Cause::Index)?;
-                    last
-                }
+                Code::Write { flag, last, .. } => (flag, last),
             };
+            ensure(flag < container.flag_span, Cause::Index)?;
             self.code += 1;
             if last {
                 return Ok(());
             }
         }
     }
-}
 
-/// Checks the instance tree: container instances with their region instances.
-fn check_instances(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    let mut regions = 0;
-    let mut channels = 0;
-    for index in 0..tables.count(Section::Instances) {
-        let place = Place(Section::Instances, index);
-        let no_index = place.refuse(Cause::Index);
-        let instance = tables.instance(index).ok_or(no_index)?;
-        let container = tables.container(instance.container).ok_or(no_index)?;
-        place.ensure(instance.first_channel == channels, Cause::Order)?;
-        channels += container.channels;
-        let after = if index == 0 {
-            let is_whole = instance.container == 0
-                && instance.first_region == 0
-                && instance.first_flag == 0
-                && instance.first_task == 0
-                && container.first_instance == 0
-                && container.flag_span == tables.flag_count()
-                && container.task_span == tables.count(Section::TaskInstances)
-                && container.region_span == tables.count(Section::RegionInstances)
-                && container.instance_span == tables.count(Section::Instances);
-            place.ensure(is_whole, Cause::Template)?;
-            tables.count(Section::RegionInstances)
-        } else {
-            check_parent(tables, place, &instance).ok_or(place.refuse(Cause::Template))??
-        };
-        let end_task = instance.first_task + container.task_span;
-        place.ensure(instance.end_task == end_task, Cause::Template)?;
-        regions += check_region_instances(tables, index, &instance, &container, after)?;
+    /// Checks the instance tree: container instances with their region instances.
+    fn instances(&mut self) -> Result<(), Cause> {
+        let tables = self.tables;
+        let count = tables.count(Section::Instances);
+        let mut regions = 0;
+        let mut channels = 0;
+        let mut index = 0;
+        while let Some(instance) = tables.instance(index) {
+            self.at(Section::Instances, index);
+            let container = tables.container(instance.container).ok_or(Cause::Index)?;
+            ensure(instance.first_channel == channels, Cause::Order)?;
+            channels += container.channels;
+            let after = if index == 0 {
+                let is_whole = instance.container == 0
+                    && instance.first_region == 0
+                    && instance.first_flag == 0
+                    && instance.first_task == 0
+                    && container.first_instance == 0
+                    && container.flag_span == tables.flag_count()
+                    && container.task_span == tables.count(Section::TaskInstances)
+                    && container.region_span == tables.count(Section::RegionInstances)
+                    && container.instance_span == count;
+                ensure(is_whole, Cause::Template)?;
+                container.region_span
+            } else {
+                walk_behind(&tables, index, &instance).ok_or(Cause::Template)?
+            };
+            let end_task = instance.first_task + container.task_span;
+            ensure(instance.end_task == end_task, Cause::Template)?;
+            regions += self.region_instances(index, &instance, &container, after)?;
+            index += 1;
+        }
+        ensure(index > 0, Cause::Order)?;
+        self.end(Section::RegionInstances, regions)?;
+        self.end(Section::Channels, channels)
     }
-    Place(Section::Instances, tables.count(Section::Instances))
-        .ensure(!(tables.count(Section::Instances) == 0), Cause::Order)?;
-    Place(Section::RegionInstances, regions).ensure(
-        regions == tables.count(Section::RegionInstances),
-        Cause::Order,
-    )?;
-    Place(Section::Channels, channels)
-        .ensure(channels == tables.count(Section::Channels), Cause::Order)
+
+    /// Checks the regions of one instance, behind which the walk goes on at `after`, and returns their number.
+    fn region_instances(
+        &mut self,
+        index: usize,
+        instance: &Instance,
+        container: &Container,
+        after: usize,
+    ) -> Result<usize, Cause> {
+        let mut template_index = container.first_region;
+        let mut at = instance.first_region;
+        while let Some(template) = self.tables.region(template_index) {
+            if template.container != instance.container {
+                break;
+            }
+            self.at(Section::RegionInstances, at);
+            // The one before was not the last, so the walk must not have left the instance.
+            ensure(at < after, Cause::Direction)?;
+            let region = self.tables.region_instance(at).ok_or(Cause::Index)?;
+            let exact = region.instance == index
+                && region.initial == template.first_state
+                && region.first_flag == instance.first_flag;
+            ensure(exact, Cause::Template)?;
+            ensure(region.next > at, Cause::Direction)?;
+            at = region.next;
+            template_index += 1;
+        }
+        ensure(at == after, Cause::Direction)?;
+        Ok(template_index - container.first_region)
+    }
+
+    fn channels(&mut self) -> Result<(), Cause> {
+        let tables = self.tables;
+        let mut index = 0;
+        while let Some(channel) = tables.channel(index) {
+            self.at(Section::Channels, index);
+            let instances = channel.instances;
+            let bytes = instances.div_ceil(8);
+            let in_bits = channel.bits.is_none_or(|first| {
+                let available = tables.count(Section::Visibility).checked_sub(first);
+                available.is_some_and(|available| bytes <= available)
+            });
+            let right = channel.event != format::PULSE
+                && usize::from(channel.event) <= tables.event_count()
+                && channel.first_instance + instances <= tables.count(Section::Instances)
+                && in_bits;
+            ensure(right, Cause::Index)?;
+            index += 1;
+        }
+        Ok(())
+    }
+
+    fn task_instances(&mut self) -> Result<(), Cause> {
+        let tables = self.tables;
+        let mut connections = 0;
+        let mut index = 0;
+        while let Some(task_instance) = tables.task_instance(index) {
+            self.at(Section::TaskInstances, index);
+            let region = tables
+                .region_instance(task_instance.region)
+                .ok_or(Cause::Index)?;
+            let around = tables.instance(region.instance).ok_or(Cause::Index)?;
+            let state = tables.state(task_instance.state).ok_or(Cause::Index)?;
+            let StateKind::Task {
+                task_offset,
+                task_state,
+                ..
+            } = state.kind
+            else {
+                return Err(Cause::Kind);
+            };
+            let exact = is_state_of(&tables, task_instance.state, &region)
+                && around.first_task + task_offset == index;
+            ensure(exact, Cause::Template)?;
+            ensure(task_instance.first_connection == connections, Cause::Order)?;
+            let task_state = tables.task_state(task_state).ok_or(Cause::Index)?;
+            let task = tables.task(task_state.task).ok_or(Cause::Index)?;
+            for port in task.signature.ports() {
+                if let Port::Data { type_name, .. } = port {
+                    self.connection(connections, type_name)?;
+                    connections += 1;
+                }
+            }
+            index += 1;
+        }
+        self.end(Section::Connections, connections)
+    }
+
+    /// Checks that a port with the type `type_name` is open or on a net of that type.
+    fn connection(&mut self, index: usize, type_name: &[u8]) -> Result<(), Cause> {
+        self.at(Section::Connections, index);
+        let Some(net) = self.tables.connection(index).ok_or(Cause::Index)? else {
+            return Ok(());
+        };
+        let net = self.tables.net(net).ok_or(Cause::Index)?;
+        ensure(net.type_hash == fnv1a(type_name), Cause::Type)
+    }
+
+    /// A name table is whole or absent.
+    fn names(&mut self) -> Result<(), Cause> {
+        let tables = self.tables;
+        let Some(mut names) = tables.names() else {
+            return Ok(());
+        };
+        // A region has one name of its own and none for its two pseudo-states.
+        let of_regions = tables.count(Section::States) - tables.count(Section::Regions);
+        let expected = tables.event_count()
+            + tables.count(Section::Containers)
+            + self.control_flags
+            + of_regions
+            + tables.exclusive_group_count();
+        let mut count = 0;
+        for name in names.by_ref() {
+            self.at(Section::Names, count);
+            let is_identifier = !name.is_empty() && name.iter().copied().all(is_identifier_part);
+            ensure(is_identifier, Cause::Text)?;
+            count += 1;
+        }
+        ensure(count == expected && names.rest().is_empty(), Cause::Order)
+    }
 }
 
-/// Checks an instance against the superstate around it and returns where the walk goes on behind that: `None` if there is no such superstate.
-fn check_parent(
-    tables: &Tables<'_>,
-    place: Place,
-    instance: &Instance,
-) -> Option<Result<usize, BadRecord>> {
+/// Whether two slots can never be due at once. A slot without duration may start where another does.
+fn do_not_overlap(earlier: &Slot, slot: &Slot) -> bool {
+    let base_us = greatest_common_divisor(slot.period_us, earlier.period_us);
+    let apart_us = slot.start_us.abs_diff(earlier.start_us) % base_us;
+    let (first, second) = if slot.start_us >= earlier.start_us {
+        (earlier, slot)
+    } else {
+        (slot, earlier)
+    };
+    let end_us = apart_us.saturating_add(second.duration_us);
+    let is_point = apart_us == 0 && second.duration_us == 0 && first.duration_us <= base_us;
+    is_point || (first.duration_us <= apart_us && end_us <= base_us)
+}
+
+fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+/// Checks an instance against the superstate that it says it is inside of. Returns where the walk goes on behind that: `None`
+/// if there is no such superstate.
+fn walk_behind(tables: &Tables<'_>, index: usize, instance: &Instance) -> Option<usize> {
     let (parent_region, parent_state) = instance.parent;
     let region = tables.region_instance(parent_region)?;
     let state = tables.state(parent_state)?;
@@ -700,148 +788,16 @@ fn check_parent(
     let model = tables.instance(model_around_index + instance_offset)?;
     let exact = is_state_of(tables, parent_state, &region)
         && parent_region + region_offset == instance.first_region
-        && region.instance + instance_offset == place.1
+        && region.instance + instance_offset == index
         && model.container == instance.container
         && region.first_flag + state.first_flag == instance.first_flag
         && around.first_task + model.first_task == instance.first_task + model_around.first_task;
-    Some(place.ensure(exact, Cause::Template).map(|()| region.next))
-}
-
-/// Checks the regions of one instance, behind which the walk goes on at `after`, and returns their number.
-fn check_region_instances(
-    tables: &Tables<'_>,
-    index: usize,
-    instance: &Instance,
-    container: &Container,
-    after: usize,
-) -> Result<usize, BadRecord> {
-    let templates = tables
-        .regions()
-        .skip(container.first_region)
-        .take_while(|region| region.container == instance.container);
-    let mut at = instance.first_region;
-    let mut count = 0;
-    for template in templates {
-        let place = Place(Section::RegionInstances, at);
-        // The one before was not the last, so the walk must not have left the instance.
-        place.ensure(at < after, Cause::Direction)?;
-        let region = tables
-            .region_instance(at)
-            .ok_or(place.refuse(Cause::Index))?;
-        let exact = region.instance == index
-            && region.initial == template.first_state
-            && region.first_flag == instance.first_flag;
-        place.ensure(exact, Cause::Template)?;
-        place.ensure(region.next > at, Cause::Direction)?;
-        at = region.next;
-        count += 1;
-    }
-    Place(Section::Instances, index).ensure(at == after, Cause::Direction)?;
-    Ok(count)
+    exact.then_some(region.next)
 }
 
 /// Whether a state is one of those that a region instance can be in.
-fn is_state_of(tables: &Tables<'_>, state: usize, region: &tables::RegionInstance) -> bool {
+fn is_state_of(tables: &Tables<'_>, state: usize, region: &RegionInstance) -> bool {
     tables
         .region(tables.region_of_state(state))
         .is_some_and(|template| template.first_state == region.initial)
-}
-
-fn check_channels(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    for index in 0..tables.count(Section::Channels) {
-        let place = Place(Section::Channels, index);
-        let channel = tables.channel(index).ok_or(place.refuse(Cause::Index))?;
-        let right_event =
-            channel.event != format::PULSE && usize::from(channel.event) <= tables.event_count();
-        let in_tree =
-            channel.first_instance + channel.instances <= tables.count(Section::Instances);
-        let in_bits = channel.bits.is_none_or(|first| {
-            tables
-                .count(Section::Visibility)
-                .checked_sub(first)
-                .is_some_and(|bytes| channel.instances.div_ceil(8) <= bytes)
-        });
-        place.ensure(right_event && in_tree && in_bits, Cause::Index)?;
-    }
-    Ok(())
-}
-
-fn check_task_instances(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    let mut connections = 0;
-    for index in 0..tables.count(Section::TaskInstances) {
-        let place = Place(Section::TaskInstances, index);
-        let no_index = place.refuse(Cause::Index);
-        let task_instance = tables.task_instance(index).ok_or(no_index)?;
-        let region = tables
-            .region_instance(task_instance.region)
-            .ok_or(no_index)?;
-        let around = tables.instance(region.instance).ok_or(no_index)?;
-        let state = tables.state(task_instance.state).ok_or(no_index)?;
-        let StateKind::Task {
-            task_offset,
-            task_state,
-            ..
-        } = state.kind
-        else {
-            return Err(place.refuse(Cause::Kind));
-        };
-        let exact = is_state_of(tables, task_instance.state, &region)
-            && around.first_task + task_offset == index;
-        place.ensure(exact, Cause::Template)?;
-        place.ensure(task_instance.first_connection == connections, Cause::Order)?;
-        let task = tables
-            .task_state(task_state)
-            .and_then(|task_state| tables.task(task_state.task))
-            .ok_or(no_index)?;
-        for port in task.signature.ports() {
-            if let Port::Data { type_name, .. } = port {
-                check_connection(tables, connections, type_name)?;
-                connections += 1;
-            }
-        }
-    }
-    Place(Section::Connections, connections).ensure(
-        connections == tables.count(Section::Connections),
-        Cause::Order,
-    )
-}
-
-/// Checks that a port with the type `type_name` is open or on a net of that type.
-fn check_connection(tables: &Tables<'_>, index: usize, type_name: &[u8]) -> Result<(), BadRecord> {
-    let place = Place(Section::Connections, index);
-    let no_index = place.refuse(Cause::Index);
-    if let Some(net) = tables.connection(index).ok_or(no_index)? {
-        let net = tables.net(net).ok_or(no_index)?;
-        place.ensure(net.type_hash == fnv1a(type_name), Cause::Type)?;
-    }
-    Ok(())
-}
-
-/// A name table is whole or absent.
-fn check_names(tables: &Tables<'_>) -> Result<(), BadRecord> {
-    let Some(mut names) = tables.names() else {
-        return Ok(());
-    };
-    let control_flags: usize = tables.containers().map(|container| container.flags).sum();
-    let groups = tables
-        .tasks()
-        .filter_map(|task| task.exclusive)
-        .max()
-        .map_or(0, |last| usize::from(last) + 1);
-    let pseudo_states = 2 * tables.count(Section::Regions);
-    let expected = tables.event_count()
-        + tables.count(Section::Containers)
-        + control_flags
-        + tables.count(Section::Regions)
-        + (tables.count(Section::States) - pseudo_states)
-        + groups;
-    let is_part = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
-    let mut count = 0;
-    for name in names.by_ref() {
-        Place(Section::Names, count)
-            .ensure(!name.is_empty() && name.iter().all(is_part), Cause::Text)?;
-        count += 1;
-    }
-    let whole = count == expected && names.rest().is_empty();
-    Place(Section::Names, count).ensure(whole, Cause::Order)
 }

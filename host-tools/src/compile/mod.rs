@@ -218,6 +218,7 @@ pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError
         interpreter_slot,
         layout.events.len(),
         layout.root().spans.flags,
+        templates.groups.len(),
     ]);
     let envelope = Envelope {
         mission: &mission.bytes,

@@ -53,9 +53,8 @@ impl Names {
                 names.add_states(&tables, region.first_state, &mut next);
             }
         }
-        let groups = tables.tasks().filter_map(|task| task.exclusive).max();
-        let count = groups.map_or(0, |last| usize::from(last) + 1);
-        names.groups.extend((0..count).map(|_| next("group")));
+        let groups = (0..tables.exclusive_group_count()).map(|_| next("group"));
+        names.groups.extend(groups);
         names
     }
 
