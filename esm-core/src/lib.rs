@@ -6,6 +6,7 @@ extern crate std;
 pub mod dispatcher;
 pub mod format;
 mod interpreter;
+mod layout;
 pub mod signature;
 pub mod tables;
 mod verify;

@@ -5,6 +5,7 @@
 //! tables; what they are relative to stands with each field.
 
 use crate::format::{self, Section};
+use crate::layout;
 use crate::signature::{PortCounts, Signature};
 
 /// A time slot.
@@ -195,8 +196,6 @@ pub struct Channel {
 pub struct Task<'a> {
     /// Its signature.
     pub signature: Signature<'a>,
-    /// Where the text of the signature starts among those of all tasks.
-    pub text_start: usize,
     /// Hash of the signature.
     pub signature_hash: u64,
     /// Number of its `exclusive` group, if it has one.
@@ -368,7 +367,6 @@ impl<'a> Task<'a> {
         let exclusive = u16::from_le_bytes([x0, x1]);
         Task {
             signature: Signature::new(text),
-            text_start: start,
             signature_hash: u64::from_le_bytes([h0, h1, h2, h3, h4, h5, h6, h7]),
             exclusive: (exclusive != format::NONE).then_some(exclusive),
             ports: PortCounts {
@@ -443,11 +441,6 @@ impl Transition {
 }
 
 impl Code {
-    /// Whether it belongs to a guard.
-    pub(crate) fn is_test(self) -> bool {
-        matches!(self, Self::Test { .. } | Self::TestBusyInside { .. })
-    }
-
     /// Decodes a record; an unknown operation is `None`.
     pub(crate) fn decode(record: &[u8; 4]) -> Option<Self> {
         let &[o0, o1, c0, c1] = record;
@@ -592,39 +585,69 @@ impl<'a> Tables<'a> {
         length as usize / record_bytes(section)
     }
 
-    fn mission_word(&self, index: usize) -> usize {
-        let words = self.section(Section::Mission).as_chunks::<2>().0;
-        words.get(index).map_or(0, |[low, high]| word(*low, *high))
+    /// A 16-bit field of a record; the number of no record outside the table.
+    #[inline(never)]
+    pub(crate) fn word(&self, section: Section, index: usize, field: usize) -> usize {
+        let bytes = self.section(section);
+        let start = index * record_bytes(section) + 2 * field;
+        match bytes.get(start..).and_then(<[u8]>::first_chunk::<2>) {
+            Some(field) => usize::from(u16::from_le_bytes(*field)),
+            None => usize::from(format::NONE),
+        }
+    }
+
+    fn mission_word(&self, field: usize) -> usize {
+        self.word(Section::Mission, 0, field)
+    }
+
+    /// One past the last state of a region template.
+    pub(crate) fn region_end(&self, region: usize) -> usize {
+        if region + 1 < self.count(Section::Regions) {
+            self.word(Section::Regions, region + 1, layout::region::FIRST_STATE)
+        } else {
+            self.count(Section::States)
+        }
+    }
+
+    /// Whether a state is one of those that a region instance can be in.
+    pub(crate) fn is_state_of(&self, state: usize, region_instance: usize) -> bool {
+        let initial = self.word(
+            Section::RegionInstances,
+            region_instance,
+            layout::region_instance::INITIAL,
+        );
+        let region = self.region_of_state(state);
+        self.word(Section::Regions, region, layout::region::FIRST_STATE) == initial
     }
 
     /// Events that the queue holds at most, 1 to 255.
     #[must_use]
     pub fn queue_capacity(&self) -> usize {
-        self.mission_word(0)
+        self.mission_word(layout::mission::QUEUE)
     }
 
     /// Index of the slot that runs the interpreter.
     #[must_use]
     pub fn interpreter_slot(&self) -> usize {
-        self.mission_word(1)
+        self.mission_word(layout::mission::INTERPRETER_SLOT)
     }
 
     /// Number of events; their numbers start at 1, since 0 is the pulse.
     #[must_use]
     pub fn event_count(&self) -> usize {
-        self.mission_word(2)
+        self.mission_word(layout::mission::EVENTS)
     }
 
     /// Bits of all flags.
     #[must_use]
     pub fn flag_count(&self) -> usize {
-        self.mission_word(3)
+        self.mission_word(layout::mission::FLAGS)
     }
 
     /// Number of `exclusive` groups.
     #[must_use]
     pub fn exclusive_group_count(&self) -> usize {
-        self.mission_word(4)
+        self.mission_word(layout::mission::EXCLUSIVE_GROUPS)
     }
 
     /// The slots in the order of their declaration.
@@ -712,17 +735,19 @@ impl<'a> Tables<'a> {
     /// The transitions out of a state: first those on the pulse, then the others, both in source order.
     #[must_use]
     pub fn transitions_of(&self, state: usize) -> core::ops::Range<usize> {
-        match (self.state(state), self.transition_end(state)) {
-            (Some(state), Some(end)) => state.first_transition..end,
-            _ => 0..0,
+        match self.state(state) {
+            Some(found) => found.first_transition..self.transition_end(state),
+            None => 0..0,
         }
     }
 
-    /// One past the last transition out of a state, which is the first out of the next: `None` for the last state of all.
-    #[inline(never)]
-    pub(crate) fn transition_end(&self, state: usize) -> Option<usize> {
-        let [t0, t1, ..] = *self.record::<16>(Section::States, state + 1)?;
-        Some(word(t0, t1))
+    /// One past the last transition out of a state, which is the first out of the next.
+    pub(crate) fn transition_end(&self, state: usize) -> usize {
+        if state + 1 < self.count(Section::States) {
+            self.word(Section::States, state + 1, layout::state::FIRST_TRANSITION)
+        } else {
+            self.count(Section::Transitions)
+        }
     }
 
     /// Number of instructions of all guards and actions.

@@ -15,10 +15,15 @@ use core::ops::Deref;
 use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
-use crate::signature::{Port, fnv1a, is_identifier_part};
-use crate::tables::{
-    self, Code, Container, Instance, Region, RegionInstance, Slot, State, StateKind, Tables,
+use crate::layout::{
+    code, container, instance, mission, region, region_instance, state, task, task_instance,
+    task_state, transition,
 };
+use crate::signature::{Port, fnv1a, is_identifier_part};
+use crate::tables::{self, Slot, Tables};
+
+/// No index, as a field reads it.
+const NONE: usize = format::NONE as usize;
 
 /// Why a blob is refused. It must be built again, or sent again; none of these can be put right on the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -249,9 +254,11 @@ struct Pass<'a> {
     control_flags: usize,
 }
 
-/// What the states of a container took of its spans so far.
-#[derive(Clone, Copy)]
+/// The container under test, and what its states took of its spans so far.
 struct Spans {
+    container: usize,
+    /// Its first instance.
+    instance: usize,
     flags: usize,
     tasks: usize,
     /// Relative to the region instance whose states are being checked.
@@ -292,20 +299,37 @@ impl<'a> Pass<'a> {
         self.index = index;
     }
 
-    /// Nothing of a section may be left behind `checked` records.
+    /// Nothing is left of the section under test behind `checked` records.
     fn end(&mut self, section: Section, checked: usize) -> Result<(), Cause> {
         self.at(section, checked);
         ensure(checked == self.tables.count(section), Cause::Order)
     }
 
+    /// A 16-bit field of the record under test.
+    fn field(&self, field: usize) -> usize {
+        self.tables.word(self.section, self.index, field)
+    }
+
+    /// A 16-bit field of the record under test has this value.
+    #[inline(never)]
+    fn expect(&self, field: usize, value: usize, cause: Cause) -> Result<(), Cause> {
+        ensure(self.field(field) == value, cause)
+    }
+
+    /// A section has a record with this index.
+    #[inline(never)]
+    fn has(&self, section: Section, index: usize) -> Result<(), Cause> {
+        ensure(index < self.tables.count(section), Cause::Index)
+    }
+
     fn mission(&mut self) -> Result<(), Cause> {
-        let tables = self.tables;
         self.end(Section::Mission, 1)?;
-        let in_range = (1..=format::MAX_QUEUE).contains(&tables.queue_capacity())
-            && tables.event_count() <= usize::from(format::MAX_EVENT);
-        ensure(in_range, Cause::Range)?;
-        let slots = tables.count(Section::Slots);
-        ensure(tables.interpreter_slot() < slots, Cause::Index)
+        self.index = 0;
+        let queue = self.field(mission::QUEUE);
+        ensure(queue.wrapping_sub(1) < format::MAX_QUEUE, Cause::Range)?;
+        let events = self.field(mission::EVENTS);
+        ensure(events <= usize::from(format::MAX_EVENT), Cause::Range)?;
+        self.has(Section::Slots, self.field(mission::INTERPRETER_SLOT))
     }
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
@@ -335,28 +359,23 @@ impl<'a> Pass<'a> {
         let mut index = 0;
         while let Some(task) = self.tables.task(index) {
             self.at(Section::Tasks, index);
-            let signature = task.signature;
             // A text that would end behind the last one reads as empty, which has no counts.
-            ensure(task.text_start == text_bytes, Cause::Order)?;
-            text_bytes += signature.text().len();
+            self.expect(task::TEXT_START, text_bytes, Cause::Order)?;
+            let text = task.signature.text();
+            text_bytes += text.len();
             let right =
-                signature.counts() == Some(task.ports) && signature.hash() == task.signature_hash;
+                task.signature.counts() == Some(task.ports) && fnv1a(text) == task.signature_hash;
             ensure(right, Cause::Text)?;
-            let in_range = task
-                .exclusive
-                .is_none_or(|group| usize::from(group) < groups);
-            ensure(in_range, Cause::Range)?;
+            let group = self.field(task::EXCLUSIVE);
+            ensure(group < groups || group == NONE, Cause::Range)?;
             index += 1;
         }
         self.end(Section::Signatures, text_bytes)
     }
 
     fn templates(&mut self) -> Result<(), Cause> {
-        let mut index = 0;
-        while let Some(container) = self.tables.container(index) {
-            self.container(index, &container)?;
-            self.control_flags += container.flags;
-            index += 1;
+        for index in 0..self.tables.count(Section::Containers) {
+            self.container(index)?;
         }
         self.end(Section::Regions, self.regions)?;
         self.end(Section::States, self.states)?;
@@ -366,62 +385,59 @@ impl<'a> Pass<'a> {
         self.end(Section::Params, self.params)
     }
 
-    fn container(&mut self, index: usize, container: &Container) -> Result<(), Cause> {
+    fn container(&mut self, index: usize) -> Result<(), Cause> {
         self.at(Section::Containers, index);
-        ensure(container.first_region == self.regions, Cause::Order)?;
-        let instance = self
-            .tables
-            .instance(container.first_instance)
-            .ok_or(Cause::Index)?;
-        ensure(instance.container == index, Cause::Index)?;
+        self.expect(container::FIRST_REGION, self.regions, Cause::Order)?;
+        let instance = self.field(container::FIRST_INSTANCE);
+        self.has(Section::Instances, instance)?;
+        let instance_of = self.instance(instance, instance::CONTAINER);
+        ensure(instance_of == index, Cause::Index)?;
+        let flags = self.field(container::FLAGS);
         let mut spans = Spans {
-            flags: format::CONTAINER_CONTROL_FLAGS + container.flags,
+            container: index,
+            instance,
+            flags: format::CONTAINER_CONTROL_FLAGS + flags,
             tasks: 0,
             regions: 0,
             instances: 1,
         };
+        self.control_flags += flags;
         let mut region_instances = 0;
-        while let Some(region) = self.tables.region(self.regions) {
-            if region.container != index {
-                break;
-            }
+        while self
+            .tables
+            .word(Section::Regions, self.regions, region::CONTAINER)
+            == index
+        {
             spans.regions = 1;
-            self.region(&region, container, &instance, &mut spans)?;
+            self.region(&mut spans)?;
             region_instances += spans.regions;
             self.regions += 1;
         }
         self.at(Section::Containers, index);
-        let exact = container.flag_span == spans.flags
-            && container.task_span == spans.tasks
-            && container.region_span == region_instances
-            && container.instance_span == spans.instances
-            && region_instances > 0;
-        ensure(exact, Cause::Template)
+        ensure(region_instances > 0, Cause::Template)?;
+        self.expect(container::FLAG_SPAN, spans.flags, Cause::Template)?;
+        self.expect(container::TASK_SPAN, spans.tasks, Cause::Template)?;
+        self.expect(container::REGION_SPAN, region_instances, Cause::Template)?;
+        self.expect(container::INSTANCE_SPAN, spans.instances, Cause::Template)
     }
 
-    fn region(
-        &mut self,
-        region: &Region,
-        container: &Container,
-        instance: &Instance,
-        spans: &mut Spans,
-    ) -> Result<(), Cause> {
+    fn region(&mut self, spans: &mut Spans) -> Result<(), Cause> {
         self.at(Section::Regions, self.regions);
-        ensure(region.first_state == self.states, Cause::Order)?;
-        let end = match self.tables.region(self.regions + 1) {
-            Some(next) => next.first_state,
-            None => self.tables.count(Section::States),
-        };
+        let first_state = self.states;
+        self.expect(region::FIRST_STATE, first_state, Cause::Order)?;
+        let end_state = self.tables.region_end(self.regions);
         loop {
             self.at(Section::States, self.states);
-            let state = self.tables.state(self.states).ok_or(Cause::Kind)?;
-            let is_first = self.states == region.first_state;
-            let is_last = self.states + 1 == end;
-            let right_kind = is_first == (state.kind == StateKind::Initial)
-                && is_last == (state.kind == StateKind::Final);
+            self.has(Section::States, self.states)?;
+            let shape = self.field(state::SHAPE) as u16;
+            let kind = shape >> format::STATE_KIND_SHIFT;
+            let is_first = self.states == first_state;
+            let is_last = self.states + 1 == end_state;
+            let right_kind = is_first == (kind == format::STATE_INITIAL)
+                && is_last == (kind == format::STATE_FINAL);
             ensure(right_kind, Cause::Kind)?;
-            self.state(&state, container, instance, spans)?;
-            self.transitions(&state, container, region.first_state, end)?;
+            self.state(kind, shape, spans)?;
+            self.transitions(kind, spans.container, first_state, end_state)?;
             self.states += 1;
             if is_last {
                 return Ok(());
@@ -429,117 +445,104 @@ impl<'a> Pass<'a> {
         }
     }
 
-    fn state(
-        &mut self,
-        state: &State,
-        container: &Container,
-        instance: &Instance,
-        spans: &mut Spans,
-    ) -> Result<(), Cause> {
-        ensure(state.first_flag == spans.flags, Cause::Order)?;
-        if let Some(timeout_us) = state.timeout_us {
-            let in_range = timeout_us <= format::MAX_TIME_US && state.flags > 0;
+    fn state(&mut self, kind: u16, shape: u16, spans: &mut Spans) -> Result<(), Cause> {
+        self.expect(state::FIRST_FLAG, spans.flags, Cause::Order)?;
+        let flags = usize::from(shape & format::STATE_FLAGS_MASK);
+        if shape & format::STATE_HAS_TIMEOUT != 0 {
+            let high = self.field(state::TIMEOUT_HIGH) as u32;
+            let timeout_us = self.field(state::TIMEOUT_LOW) as u32 | high << 16;
+            let in_range = timeout_us <= format::MAX_TIME_US && flags > 0;
             ensure(in_range, Cause::Range)?;
         }
-        let (flags, flag_span) = match state.kind {
-            StateKind::Initial | StateKind::Final => (0, 0),
-            StateKind::Simple => {
-                let timeout = state.flags.min(1);
-                (timeout, timeout)
-            }
-            StateKind::Task {
-                task_offset,
-                task_state,
-                real_time,
-            } => {
-                let in_order = task_offset == spans.tasks && task_state == self.task_states;
-                ensure(in_order, Cause::Order)?;
+        let mut flag_span = flags;
+        let right_flags = match kind {
+            format::STATE_INITIAL | format::STATE_FINAL => 0,
+            format::STATE_SIMPLE => flags.min(1),
+            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
+                self.expect(state::A, spans.tasks, Cause::Order)?;
+                self.expect(state::B, self.task_states, Cause::Order)?;
                 spans.tasks += 1;
-                let flags = format::TASK_CONTROL_FLAGS + self.task_state(real_time)?;
-                (flags, flags)
+                format::TASK_CONTROL_FLAGS + self.task_state(kind == format::STATE_TASK)?
             }
-            StateKind::Super {
-                region_offset,
-                instance_offset,
-            } => {
-                let inside = self
-                    .tables
-                    .instance(container.first_instance + instance_offset)
-                    .ok_or(Cause::Index)?;
-                let content = self
-                    .tables
-                    .container(inside.container)
-                    .ok_or(Cause::Index)?;
-                let in_order = region_offset == spans.regions
-                    && instance_offset == spans.instances
-                    && inside.first_task == instance.first_task + spans.tasks;
-                ensure(in_order, Cause::Order)?;
-                spans.tasks += content.task_span;
-                spans.regions += content.region_span;
-                spans.instances += content.instance_span;
-                let flags = format::CONTAINER_CONTROL_FLAGS + content.flags;
-                (flags, content.flag_span)
+            format::STATE_SUPER => {
+                self.expect(state::A, spans.regions, Cause::Order)?;
+                self.expect(state::B, spans.instances, Cause::Order)?;
+                let inside = spans.instance + spans.instances;
+                self.has(Section::Instances, inside)?;
+                let first_task = self.instance(spans.instance, instance::FIRST_TASK);
+                let right_task =
+                    self.instance(inside, instance::FIRST_TASK) == first_task + spans.tasks;
+                ensure(right_task, Cause::Order)?;
+                let content = self.instance(inside, instance::CONTAINER);
+                self.has(Section::Containers, content)?;
+                spans.tasks += self.container_field(content, container::TASK_SPAN);
+                spans.regions += self.container_field(content, container::REGION_SPAN);
+                spans.instances += self.container_field(content, container::INSTANCE_SPAN);
+                flag_span = self.container_field(content, container::FLAG_SPAN);
+                format::CONTAINER_CONTROL_FLAGS + self.container_field(content, container::FLAGS)
             }
+            _ => return Err(Cause::Kind),
         };
         spans.flags += flag_span;
-        ensure(state.flags == flags, Cause::Template)
+        ensure(flags == right_flags, Cause::Template)
+    }
+
+    fn instance(&self, index: usize, field: usize) -> usize {
+        self.tables.word(Section::Instances, index, field)
+    }
+
+    fn container_field(&self, index: usize, field: usize) -> usize {
+        self.tables.word(Section::Containers, index, field)
     }
 
     /// Checks the next task state and returns the number of its task's control flags.
     fn task_state(&mut self, real_time: bool) -> Result<usize, Cause> {
         self.at(Section::TaskStates, self.task_states);
-        let task_state = self
-            .tables
-            .task_state(self.task_states)
-            .ok_or(Cause::Index)?;
-        let task = self.tables.task(task_state.task).ok_or(Cause::Index)?;
-        let slots = self.tables.count(Section::Slots);
-        let right_slot = match task_state.slot {
-            None => !real_time,
-            Some(slot) => real_time && slot < slots,
-        };
-        ensure(right_slot, Cause::Index)?;
-        ensure(task_state.first_param == self.params, Cause::Order)?;
-        self.params += task.ports.params;
+        self.has(Section::TaskStates, self.task_states)?;
+        let task = self.field(task_state::TASK);
+        self.has(Section::Tasks, task)?;
+        if real_time {
+            self.has(Section::Slots, self.field(task_state::SLOT))?;
+        } else {
+            self.expect(task_state::SLOT, NONE, Cause::Index)?;
+        }
+        self.expect(task_state::FIRST_PARAM, self.params, Cause::Order)?;
+        self.params += self.tables.word(Section::Tasks, task, task::PARAMS);
         self.task_states += 1;
         self.at(Section::States, self.states);
-        Ok(task.ports.flags)
+        Ok(self.tables.word(Section::Tasks, task, task::FLAGS))
     }
 
     /// Checks the transitions out of the next state, whose region has the states from `first_state` up to `end_state`.
     fn transitions(
         &mut self,
-        state: &State,
-        container: &Container,
+        kind: u16,
+        container: usize,
         first_state: usize,
         end_state: usize,
     ) -> Result<(), Cause> {
-        let end = self
-            .tables
-            .transition_end(self.states)
-            .unwrap_or(self.transitions);
-        let in_order = state.first_transition == self.transitions
-            && self.transitions <= state.first_event_transition
-            && state.first_event_transition <= end;
+        let end = self.tables.transition_end(self.states);
+        self.expect(state::FIRST_TRANSITION, self.transitions, Cause::Order)?;
+        let first_on_event = self.field(state::FIRST_EVENT_TRANSITION);
+        let in_order = self.transitions <= first_on_event && first_on_event <= end;
         ensure(in_order, Cause::Order)?;
         let is_left = end != self.transitions;
-        ensure(!is_left || state.kind != StateKind::Final, Cause::Kind)?;
+        ensure(!is_left || kind != format::STATE_FINAL, Cause::Kind)?;
         while self.transitions < end {
             self.at(Section::Transitions, self.transitions);
-            let transition = self
-                .tables
-                .transition(self.transitions)
-                .ok_or(Cause::Index)?;
-            let on_pulse = self.transitions < state.first_event_transition;
-            let enters_other_than_initial =
-                transition.target > first_state && transition.target < end_state;
-            let right = on_pulse == (transition.event == format::PULSE)
-                && usize::from(transition.event) <= self.tables.event_count()
-                && enters_other_than_initial;
+            self.has(Section::Transitions, self.transitions)?;
+            let trigger = self.field(transition::EVENT) as u16;
+            let event = trigger & !format::TRANSITION_HAS_CODE;
+            let target = self.field(transition::TARGET);
+            let on_pulse = self.transitions < first_on_event;
+            let right = on_pulse == (event == format::PULSE)
+                && usize::from(event) <= self.tables.event_count()
+                && target > first_state
+                && target < end_state;
             ensure(right, Cause::Index)?;
-            if let Some(start) = transition.code {
-                ensure(start == self.code, Cause::Order)?;
-                self.code(state, container)?;
+            if event != trigger {
+                self.expect(transition::CODE, self.code, Cause::Order)?;
+                self.code(kind, container)?;
             }
             self.transitions += 1;
         }
@@ -547,43 +550,36 @@ impl<'a> Pass<'a> {
     }
 
     /// Checks a guard and the actions behind it.
-    fn code(&mut self, source: &State, container: &Container) -> Result<(), Cause> {
+    fn code(&mut self, source_kind: u16, container: usize) -> Result<(), Cause> {
         let mut farthest_jump = self.code;
         let mut in_guard = true;
         loop {
             self.at(Section::Code, self.code);
-            let code = self.tables.code(self.code).ok_or(Cause::Kind)?;
-            let may_end = in_guard;
-            if !code.is_test() {
+            self.has(Section::Code, self.code)?;
+            let control = self.field(code::CONTROL) as u16;
+            let low = control & format::CODE_LOW_MASK;
+            let operation = control >> format::CODE_OPERATION_SHIFT;
+            let is_test = (format::CODE_JUMP_IF_CLEAR..=format::CODE_JUMP_IF_BUSY_INSIDE)
+                .contains(&operation);
+            // What an operand must be below; nothing looks at the operand of what needs none.
+            let mut limit = self.container_field(container, container::FLAG_SPAN);
+            if is_test {
+                farthest_jump = farthest_jump.max(self.code + usize::from(low));
+                let looks_inside = operation >= format::CODE_JUMP_IF_IDLE_INSIDE;
+                let has_inside = source_kind == format::STATE_SUPER;
+                ensure(in_guard && (has_inside || !looks_inside), Cause::Kind)?;
+            } else {
                 // A jump may lead to what follows the last test, and no farther.
                 ensure(!in_guard || farthest_jump <= self.code, Cause::Direction)?;
+                ensure(in_guard || operation != format::CODE_END, Cause::Kind)?;
                 in_guard = false;
+                if operation == format::CODE_SEND {
+                    limit = self.container_field(container, container::CHANNELS);
+                }
             }
-            let (flag, last) = match code {
-                Code::Test { flag, jump, .. } => {
-                    farthest_jump = farthest_jump.max(self.code + jump.unwrap_or(0));
-                    ensure(in_guard, Cause::Kind)?;
-                    (flag, false)
-                }
-                Code::TestBusyInside { jump, .. } => {
-                    farthest_jump = farthest_jump.max(self.code + jump.unwrap_or(0));
-                    let is_super = matches!(source.kind, StateKind::Super { .. });
-                    ensure(in_guard && is_super, Cause::Kind)?;
-                    (0, false)
-                }
-                Code::End => {
-                    ensure(may_end, Cause::Kind)?;
-                    (0, true)
-                }
-                Code::Send { channel, last } => {
-                    ensure(channel < container.channels, Cause::Index)?;
-                    (0, last)
-                }
-                Code::Write { flag, last, .. } => (flag, last),
-            };
-            ensure(flag < container.flag_span, Cause::Index)?;
+            ensure(self.field(code::OPERAND) < limit, Cause::Index)?;
             self.code += 1;
-            if last {
+            if operation == format::CODE_END || (!is_test && low != 0) {
                 return Ok(());
             }
         }
@@ -591,69 +587,130 @@ impl<'a> Pass<'a> {
 
     /// Checks the instance tree: container instances with their region instances.
     fn instances(&mut self) -> Result<(), Cause> {
-        let tables = self.tables;
-        let count = tables.count(Section::Instances);
+        let count = self.tables.count(Section::Instances);
         let mut regions = 0;
         let mut channels = 0;
-        let mut index = 0;
-        while let Some(instance) = tables.instance(index) {
+        self.at(Section::Instances, 0);
+        self.has(Section::Instances, 0)?;
+        for index in 0..count {
             self.at(Section::Instances, index);
-            let container = tables.container(instance.container).ok_or(Cause::Index)?;
-            ensure(instance.first_channel == channels, Cause::Order)?;
-            channels += container.channels;
+            let container = self.field(instance::CONTAINER);
+            self.has(Section::Containers, container)?;
+            self.expect(instance::FIRST_CHANNEL, channels, Cause::Order)?;
+            channels += self.container_field(container, container::CHANNELS);
             let after = if index == 0 {
-                let is_whole = instance.container == 0
-                    && instance.first_region == 0
-                    && instance.first_flag == 0
-                    && instance.first_task == 0
-                    && container.first_instance == 0
-                    && container.flag_span == tables.flag_count()
-                    && container.task_span == tables.count(Section::TaskInstances)
-                    && container.region_span == tables.count(Section::RegionInstances)
-                    && container.instance_span == count;
-                ensure(is_whole, Cause::Template)?;
-                container.region_span
+                self.machine()?
             } else {
-                walk_behind(&tables, index, &instance).ok_or(Cause::Template)?
+                self.walk_behind(index, container)?
             };
-            let end_task = instance.first_task + container.task_span;
-            ensure(instance.end_task == end_task, Cause::Template)?;
-            regions += self.region_instances(index, &instance, &container, after)?;
-            index += 1;
+            let end_task = self.field(instance::FIRST_TASK)
+                + self.container_field(container, container::TASK_SPAN);
+            self.expect(instance::END_TASK, end_task, Cause::Template)?;
+            regions += self.region_instances(index, container, after)?;
         }
-        ensure(index > 0, Cause::Order)?;
         self.end(Section::RegionInstances, regions)?;
         self.end(Section::Channels, channels)
+    }
+
+    /// Checks instance 0, and returns where the walk goes on behind it.
+    fn machine(&self) -> Result<usize, Cause> {
+        for field in [
+            instance::CONTAINER,
+            instance::FIRST_REGION,
+            instance::FIRST_FLAG,
+            instance::FIRST_TASK,
+        ] {
+            self.expect(field, 0, Cause::Template)?;
+        }
+        let spans = [
+            (container::FIRST_INSTANCE, 0),
+            (container::FLAG_SPAN, self.tables.flag_count()),
+            (
+                container::TASK_SPAN,
+                self.tables.count(Section::TaskInstances),
+            ),
+            (
+                container::REGION_SPAN,
+                self.tables.count(Section::RegionInstances),
+            ),
+            (
+                container::INSTANCE_SPAN,
+                self.tables.count(Section::Instances),
+            ),
+        ];
+        for (field, value) in spans {
+            ensure(self.container_field(0, field) == value, Cause::Template)?;
+        }
+        Ok(self.tables.count(Section::RegionInstances))
+    }
+
+    /// Checks the instance under test against the superstate that it says it is inside of. Returns where the walk goes on behind that.
+    fn walk_behind(&self, index: usize, container: usize) -> Result<usize, Cause> {
+        let tables = &self.tables;
+        let region = self.field(instance::PARENT_REGION);
+        let state = self.field(instance::PARENT_STATE);
+        self.has(Section::RegionInstances, region)?;
+        self.has(Section::States, state)?;
+        let of_region = |field| tables.word(Section::RegionInstances, region, field);
+        let of_state = |field| tables.word(Section::States, state, field);
+        let kind = of_state(state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+        let around = of_region(region_instance::INSTANCE);
+        self.has(Section::Instances, around)?;
+        let inside = of_state(state::B);
+        // What the first instance of the container around makes of this state holds for all of them.
+        let around_of = self.instance(around, instance::CONTAINER);
+        let model_around = self.container_field(around_of, container::FIRST_INSTANCE);
+        let model = model_around + inside;
+        self.has(Section::Instances, model)?;
+        let first_task = self.instance(around, instance::FIRST_TASK)
+            + self.instance(model, instance::FIRST_TASK);
+        let model_task = self.instance(model_around, instance::FIRST_TASK);
+        let exact = kind == format::STATE_SUPER
+            && tables.is_state_of(state, region)
+            && around + inside == index
+            && self.instance(model, instance::CONTAINER) == container
+            && self.field(instance::FIRST_TASK) + model_task == first_task;
+        ensure(exact, Cause::Template)?;
+        let first_region = region + of_state(state::A);
+        self.expect(instance::FIRST_REGION, first_region, Cause::Template)?;
+        let first_flag = of_region(region_instance::FIRST_FLAG) + of_state(state::FIRST_FLAG);
+        self.expect(instance::FIRST_FLAG, first_flag, Cause::Template)?;
+        Ok(of_region(region_instance::NEXT))
     }
 
     /// Checks the regions of one instance, behind which the walk goes on at `after`, and returns their number.
     fn region_instances(
         &mut self,
         index: usize,
-        instance: &Instance,
-        container: &Container,
+        container: usize,
         after: usize,
     ) -> Result<usize, Cause> {
-        let mut template_index = container.first_region;
-        let mut at = instance.first_region;
-        while let Some(template) = self.tables.region(template_index) {
-            if template.container != instance.container {
-                break;
-            }
+        let first_flag = self.field(instance::FIRST_FLAG);
+        let mut at = self.field(instance::FIRST_REGION);
+        let first_template = self.container_field(container, container::FIRST_REGION);
+        let mut template = first_template;
+        while self
+            .tables
+            .word(Section::Regions, template, region::CONTAINER)
+            == container
+        {
             self.at(Section::RegionInstances, at);
             // The one before was not the last, so the walk must not have left the instance.
             ensure(at < after, Cause::Direction)?;
-            let region = self.tables.region_instance(at).ok_or(Cause::Index)?;
-            let exact = region.instance == index
-                && region.initial == template.first_state
-                && region.first_flag == instance.first_flag;
-            ensure(exact, Cause::Template)?;
-            ensure(region.next > at, Cause::Direction)?;
-            at = region.next;
-            template_index += 1;
+            self.has(Section::RegionInstances, at)?;
+            let initial = self
+                .tables
+                .word(Section::Regions, template, region::FIRST_STATE);
+            self.expect(region_instance::INITIAL, initial, Cause::Template)?;
+            self.expect(region_instance::INSTANCE, index, Cause::Template)?;
+            self.expect(region_instance::FIRST_FLAG, first_flag, Cause::Template)?;
+            let next = self.field(region_instance::NEXT);
+            ensure(next > at, Cause::Direction)?;
+            at = next;
+            template += 1;
         }
         ensure(at == after, Cause::Direction)?;
-        Ok(template_index - container.first_region)
+        Ok(template - first_template)
     }
 
     fn channels(&mut self) -> Result<(), Cause> {
@@ -678,37 +735,36 @@ impl<'a> Pass<'a> {
     }
 
     fn task_instances(&mut self) -> Result<(), Cause> {
-        let tables = self.tables;
         let mut connections = 0;
-        let mut index = 0;
-        while let Some(task_instance) = tables.task_instance(index) {
+        for index in 0..self.tables.count(Section::TaskInstances) {
             self.at(Section::TaskInstances, index);
-            let region = tables
-                .region_instance(task_instance.region)
-                .ok_or(Cause::Index)?;
-            let around = tables.instance(region.instance).ok_or(Cause::Index)?;
-            let state = tables.state(task_instance.state).ok_or(Cause::Index)?;
-            let StateKind::Task {
-                task_offset,
-                task_state,
-                ..
-            } = state.kind
-            else {
-                return Err(Cause::Kind);
-            };
-            let exact = is_state_of(&tables, task_instance.state, &region)
-                && around.first_task + task_offset == index;
+            let state = self.field(task_instance::STATE);
+            let region = self.field(task_instance::REGION);
+            self.has(Section::States, state)?;
+            self.has(Section::RegionInstances, region)?;
+            self.expect(task_instance::FIRST_CONNECTION, connections, Cause::Order)?;
+            let of_state = |field| self.tables.word(Section::States, state, field);
+            let kind = of_state(state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+            let is_task = kind == format::STATE_TASK || kind == format::STATE_BACKGROUND_TASK;
+            ensure(is_task, Cause::Kind)?;
+            let around =
+                self.tables
+                    .word(Section::RegionInstances, region, region_instance::INSTANCE);
+            let first_task = self.instance(around, instance::FIRST_TASK);
+            let exact =
+                self.tables.is_state_of(state, region) && first_task + of_state(state::A) == index;
             ensure(exact, Cause::Template)?;
-            ensure(task_instance.first_connection == connections, Cause::Order)?;
-            let task_state = tables.task_state(task_state).ok_or(Cause::Index)?;
-            let task = tables.task(task_state.task).ok_or(Cause::Index)?;
+            let task_state = of_state(state::B);
+            let task = self
+                .tables
+                .word(Section::TaskStates, task_state, task_state::TASK);
+            let task = self.tables.task(task).ok_or(Cause::Index)?;
             for port in task.signature.ports() {
                 if let Port::Data { type_name, .. } = port {
                     self.connection(connections, type_name)?;
                     connections += 1;
                 }
             }
-            index += 1;
         }
         self.end(Section::Connections, connections)
     }
@@ -716,9 +772,11 @@ impl<'a> Pass<'a> {
     /// Checks that a port with the type `type_name` is open or on a net of that type.
     fn connection(&mut self, index: usize, type_name: &[u8]) -> Result<(), Cause> {
         self.at(Section::Connections, index);
-        let Some(net) = self.tables.connection(index).ok_or(Cause::Index)? else {
+        self.has(Section::Connections, index)?;
+        let net = self.field(0);
+        if net == NONE {
             return Ok(());
-        };
+        }
         let net = self.tables.net(net).ok_or(Cause::Index)?;
         ensure(net.type_hash == fnv1a(type_name), Cause::Type)
     }
@@ -766,38 +824,4 @@ fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
         (a, b) = (b, a % b);
     }
     a
-}
-
-/// Checks an instance against the superstate that it says it is inside of. Returns where the walk goes on behind that: `None`
-/// if there is no such superstate.
-fn walk_behind(tables: &Tables<'_>, index: usize, instance: &Instance) -> Option<usize> {
-    let (parent_region, parent_state) = instance.parent;
-    let region = tables.region_instance(parent_region)?;
-    let state = tables.state(parent_state)?;
-    let StateKind::Super {
-        region_offset,
-        instance_offset,
-    } = state.kind
-    else {
-        return None;
-    };
-    // What the first instance of the container around makes of this state holds for all of them.
-    let around = tables.instance(region.instance)?;
-    let model_around_index = tables.container(around.container)?.first_instance;
-    let model_around = tables.instance(model_around_index)?;
-    let model = tables.instance(model_around_index + instance_offset)?;
-    let exact = is_state_of(tables, parent_state, &region)
-        && parent_region + region_offset == instance.first_region
-        && region.instance + instance_offset == index
-        && model.container == instance.container
-        && region.first_flag + state.first_flag == instance.first_flag
-        && around.first_task + model.first_task == instance.first_task + model_around.first_task;
-    exact.then_some(region.next)
-}
-
-/// Whether a state is one of those that a region instance can be in.
-fn is_state_of(tables: &Tables<'_>, state: usize, region: &RegionInstance) -> bool {
-    tables
-        .region(tables.region_of_state(state))
-        .is_some_and(|template| template.first_state == region.initial)
 }
