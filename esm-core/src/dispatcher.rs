@@ -158,6 +158,12 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         self.heap.get(at).map_or(0, |slot| usize::from(*slot))
     }
 
+    fn put(&mut self, at: usize, slot: usize) {
+        if let Some(place) = self.heap.get_mut(at) {
+            *place = slot as u16;
+        }
+    }
+
     fn entry(&self, slot: usize) -> Entry {
         self.entries.get(slot).copied().unwrap_or_default()
     }
@@ -170,6 +176,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
 
     /// Restores the heap below `at`.
     fn sift_down(&mut self, mut at: usize) {
+        // Each round goes a level down.
         loop {
             let mut child = 2 * at + 1;
             if child >= self.len {
@@ -181,7 +188,9 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
             if self.key(at) <= self.key(child) {
                 return;
             }
-            self.heap.swap(at, child);
+            let (parent, below) = (self.slot_at(at), self.slot_at(child));
+            self.put(at, below);
+            self.put(child, parent);
             at = child;
         }
     }
@@ -198,4 +207,95 @@ fn periods_in(mut duration_us: u64, period_us: u32) -> u64 {
         periods += u64::from(periods_in_chunk);
     }
     periods + u64::from(duration_us as u32 / period_us)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    fn slot(period_us: u32, start_us: u32) -> Slot {
+        Slot {
+            number: 1,
+            period_us,
+            duration_us: 0,
+            start_us,
+        }
+    }
+
+    fn dispatcher(slots: &[Slot]) -> Dispatcher<8> {
+        Dispatcher::new(slots.iter().copied()).unwrap()
+    }
+
+    #[test]
+    fn occurrences_come_in_the_order_of_their_starts_without_drift() {
+        let slots = [slot(2_500, 7), slot(1_000, 0), slot(3_333, 3), slot(400, 1)];
+        let mut dispatcher = dispatcher(&slots);
+        let mut last = (0, 0);
+        let mut taken = [0_u64; 4];
+        for _ in 0..100_000 {
+            let next = dispatcher.next();
+            let occurrence = dispatcher.take(next.start_us).unwrap();
+            assert_eq!(occurrence, next);
+            assert!((occurrence.start_us, occurrence.slot) >= last);
+            last = (occurrence.start_us, occurrence.slot);
+            let Slot {
+                period_us,
+                start_us,
+                ..
+            } = slots[occurrence.slot];
+            assert_eq!(occurrence.index, taken[occurrence.slot]);
+            let nominal_us = u64::from(start_us) + occurrence.index * u64::from(period_us);
+            assert_eq!(occurrence.start_us, nominal_us);
+            taken[occurrence.slot] += 1;
+        }
+        assert!((0..4).all(|slot| dispatcher.missed(slot) == 0));
+    }
+
+    #[test]
+    fn nothing_is_due_before_its_time() {
+        let mut dispatcher = dispatcher(&[slot(1_000, 500)]);
+        assert_eq!(dispatcher.take(499), None);
+        assert_eq!(dispatcher.take(500).map(|taken| taken.index), Some(0));
+        assert_eq!(dispatcher.take(501), None);
+    }
+
+    #[test]
+    fn what_is_a_whole_period_late_is_missed_and_counted() {
+        // Lateness, index that is handed out, missed ones.
+        let cases = [
+            (0, 0, 0),
+            (999, 0, 0),
+            (1_000, 1, 1),
+            (2_999, 2, 2),
+            (5_000_000_000, 5_000_000, 5_000_000),
+            (40_000_000_000_000, 40_000_000_000, u32::MAX),
+        ];
+        for (late_us, index, missed) in cases {
+            let mut dispatcher = dispatcher(&[slot(1_000, 0), slot(4_000_000_000, 999)]);
+            let taken = dispatcher.take(late_us).unwrap();
+            assert_eq!((taken.slot, taken.index), (0, index), "{late_us} us late");
+            assert_eq!(taken.start_us, index * 1_000);
+            assert_eq!(dispatcher.missed(0), missed, "{late_us} us late");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_dispatched_is_refused() {
+        let new = |slots: &[Slot]| Dispatcher::<2>::new(slots.iter().copied()).err();
+        let three: Vec<_> = (0..3).map(|start_us| slot(10, start_us)).collect();
+        assert_eq!(new(&three[..2]), None);
+        assert_eq!(new(&[]), Some(DispatcherError::NoSlots));
+        assert_eq!(
+            new(&three),
+            Some(DispatcherError::TooManySlots {
+                slots: 3,
+                capacity: 2
+            })
+        );
+        assert_eq!(
+            new(&[slot(10, 0), slot(0, 0)]),
+            Some(DispatcherError::ZeroPeriod { slot: 1 })
+        );
+    }
 }

@@ -73,7 +73,7 @@
 //!
 //! # Limits
 //!
-//! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one state, 32,767 events, jumps over at most 8,191
+//! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one state, 32,767 events, [`MAX_STATE_INSTANCES`] state instances, jumps over at most 8,191
 //! tests, times of at most [`MAX_TIME_US`].
 
 use serde::{Deserialize, Serialize};
@@ -94,6 +94,8 @@ pub const MAX_EVENT: u16 = TRANSITION_HAS_CODE - 1;
 pub const MAX_STATE_FLAGS: u16 = STATE_FLAGS_MASK;
 /// The longest jump of a guard, in tests.
 pub const MAX_JUMP: u16 = CODE_LOW_MASK;
+/// The most state instances that a mission can have, pseudo-states included.
+pub const MAX_STATE_INSTANCES: usize = 1 << 20;
 /// The greatest capacity of the event queue.
 pub const MAX_QUEUE: usize = 255;
 

@@ -405,7 +405,7 @@ fn bit(words: &[u32], index: usize) -> bool {
         .is_some_and(|word| word >> (index % WORD_BITS) & 1 != 0)
 }
 
-#[inline]
+#[inline(never)]
 fn set_bit(words: &mut [u32], index: usize, value: bool) {
     if let Some(word) = words.get_mut(index / WORD_BITS) {
         let mask = 1 << (index % WORD_BITS);

@@ -1,32 +1,78 @@
-//! Which 16-bit field of a record is what. The tables with their meaning stand in [`crate::format`].
+//! Where each 16-bit field of a record is. The tables with their meaning stand in [`crate::format`].
+
+use crate::format::Section;
+
+/// A 16-bit field of the records of a section, in one small number: most calls that name one load it in two bytes of code.
+#[derive(Clone, Copy)]
+pub(crate) struct Field(u16);
+
+impl Field {
+    const NUMBER_BITS: u16 = 4;
+
+    const fn new(section: Section, number: u16) -> Self {
+        Self((section as u16) << Self::NUMBER_BITS | number)
+    }
+
+    /// The section, as an index into [`Section::ALL`].
+    pub(crate) fn section(self) -> usize {
+        usize::from(self.0 >> Self::NUMBER_BITS)
+    }
+
+    /// First byte of the field in the record.
+    pub(crate) fn offset(self) -> usize {
+        2 * usize::from(self.0 & ((1 << Self::NUMBER_BITS) - 1))
+    }
+}
 
 macro_rules! fields {
-    ($( $record:ident { $($field:ident)* } )*) => {
+    ($( $record:ident: $section:ident { $($number:literal $field:ident)* } )*) => {
         $(
             pub(crate) mod $record {
-                fields!(@number 0, $($field)*);
+                use super::{Field, Section};
+                $( pub(crate) const $field: Field = Field::new(Section::$section, $number); )*
             }
         )*
-    };
-    (@number $number:expr, ) => {};
-    // A 64-bit field, or one that is never read by its number, is passed over with `_`-named places of its own.
-    (@number $number:expr, $field:ident $($rest:ident)*) => {
-        #[allow(dead_code, reason = "numbered for those that come after it")]
-        pub(crate) const $field: usize = $number;
-        fields!(@number $number + 1, $($rest)*);
     };
 }
 
 fields! {
-    mission { QUEUE INTERPRETER_SLOT EVENTS FLAGS EXCLUSIVE_GROUPS }
-    container { FIRST_REGION FLAGS CHANNELS FIRST_INSTANCE FLAG_SPAN TASK_SPAN REGION_SPAN INSTANCE_SPAN }
-    region { FIRST_STATE CONTAINER }
-    state { FIRST_TRANSITION FIRST_EVENT_TRANSITION FIRST_FLAG SHAPE A B TIMEOUT_LOW TIMEOUT_HIGH }
-    transition { EVENT TARGET CODE }
-    code { OPERAND CONTROL }
-    instance { CONTAINER FIRST_REGION FIRST_FLAG FIRST_CHANNEL FIRST_TASK END_TASK PARENT_REGION PARENT_STATE }
-    region_instance { NEXT FIRST_FLAG INITIAL INSTANCE }
-    task { HASH_0 HASH_1 HASH_2 HASH_3 TEXT_START TEXT_LENGTH EXCLUSIVE DATA FLAGS PARAMS }
-    task_state { TASK SLOT FIRST_PARAM }
-    task_instance { STATE REGION FIRST_CONNECTION }
+    mission: Mission {
+        0 QUEUE 1 INTERPRETER_SLOT 2 EVENTS 3 FLAGS 4 EXCLUSIVE_GROUPS
+    }
+    container: Containers {
+        0 FIRST_REGION 1 FLAGS 2 CHANNELS 3 FIRST_INSTANCE
+        4 FLAG_SPAN 5 TASK_SPAN 6 REGION_SPAN 7 INSTANCE_SPAN
+    }
+    region: Regions {
+        0 FIRST_STATE 1 CONTAINER
+    }
+    state: States {
+        0 FIRST_TRANSITION 1 FIRST_EVENT_TRANSITION 2 FIRST_FLAG 3 SHAPE 4 A 5 B
+        6 TIMEOUT_LOW 7 TIMEOUT_HIGH
+    }
+    transition: Transitions {
+        0 EVENT 1 TARGET 2 CODE
+    }
+    code: Code {
+        0 OPERAND 1 CONTROL
+    }
+    instance: Instances {
+        0 CONTAINER 1 FIRST_REGION 2 FIRST_FLAG 3 FIRST_CHANNEL 4 FIRST_TASK 5 END_TASK
+        6 PARENT_REGION 7 PARENT_STATE
+    }
+    region_instance: RegionInstances {
+        0 NEXT 1 FIRST_FLAG 2 INITIAL 3 INSTANCE
+    }
+    task: Tasks {
+        4 TEXT_START 5 TEXT_LENGTH 6 EXCLUSIVE 7 DATA 8 FLAGS 9 PARAMS
+    }
+    task_state: TaskStates {
+        0 TASK 1 SLOT 2 FIRST_PARAM
+    }
+    task_instance: TaskInstances {
+        0 STATE 1 REGION 2 FIRST_CONNECTION
+    }
+    connection: Connections {
+        0 NET
+    }
 }

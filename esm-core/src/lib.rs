@@ -1,5 +1,39 @@
+//! Extended state machines for microcontrollers: the blob format, the verifier, the interpreter, the slot dispatcher.
+//!
+//! A mission (machine, schedule, data paths, parameters) is compiled on a host into a blob of a few kilobytes. This crate reads it in place, checks it
+//! once, and runs it. It decides what a machine does, for firmware and host tools alike; there is no second implementation.
+//!
+//! What it is not: it knows no hardware, no clock and no wire, and it runs no tasks. It says which tasks are enabled and which slot is due; whoever uses
+//! it has the timer, the tasks and their data. It allocates nothing, has no `unsafe`, and cannot panic on any input.
+//!
+//! # Layers
+//!
+//! 1. [`format`](mod@format) is the blob, byte by byte.
+//! 2. [`tables`] are borrowed views of its sections.
+//! 3. [`verify()`] checks all of it in one pass. Only a [`Verified`] blob can be interpreted: the type is the proof.
+//! 4. [`Interpreter`] runs macro steps in an arena of words that the caller lends it.
+//! 5. [`Dispatcher`] says which slot is due next.
+//!
+//! Apart from these stand [`signature`], by which firmware and missions know a task, and [`texts`], the checks of what only people read.
+//!
+//! # Ten lines that run
+//!
+//! ```
+//! use esm_core::{Interpreter, Refusal, verify};
+//!
+//! /// Runs a blob for a second of machine time and says whether its machine came to its end.
+//! fn finishes(blob: &[u8], arena: &mut [u32]) -> Result<bool, Refusal> {
+//!     let verified = verify(blob).map_err(|(_, refusal)| refusal)?;
+//!     let Ok(mut interpreter) = Interpreter::new(verified, arena) else { return Ok(false) };
+//!     while let Ok(step) = interpreter.macro_step(&mut ()) {
+//!         if step.finished || step.t_us >= 1_000_000 { return Ok(step.finished); }
+//!     }
+//!     Ok(false)
+//! }
+//! assert_eq!(finishes(b"no blob at all", &mut [0; 64]), Err(Refusal::Magic));
+//! ```
 #![no_std]
-//! Extended state machines for microcontrollers.
+
 #[cfg(test)]
 extern crate std;
 
@@ -9,8 +43,11 @@ mod interpreter;
 mod layout;
 pub mod signature;
 pub mod tables;
+pub mod texts;
 mod verify;
 
 pub use dispatcher::Dispatcher;
-pub use interpreter::{ArenaTooSmall, Fault, Interpreter, Observer, StepSummary, TransitionTaken};
+pub use interpreter::{
+    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, Observer, StepSummary, TransitionTaken,
+};
 pub use verify::{Cause, Refusal, Verified, verify};

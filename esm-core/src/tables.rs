@@ -5,7 +5,7 @@
 //! tables; what they are relative to stands with each field.
 
 use crate::format::{self, Section};
-use crate::layout;
+use crate::layout::{self, Field};
 use crate::signature::{PortCounts, Signature};
 
 /// A time slot.
@@ -233,18 +233,15 @@ pub struct Net {
     pub type_hash: u64,
 }
 
+/// Bytes of a record of each section.
+const RECORD_BYTES: [u8; Section::ALL.len()] = [
+    10, 16, 16, 4, 16, 6, 4, 16, 8, 10, 1, 20, 1, 6, 4, 6, 2, 8, 1,
+];
+
 /// Bytes of a record of a section.
+#[inline(always)]
 pub(crate) const fn record_bytes(section: Section) -> usize {
-    match section {
-        Section::Slots | Section::Containers | Section::States | Section::Instances => 16,
-        Section::Tasks => 20,
-        Section::Channels | Section::Mission => 10,
-        Section::RegionInstances | Section::Nets => 8,
-        Section::Transitions | Section::TaskStates | Section::TaskInstances => 6,
-        Section::Regions | Section::Code | Section::Params => 4,
-        Section::Connections => 2,
-        Section::Visibility | Section::Signatures | Section::Names => 1,
-    }
+    RECORD_BYTES[section as usize] as usize
 }
 
 /// First byte and length of each section of a blob.
@@ -558,10 +555,17 @@ impl<'a> Tables<'a> {
     }
 
     /// The bytes of a section.
+    #[inline(always)]
+    pub(crate) fn section(&self, section: Section) -> &'a [u8] {
+        self.section_at(section as usize)
+    }
+
     // Inlined, it would be the largest part of the verifier.
     #[inline(never)]
-    pub(crate) fn section(&self, section: Section) -> &'a [u8] {
-        let (start, length) = self.sections[section as usize];
+    fn section_at(&self, section: usize) -> &'a [u8] {
+        let Some(&(start, length)) = self.sections.get(section) else {
+            return &[];
+        };
         let from_start = self.bytes.get(start as usize..).unwrap_or(&[]);
         from_start.get(..length as usize).unwrap_or(&[])
     }
@@ -585,39 +589,29 @@ impl<'a> Tables<'a> {
         length as usize / record_bytes(section)
     }
 
-    /// A 16-bit field of a record; the number of no record outside the table.
+    /// A 16-bit field of a record; outside the table the number that stands for none.
     #[inline(never)]
-    pub(crate) fn word(&self, section: Section, index: usize, field: usize) -> usize {
-        let bytes = self.section(section);
-        let start = index * record_bytes(section) + 2 * field;
+    pub(crate) fn word(&self, field: Field, index: usize) -> usize {
+        let bytes = self.section_at(field.section());
+        let record_bytes = RECORD_BYTES.get(field.section()).copied().unwrap_or(0);
+        let start = index * usize::from(record_bytes) + field.offset();
         match bytes.get(start..).and_then(<[u8]>::first_chunk::<2>) {
-            Some(field) => usize::from(u16::from_le_bytes(*field)),
+            Some(word) => usize::from(u16::from_le_bytes(*word)),
             None => usize::from(format::NONE),
         }
     }
 
-    fn mission_word(&self, field: usize) -> usize {
-        self.word(Section::Mission, 0, field)
+    fn mission_word(&self, field: Field) -> usize {
+        self.word(field, 0)
     }
 
     /// One past the last state of a region template.
     pub(crate) fn region_end(&self, region: usize) -> usize {
         if region + 1 < self.count(Section::Regions) {
-            self.word(Section::Regions, region + 1, layout::region::FIRST_STATE)
+            self.word(layout::region::FIRST_STATE, region + 1)
         } else {
             self.count(Section::States)
         }
-    }
-
-    /// Whether a state is one of those that a region instance can be in.
-    pub(crate) fn is_state_of(&self, state: usize, region_instance: usize) -> bool {
-        let initial = self.word(
-            Section::RegionInstances,
-            region_instance,
-            layout::region_instance::INITIAL,
-        );
-        let region = self.region_of_state(state);
-        self.word(Section::Regions, region, layout::region::FIRST_STATE) == initial
     }
 
     /// Events that the queue holds at most, 1 to 255.
@@ -744,7 +738,7 @@ impl<'a> Tables<'a> {
     /// One past the last transition out of a state, which is the first out of the next.
     pub(crate) fn transition_end(&self, state: usize) -> usize {
         if state + 1 < self.count(Section::States) {
-            self.word(Section::States, state + 1, layout::state::FIRST_TRANSITION)
+            self.word(layout::state::FIRST_TRANSITION, state + 1)
         } else {
             self.count(Section::Transitions)
         }
@@ -942,10 +936,11 @@ pub struct Names<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Names<'a> {
-    /// What was not read yet.
-    pub(crate) fn rest(&self) -> &'a [u8] {
-        self.rest
+impl Names<'_> {
+    /// Whether nothing is left, not even a name that is cut off.
+    #[must_use]
+    pub fn is_at_end(&self) -> bool {
+        self.rest.is_empty()
     }
 }
 

@@ -5,10 +5,12 @@
 //! interpreter relies on: its walk ends, its guards end, the flags and tasks that it touches belong to the instance that it is in.
 //!
 //! Templates come first. A container's spans (flags, tasks, regions, instances that one instance of it takes) must be the exact
-//! sums of its parts, so no container can hold itself. Then each instance is checked against the superstate that it says it is inside of. Since instance
-//! numbers follow from the parent's by the template, no two instances can share a superstate; and since there are as many
-//! as the machine's span says, no superstate is without. So nothing is visited twice, and time grows linearly with the size of the blob
-//! (save for the pairs of slots, and a logarithm), with a stack of constant depth.
+//! sums of its parts, so no container can hold itself. Then the instance tree, from the machine on: each instance says of the instances inside its
+//! superstates, and of its task instances, what must stand in their records. Their numbers follow from the template, so none is
+//! claimed twice, and as many must have been claimed as there are records, so none is left out. Time grows with the number of state instances, which is
+//! bounded, and with the square of the number of slots; the depth of the stack is constant.
+//!
+//! Texts are not looked at: see [`crate::texts`].
 
 use core::ops::Deref;
 
@@ -16,10 +18,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
 use crate::layout::{
-    code, container, instance, mission, region, region_instance, state, task, task_instance,
-    task_state, transition,
+    Field, code, connection, container, instance, mission, region, region_instance, state, task,
+    task_instance, task_state, transition,
 };
-use crate::signature::{Port, fnv1a, is_identifier_part};
 use crate::tables::{self, Slot, Tables};
 
 /// No index, as a field reads it.
@@ -55,10 +56,12 @@ pub enum Refusal {
 }
 
 /// What is wrong with a record.
+// From 1, so that "nothing is wrong" is 0, for which cores have shorter instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
 pub enum Cause {
     /// An index points outside of what it may point to.
-    Index,
+    Index = 1,
     /// A part does not begin where the one before it ended, or parts are missing or left over.
     Order,
     /// A number is outside its range.
@@ -69,9 +72,9 @@ pub enum Cause {
     Direction,
     /// A record of the instance tree is not what its template makes of it.
     Template,
-    /// A text is malformed, or its hash or its counts differ.
+    /// A text is malformed, or its hash or its counts differ; told by [`texts::check`](crate::texts::check) alone.
     Text,
-    /// A port's type is not that of its net.
+    /// A port's type is not that of its net; told by [`texts::check`](crate::texts::check) alone.
     Type,
     /// Two slots overlap, or have the same number.
     Overlap,
@@ -226,7 +229,10 @@ fn check(bytes: &[u8]) -> Result<Layout, Refusal> {
     match pass.check() {
         Ok(()) => Ok(layout),
         Err(cause) => Err(Refusal::Record {
-            section: pass.section,
+            section: Section::ALL
+                .get(usize::from(pass.section))
+                .copied()
+                .unwrap_or(Section::Mission),
             index: pass.index as u16,
             cause,
         }),
@@ -240,8 +246,8 @@ fn ensure(holds: bool, cause: Cause) -> Result<(), Cause> {
 /// The pass, with the places that it has come to.
 struct Pass<'a> {
     tables: Tables<'a>,
-    /// The record under test: it is the one that is wrong if a test fails.
-    section: Section,
+    /// The record under test, by section number and index: it is the one that is wrong if a test fails.
+    section: u8,
     index: usize,
     /// Next records of the templates.
     regions: usize,
@@ -250,8 +256,6 @@ struct Pass<'a> {
     code: usize,
     task_states: usize,
     params: usize,
-    /// Control flags of containers.
-    control_flags: usize,
 }
 
 /// The container under test, and what its states took of its spans so far.
@@ -270,7 +274,7 @@ impl<'a> Pass<'a> {
     fn over(tables: Tables<'a>) -> Self {
         Self {
             tables,
-            section: Section::Mission,
+            section: Section::Mission as u8,
             index: 0,
             regions: 0,
             states: 0,
@@ -278,7 +282,6 @@ impl<'a> Pass<'a> {
             code: 0,
             task_states: 0,
             params: 0,
-            control_flags: 0,
         }
     }
 
@@ -289,30 +292,38 @@ impl<'a> Pass<'a> {
         self.templates()?;
         self.instances()?;
         self.channels()?;
-        self.task_instances()?;
-        self.names()
+        self.connections()
     }
 
-    /// Says which record is under test.
-    fn at(&mut self, section: Section, index: usize) {
-        self.section = section;
+    /// Says which record is under test. Its section is that of the field read last.
+    #[inline(always)]
+    fn at(&mut self, index: usize) {
         self.index = index;
     }
 
-    /// Nothing is left of the section under test behind `checked` records.
+    /// The same where no field was read yet.
+    fn at_in(&mut self, section: Section, index: usize) {
+        self.section = section as u8;
+        self.index = index;
+    }
+
+    /// Nothing is left of a section behind `checked` records.
+    #[inline(never)]
     fn end(&mut self, section: Section, checked: usize) -> Result<(), Cause> {
-        self.at(section, checked);
+        self.at_in(section, checked);
         ensure(checked == self.tables.count(section), Cause::Order)
     }
 
-    /// A 16-bit field of the record under test.
-    fn field(&self, field: usize) -> usize {
-        self.tables.word(self.section, self.index, field)
+    /// A field of the record under test.
+    #[inline(never)]
+    fn field(&mut self, field: Field) -> usize {
+        self.section = field.section() as u8;
+        self.tables.word(field, self.index)
     }
 
-    /// A 16-bit field of the record under test has this value.
+    /// A field of the record under test has this value.
     #[inline(never)]
-    fn expect(&self, field: usize, value: usize, cause: Cause) -> Result<(), Cause> {
+    fn expect(&mut self, field: Field, value: usize, cause: Cause) -> Result<(), Cause> {
         ensure(self.field(field) == value, cause)
     }
 
@@ -329,7 +340,8 @@ impl<'a> Pass<'a> {
         ensure(queue.wrapping_sub(1) < format::MAX_QUEUE, Cause::Range)?;
         let events = self.field(mission::EVENTS);
         ensure(events <= usize::from(format::MAX_EVENT), Cause::Range)?;
-        self.has(Section::Slots, self.field(mission::INTERPRETER_SLOT))
+        let slot = self.field(mission::INTERPRETER_SLOT);
+        self.has(Section::Slots, slot)
     }
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
@@ -337,7 +349,7 @@ impl<'a> Pass<'a> {
     fn slots(&mut self) -> Result<(), Cause> {
         let mut index = 0;
         while let Some(slot) = self.tables.slot(index) {
-            self.at(Section::Slots, index);
+            self.at_in(Section::Slots, index);
             let in_range = slot.number >= 1
                 && slot.period_us <= format::MAX_TIME_US
                 && slot.duration_us <= slot.period_us
@@ -356,19 +368,12 @@ impl<'a> Pass<'a> {
     fn tasks(&mut self) -> Result<(), Cause> {
         let groups = self.tables.exclusive_group_count();
         let mut text_bytes = 0;
-        let mut index = 0;
-        while let Some(task) = self.tables.task(index) {
-            self.at(Section::Tasks, index);
-            // A text that would end behind the last one reads as empty, which has no counts.
+        for index in 0..self.tables.count(Section::Tasks) {
+            self.at(index);
             self.expect(task::TEXT_START, text_bytes, Cause::Order)?;
-            let text = task.signature.text();
-            text_bytes += text.len();
-            let right =
-                task.signature.counts() == Some(task.ports) && fnv1a(text) == task.signature_hash;
-            ensure(right, Cause::Text)?;
+            text_bytes += self.field(task::TEXT_LENGTH);
             let group = self.field(task::EXCLUSIVE);
             ensure(group < groups || group == NONE, Cause::Range)?;
-            index += 1;
         }
         self.end(Section::Signatures, text_bytes)
     }
@@ -386,11 +391,11 @@ impl<'a> Pass<'a> {
     }
 
     fn container(&mut self, index: usize) -> Result<(), Cause> {
-        self.at(Section::Containers, index);
+        self.at(index);
         self.expect(container::FIRST_REGION, self.regions, Cause::Order)?;
         let instance = self.field(container::FIRST_INSTANCE);
         self.has(Section::Instances, instance)?;
-        let instance_of = self.instance(instance, instance::CONTAINER);
+        let instance_of = self.tables.word(instance::CONTAINER, instance);
         ensure(instance_of == index, Cause::Index)?;
         let flags = self.field(container::FLAGS);
         let mut spans = Spans {
@@ -401,19 +406,14 @@ impl<'a> Pass<'a> {
             regions: 0,
             instances: 1,
         };
-        self.control_flags += flags;
         let mut region_instances = 0;
-        while self
-            .tables
-            .word(Section::Regions, self.regions, region::CONTAINER)
-            == index
-        {
+        while self.tables.word(region::CONTAINER, self.regions) == index {
             spans.regions = 1;
             self.region(&mut spans)?;
             region_instances += spans.regions;
             self.regions += 1;
         }
-        self.at(Section::Containers, index);
+        self.at(index);
         ensure(region_instances > 0, Cause::Template)?;
         self.expect(container::FLAG_SPAN, spans.flags, Cause::Template)?;
         self.expect(container::TASK_SPAN, spans.tasks, Cause::Template)?;
@@ -422,12 +422,12 @@ impl<'a> Pass<'a> {
     }
 
     fn region(&mut self, spans: &mut Spans) -> Result<(), Cause> {
-        self.at(Section::Regions, self.regions);
+        self.at(self.regions);
         let first_state = self.states;
         self.expect(region::FIRST_STATE, first_state, Cause::Order)?;
         let end_state = self.tables.region_end(self.regions);
         loop {
-            self.at(Section::States, self.states);
+            self.at(self.states);
             self.has(Section::States, self.states)?;
             let shape = self.field(state::SHAPE) as u16;
             let kind = shape >> format::STATE_KIND_SHIFT;
@@ -469,17 +469,17 @@ impl<'a> Pass<'a> {
                 self.expect(state::B, spans.instances, Cause::Order)?;
                 let inside = spans.instance + spans.instances;
                 self.has(Section::Instances, inside)?;
-                let first_task = self.instance(spans.instance, instance::FIRST_TASK);
+                let first_task = self.tables.word(instance::FIRST_TASK, spans.instance);
                 let right_task =
-                    self.instance(inside, instance::FIRST_TASK) == first_task + spans.tasks;
+                    self.tables.word(instance::FIRST_TASK, inside) == first_task + spans.tasks;
                 ensure(right_task, Cause::Order)?;
-                let content = self.instance(inside, instance::CONTAINER);
+                let content = self.tables.word(instance::CONTAINER, inside);
                 self.has(Section::Containers, content)?;
-                spans.tasks += self.container_field(content, container::TASK_SPAN);
-                spans.regions += self.container_field(content, container::REGION_SPAN);
-                spans.instances += self.container_field(content, container::INSTANCE_SPAN);
-                flag_span = self.container_field(content, container::FLAG_SPAN);
-                format::CONTAINER_CONTROL_FLAGS + self.container_field(content, container::FLAGS)
+                spans.tasks += self.tables.word(container::TASK_SPAN, content);
+                spans.regions += self.tables.word(container::REGION_SPAN, content);
+                spans.instances += self.tables.word(container::INSTANCE_SPAN, content);
+                flag_span = self.tables.word(container::FLAG_SPAN, content);
+                format::CONTAINER_CONTROL_FLAGS + self.tables.word(container::FLAGS, content)
             }
             _ => return Err(Cause::Kind),
         };
@@ -487,30 +487,23 @@ impl<'a> Pass<'a> {
         ensure(flags == right_flags, Cause::Template)
     }
 
-    fn instance(&self, index: usize, field: usize) -> usize {
-        self.tables.word(Section::Instances, index, field)
-    }
-
-    fn container_field(&self, index: usize, field: usize) -> usize {
-        self.tables.word(Section::Containers, index, field)
-    }
-
     /// Checks the next task state and returns the number of its task's control flags.
     fn task_state(&mut self, real_time: bool) -> Result<usize, Cause> {
-        self.at(Section::TaskStates, self.task_states);
+        self.at(self.task_states);
         self.has(Section::TaskStates, self.task_states)?;
         let task = self.field(task_state::TASK);
         self.has(Section::Tasks, task)?;
         if real_time {
-            self.has(Section::Slots, self.field(task_state::SLOT))?;
+            let slot = self.field(task_state::SLOT);
+            self.has(Section::Slots, slot)?;
         } else {
             self.expect(task_state::SLOT, NONE, Cause::Index)?;
         }
         self.expect(task_state::FIRST_PARAM, self.params, Cause::Order)?;
-        self.params += self.tables.word(Section::Tasks, task, task::PARAMS);
+        self.params += self.tables.word(task::PARAMS, task);
         self.task_states += 1;
-        self.at(Section::States, self.states);
-        Ok(self.tables.word(Section::Tasks, task, task::FLAGS))
+        self.at_in(Section::States, self.states);
+        Ok(self.tables.word(task::FLAGS, task))
     }
 
     /// Checks the transitions out of the next state, whose region has the states from `first_state` up to `end_state`.
@@ -529,7 +522,7 @@ impl<'a> Pass<'a> {
         let is_left = end != self.transitions;
         ensure(!is_left || kind != format::STATE_FINAL, Cause::Kind)?;
         while self.transitions < end {
-            self.at(Section::Transitions, self.transitions);
+            self.at(self.transitions);
             self.has(Section::Transitions, self.transitions)?;
             let trigger = self.field(transition::EVENT) as u16;
             let event = trigger & !format::TRANSITION_HAS_CODE;
@@ -554,7 +547,7 @@ impl<'a> Pass<'a> {
         let mut farthest_jump = self.code;
         let mut in_guard = true;
         loop {
-            self.at(Section::Code, self.code);
+            self.at(self.code);
             self.has(Section::Code, self.code)?;
             let control = self.field(code::CONTROL) as u16;
             let low = control & format::CODE_LOW_MASK;
@@ -562,7 +555,7 @@ impl<'a> Pass<'a> {
             let is_test = (format::CODE_JUMP_IF_CLEAR..=format::CODE_JUMP_IF_BUSY_INSIDE)
                 .contains(&operation);
             // What an operand must be below; nothing looks at the operand of what needs none.
-            let mut limit = self.container_field(container, container::FLAG_SPAN);
+            let mut limit = self.tables.word(container::FLAG_SPAN, container);
             if is_test {
                 farthest_jump = farthest_jump.max(self.code + usize::from(low));
                 let looks_inside = operation >= format::CODE_JUMP_IF_IDLE_INSIDE;
@@ -574,7 +567,7 @@ impl<'a> Pass<'a> {
                 ensure(in_guard || operation != format::CODE_END, Cause::Kind)?;
                 in_guard = false;
                 if operation == format::CODE_SEND {
-                    limit = self.container_field(container, container::CHANNELS);
+                    limit = self.tables.word(container::CHANNELS, container);
                 }
             }
             ensure(self.field(code::OPERAND) < limit, Cause::Index)?;
@@ -585,147 +578,136 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Checks the instance tree: container instances with their region instances.
+    /// Checks the instance tree: each instance from the one around it.
     fn instances(&mut self) -> Result<(), Cause> {
         let count = self.tables.count(Section::Instances);
-        let mut regions = 0;
-        let mut channels = 0;
-        self.at(Section::Instances, 0);
+        self.at(0);
         self.has(Section::Instances, 0)?;
+        self.expect(instance::CONTAINER, 0, Cause::Template)?;
+        self.expect(instance::FIRST_REGION, 0, Cause::Template)?;
+        self.expect(instance::FIRST_FLAG, 0, Cause::Template)?;
+        self.expect(instance::FIRST_TASK, 0, Cause::Template)?;
+        self.at(0);
+        self.expect(container::FIRST_INSTANCE, 0, Cause::Template)?;
+        self.expect(
+            container::FLAG_SPAN,
+            self.tables.flag_count(),
+            Cause::Template,
+        )?;
+        let mut seen = Seen {
+            instances: 1,
+            ..Seen::default()
+        };
         for index in 0..count {
-            self.at(Section::Instances, index);
-            let container = self.field(instance::CONTAINER);
-            self.has(Section::Containers, container)?;
-            self.expect(instance::FIRST_CHANNEL, channels, Cause::Order)?;
-            channels += self.container_field(container, container::CHANNELS);
-            let after = if index == 0 {
-                self.machine()?
-            } else {
-                self.walk_behind(index, container)?
-            };
-            let end_task = self.field(instance::FIRST_TASK)
-                + self.container_field(container, container::TASK_SPAN);
-            self.expect(instance::END_TASK, end_task, Cause::Template)?;
-            regions += self.region_instances(index, container, after)?;
+            self.instance(index, &mut seen)?;
         }
-        self.end(Section::RegionInstances, regions)?;
-        self.end(Section::Channels, channels)
+        self.end(Section::Instances, seen.instances)?;
+        self.end(Section::RegionInstances, seen.regions)?;
+        self.end(Section::TaskInstances, seen.tasks)?;
+        self.end(Section::Channels, seen.channels)
     }
 
-    /// Checks instance 0, and returns where the walk goes on behind it.
-    fn machine(&self) -> Result<usize, Cause> {
-        for field in [
-            instance::CONTAINER,
-            instance::FIRST_REGION,
-            instance::FIRST_FLAG,
-            instance::FIRST_TASK,
-        ] {
-            self.expect(field, 0, Cause::Template)?;
-        }
-        let spans = [
-            (container::FIRST_INSTANCE, 0),
-            (container::FLAG_SPAN, self.tables.flag_count()),
-            (
-                container::TASK_SPAN,
-                self.tables.count(Section::TaskInstances),
-            ),
-            (
-                container::REGION_SPAN,
-                self.tables.count(Section::RegionInstances),
-            ),
-            (
-                container::INSTANCE_SPAN,
-                self.tables.count(Section::Instances),
-            ),
-        ];
-        for (field, value) in spans {
-            ensure(self.container_field(0, field) == value, Cause::Template)?;
-        }
-        Ok(self.tables.count(Section::RegionInstances))
-    }
-
-    /// Checks the instance under test against the superstate that it says it is inside of. Returns where the walk goes on behind that.
-    fn walk_behind(&self, index: usize, container: usize) -> Result<usize, Cause> {
-        let tables = &self.tables;
-        let region = self.field(instance::PARENT_REGION);
-        let state = self.field(instance::PARENT_STATE);
-        self.has(Section::RegionInstances, region)?;
-        self.has(Section::States, state)?;
-        let of_region = |field| tables.word(Section::RegionInstances, region, field);
-        let of_state = |field| tables.word(Section::States, state, field);
-        let kind = of_state(state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
-        let around = of_region(region_instance::INSTANCE);
-        self.has(Section::Instances, around)?;
-        let inside = of_state(state::B);
-        // What the first instance of the container around makes of this state holds for all of them.
-        let around_of = self.instance(around, instance::CONTAINER);
-        let model_around = self.container_field(around_of, container::FIRST_INSTANCE);
-        let model = model_around + inside;
-        self.has(Section::Instances, model)?;
-        let first_task = self.instance(around, instance::FIRST_TASK)
-            + self.instance(model, instance::FIRST_TASK);
-        let model_task = self.instance(model_around, instance::FIRST_TASK);
-        let exact = kind == format::STATE_SUPER
-            && tables.is_state_of(state, region)
-            && around + inside == index
-            && self.instance(model, instance::CONTAINER) == container
-            && self.field(instance::FIRST_TASK) + model_task == first_task;
-        ensure(exact, Cause::Template)?;
-        let first_region = region + of_state(state::A);
-        self.expect(instance::FIRST_REGION, first_region, Cause::Template)?;
-        let first_flag = of_region(region_instance::FIRST_FLAG) + of_state(state::FIRST_FLAG);
-        self.expect(instance::FIRST_FLAG, first_flag, Cause::Template)?;
-        Ok(of_region(region_instance::NEXT))
-    }
-
-    /// Checks the regions of one instance, behind which the walk goes on at `after`, and returns their number.
-    fn region_instances(
-        &mut self,
-        index: usize,
-        container: usize,
-        after: usize,
-    ) -> Result<usize, Cause> {
+    fn instance(&mut self, index: usize, seen: &mut Seen) -> Result<(), Cause> {
+        self.at(index);
+        let container = self.field(instance::CONTAINER);
+        self.has(Section::Containers, container)?;
+        self.expect(instance::FIRST_CHANNEL, seen.channels, Cause::Order)?;
+        seen.channels += self.tables.word(container::CHANNELS, container);
+        let first_task = self.field(instance::FIRST_TASK);
+        let end_task = first_task + self.tables.word(container::TASK_SPAN, container);
+        self.expect(instance::END_TASK, end_task, Cause::Template)?;
         let first_flag = self.field(instance::FIRST_FLAG);
+        let parent = self.field(instance::PARENT_REGION);
+        let after = if index == 0 {
+            self.tables.count(Section::RegionInstances)
+        } else {
+            self.tables.word(region_instance::NEXT, parent)
+        };
+        let around = Around {
+            index,
+            container,
+            first_flag,
+            first_task,
+        };
         let mut at = self.field(instance::FIRST_REGION);
-        let first_template = self.container_field(container, container::FIRST_REGION);
-        let mut template = first_template;
-        while self
-            .tables
-            .word(Section::Regions, template, region::CONTAINER)
-            == container
-        {
-            self.at(Section::RegionInstances, at);
+        let mut template = self.tables.word(container::FIRST_REGION, container);
+        while self.tables.word(region::CONTAINER, template) == container {
+            self.at(at);
             // The one before was not the last, so the walk must not have left the instance.
             ensure(at < after, Cause::Direction)?;
             self.has(Section::RegionInstances, at)?;
-            let initial = self
-                .tables
-                .word(Section::Regions, template, region::FIRST_STATE);
-            self.expect(region_instance::INITIAL, initial, Cause::Template)?;
-            self.expect(region_instance::INSTANCE, index, Cause::Template)?;
-            self.expect(region_instance::FIRST_FLAG, first_flag, Cause::Template)?;
             let next = self.field(region_instance::NEXT);
             ensure(next > at, Cause::Direction)?;
+            self.expect(region_instance::INSTANCE, index, Cause::Template)?;
+            self.expect(region_instance::FIRST_FLAG, first_flag, Cause::Template)?;
+            let first_state = self.tables.word(region::FIRST_STATE, template);
+            self.expect(region_instance::INITIAL, first_state, Cause::Template)?;
+            for state in first_state..self.tables.region_end(template) {
+                self.state_instance(&around, at, state, seen)?;
+            }
+            seen.regions += 1;
             at = next;
             template += 1;
         }
-        ensure(at == after, Cause::Direction)?;
-        Ok(template - first_template)
+        self.at(index);
+        ensure(at == after, Cause::Direction)
+    }
+
+    /// Checks what a state of a region instance stands for: a task instance, or an instance of a container.
+    fn state_instance(
+        &mut self,
+        around: &Around,
+        region: usize,
+        state: usize,
+        seen: &mut Seen,
+    ) -> Result<(), Cause> {
+        // Templates that are used often could make this pass much longer than the blob.
+        seen.states += 1;
+        ensure(seen.states <= format::MAX_STATE_INSTANCES, Cause::Range)?;
+        let kind = self.tables.word(state::SHAPE, state) as u16 >> format::STATE_KIND_SHIFT;
+        let a = self.tables.word(state::A, state);
+        if kind == format::STATE_SUPER {
+            seen.instances += 1;
+            let offset = self.tables.word(state::B, state);
+            let first_flag = around.first_flag + self.tables.word(state::FIRST_FLAG, state);
+            // What the first instance of the container around makes of this state holds for all of them.
+            let model_around = self
+                .tables
+                .word(container::FIRST_INSTANCE, around.container);
+            let model = model_around + offset;
+            let container = self.tables.word(instance::CONTAINER, model);
+            let first_task = around.first_task + self.tables.word(instance::FIRST_TASK, model)
+                - self.tables.word(instance::FIRST_TASK, model_around);
+            self.at(around.index + offset);
+            self.has(Section::Instances, self.index)?;
+            self.expect(instance::CONTAINER, container, Cause::Template)?;
+            self.expect(instance::FIRST_REGION, region + a, Cause::Template)?;
+            self.expect(instance::FIRST_FLAG, first_flag, Cause::Template)?;
+            self.expect(instance::FIRST_TASK, first_task, Cause::Template)?;
+            self.expect(instance::PARENT_REGION, region, Cause::Template)?;
+            self.expect(instance::PARENT_STATE, state, Cause::Template)?;
+        } else if kind == format::STATE_TASK || kind == format::STATE_BACKGROUND_TASK {
+            seen.tasks += 1;
+            self.at(around.first_task + a);
+            self.has(Section::TaskInstances, self.index)?;
+            self.expect(task_instance::STATE, state, Cause::Template)?;
+            self.expect(task_instance::REGION, region, Cause::Template)?;
+        }
+        Ok(())
     }
 
     fn channels(&mut self) -> Result<(), Cause> {
         let tables = self.tables;
         let mut index = 0;
         while let Some(channel) = tables.channel(index) {
-            self.at(Section::Channels, index);
+            self.at_in(Section::Channels, index);
             let instances = channel.instances;
-            let bytes = instances.div_ceil(8);
-            let in_bits = channel.bits.is_none_or(|first| {
-                let available = tables.count(Section::Visibility).checked_sub(first);
-                available.is_some_and(|available| bytes <= available)
-            });
-            let right = channel.event != format::PULSE
-                && usize::from(channel.event) <= tables.event_count()
+            let bits = tables.section(Section::Visibility).len();
+            let in_bits = match channel.bits {
+                None => true,
+                Some(first) => first <= bits && instances.div_ceil(8) <= bits - first,
+            };
+            let right = usize::from(channel.event).wrapping_sub(1) < tables.event_count()
                 && channel.first_instance + instances <= tables.count(Section::Instances)
                 && in_bits;
             ensure(right, Cause::Index)?;
@@ -734,75 +716,45 @@ impl<'a> Pass<'a> {
         Ok(())
     }
 
-    fn task_instances(&mut self) -> Result<(), Cause> {
+    /// Checks the data ports of task instances.
+    fn connections(&mut self) -> Result<(), Cause> {
         let mut connections = 0;
         for index in 0..self.tables.count(Section::TaskInstances) {
-            self.at(Section::TaskInstances, index);
-            let state = self.field(task_instance::STATE);
-            let region = self.field(task_instance::REGION);
-            self.has(Section::States, state)?;
-            self.has(Section::RegionInstances, region)?;
+            self.at(index);
             self.expect(task_instance::FIRST_CONNECTION, connections, Cause::Order)?;
-            let of_state = |field| self.tables.word(Section::States, state, field);
-            let kind = of_state(state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
-            let is_task = kind == format::STATE_TASK || kind == format::STATE_BACKGROUND_TASK;
-            ensure(is_task, Cause::Kind)?;
-            let around =
-                self.tables
-                    .word(Section::RegionInstances, region, region_instance::INSTANCE);
-            let first_task = self.instance(around, instance::FIRST_TASK);
-            let exact =
-                self.tables.is_state_of(state, region) && first_task + of_state(state::A) == index;
-            ensure(exact, Cause::Template)?;
-            let task_state = of_state(state::B);
-            let task = self
-                .tables
-                .word(Section::TaskStates, task_state, task_state::TASK);
-            let task = self.tables.task(task).ok_or(Cause::Index)?;
-            for port in task.signature.ports() {
-                if let Port::Data { type_name, .. } = port {
-                    self.connection(connections, type_name)?;
-                    connections += 1;
-                }
+            let state = self.field(task_instance::STATE);
+            let task_state = self.tables.word(state::B, state);
+            let task = self.tables.word(task_state::TASK, task_state);
+            connections += self.tables.word(task::DATA, task);
+        }
+        self.end(Section::Connections, connections)?;
+        for index in 0..connections {
+            self.at(index);
+            let net = self.field(connection::NET);
+            if net != NONE {
+                self.has(Section::Nets, net)?;
             }
         }
-        self.end(Section::Connections, connections)
+        Ok(())
     }
+}
 
-    /// Checks that a port with the type `type_name` is open or on a net of that type.
-    fn connection(&mut self, index: usize, type_name: &[u8]) -> Result<(), Cause> {
-        self.at(Section::Connections, index);
-        self.has(Section::Connections, index)?;
-        let net = self.field(0);
-        if net == NONE {
-            return Ok(());
-        }
-        let net = self.tables.net(net).ok_or(Cause::Index)?;
-        ensure(net.type_hash == fnv1a(type_name), Cause::Type)
-    }
+/// What the pass over the instance tree has come by so far.
+#[derive(Default)]
+struct Seen {
+    instances: usize,
+    regions: usize,
+    states: usize,
+    tasks: usize,
+    channels: usize,
+}
 
-    /// A name table is whole or absent.
-    fn names(&mut self) -> Result<(), Cause> {
-        let tables = self.tables;
-        let Some(mut names) = tables.names() else {
-            return Ok(());
-        };
-        // A region has one name of its own and none for its two pseudo-states.
-        let of_regions = tables.count(Section::States) - tables.count(Section::Regions);
-        let expected = tables.event_count()
-            + tables.count(Section::Containers)
-            + self.control_flags
-            + of_regions
-            + tables.exclusive_group_count();
-        let mut count = 0;
-        for name in names.by_ref() {
-            self.at(Section::Names, count);
-            let is_identifier = !name.is_empty() && name.iter().copied().all(is_identifier_part);
-            ensure(is_identifier, Cause::Text)?;
-            count += 1;
-        }
-        ensure(count == expected && names.rest().is_empty(), Cause::Order)
-    }
+/// The instance whose states are looked at.
+struct Around {
+    index: usize,
+    container: usize,
+    first_flag: usize,
+    first_task: usize,
 }
 
 /// Whether two slots can never be due at once. A slot without duration may start where another does.

@@ -4,7 +4,9 @@
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 
-use esm_core::format::{CONTAINER_CONTROL_FLAGS, MAX_EVENT, MAX_STATE_FLAGS, TASK_CONTROL_FLAGS};
+use esm_core::format::{
+    CONTAINER_CONTROL_FLAGS, MAX_EVENT, MAX_STATE_FLAGS, MAX_STATE_INSTANCES, TASK_CONTROL_FLAGS,
+};
 
 use super::{Capacity, CompileError, MAX_RECORDS, within};
 use crate::model::{Action, Container, Guard, Model, Region, Source, State, StateKind, Transition};
@@ -20,6 +22,8 @@ pub(super) struct Spans {
     pub regions: usize,
     /// Container instances.
     pub instances: usize,
+    /// State instances, pseudo-states included.
+    pub states: usize,
 }
 
 /// A state of a container in use.
@@ -213,6 +217,7 @@ fn lay_out(
                     at.tasks += content.spans.tasks;
                     at.regions += content.spans.regions;
                     at.instances += content.spans.instances;
+                    at.states += content.spans.states;
                 }
             }
             states.push(StateLayout {
@@ -221,6 +226,8 @@ fn lay_out(
                 flags,
             });
         }
+        let pseudo_states = 2;
+        at.states += region.states.len() + pseudo_states;
         region_instances += at.regions;
         regions.push(RegionLayout {
             initial: 0,
@@ -233,6 +240,7 @@ fn lay_out(
         within(Capacity::TaskInstances, at.tasks, MAX_RECORDS)?;
         within(Capacity::RegionInstances, region_instances, MAX_RECORDS)?;
         within(Capacity::Instances, at.instances, MAX_RECORDS)?;
+        within(Capacity::StateInstances, at.states, MAX_STATE_INSTANCES)?;
     }
     at.regions = region_instances;
     Ok(ContainerLayout {

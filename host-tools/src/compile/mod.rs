@@ -92,6 +92,8 @@ pub enum Capacity {
     Instances,
     /// Region instances.
     RegionInstances,
+    /// States of all instances, pseudo-states included.
+    StateInstances,
     /// Task states of all instances.
     TaskInstances,
     /// Flag bits of all instances.
@@ -129,6 +131,7 @@ impl std::fmt::Display for Capacity {
             Self::GuardTests => "tests in one guard",
             Self::Instances => "container instances",
             Self::RegionInstances => "region instances",
+            Self::StateInstances => "state instances",
             Self::TaskInstances => "task instances",
             Self::Flags => "flag bits",
             Self::StateFlags => "flags of one state",
@@ -251,7 +254,10 @@ fn seal(model: &Model, envelope: &Envelope<'_>) -> Result<Vec<u8>, CompileError>
     let crc = format::crc32(&blob);
     blob.extend_from_slice(&crc.to_le_bytes());
     match esm_core::verify(blob) {
-        Ok(verified) => Ok(verified.into_bytes()),
+        Ok(verified) => match esm_core::texts::check(&verified.tables()) {
+            Ok(()) => Ok(verified.into_bytes()),
+            Err(refusal) => Err(CompileError::Refused(refusal)),
+        },
         Err((_, refusal)) => Err(match refusal {
             Refusal::Record {
                 section: Section::Slots,

@@ -3,7 +3,8 @@
 use esm_core::format::{self, Envelope, PULSE, Section};
 use esm_core::tables::{Code, StateKind as BlobStateKind};
 use esm_core::{
-    Cause, Fault, Interpreter, Observer, Refusal, StepSummary, TransitionTaken, Verified, verify,
+    Cause, Fault, Interpreter, Observer, Refusal, StepSummary, TransitionTaken, Verified, texts,
+    verify,
 };
 use proptest::prelude::*;
 
@@ -676,7 +677,9 @@ fn faults_stop_the_machine_and_its_real_time_tasks() {
 fn events_are_seen_where_they_are_forwarded_to() {
     // Root holds A and B side by side; each holds an inner one. Who is in state 1 has seen the event.
     // By container: forwarded in, forwarded out. The sender is the inner one of A.
-    let cases: [(&str, [(bool, bool); 3], [bool; 5]); 5] = [
+    /// Name, forwarding of the three containers, who sees it.
+    type Case = (&'static str, [(bool, bool); 3], [bool; 5]);
+    let cases: [Case; 5] = [
         (
             "local",
             [(false, false); 3],
@@ -847,6 +850,9 @@ proptest! {
             body[at] = if small { body[at].wrapping_add(value % 5).wrapping_sub(2) } else { value };
         }
         if let Ok(verified) = verify(sealed(&body)) {
+            // Whatever it says, it says it without a panic.
+            let _ = texts::check(&verified.tables());
+            let _ = crate::inspect::Report::of(&verified).to_string();
             survive(verified, seed);
         }
     }
@@ -976,7 +982,10 @@ fn each_rule_of_the_format_is_kept() {
         *section_of(&mut envelope, section) = &changed;
         let mut other = format::MAGIC.to_vec();
         other.extend(postcard::to_stdvec(&envelope).unwrap());
-        let (_, refusal) = verify(sealed(&other)).expect_err(name);
+        let refusal = match verify(sealed(&other)) {
+            Ok(verified) => texts::check(&verified.tables()).expect_err(name),
+            Err((_, refusal)) => refusal,
+        };
         let Refusal::Record { cause, .. } = refusal else {
             panic!("{name}: {refusal:?}");
         };
