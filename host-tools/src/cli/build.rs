@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
@@ -52,30 +52,32 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
     if args.json {
         return console.json_line(&counts);
     }
-    let Counts {
-        bytes,
-        states,
-        transitions,
-        containers,
-        instances,
-        events,
-        flags,
-        ram_bytes,
-    } = counts;
+    let said = |count: usize, what| counted(count as u64, what);
+    let (states, transitions) = (
+        said(counts.states, "state"),
+        said(counts.transitions, "transition"),
+    );
+    let (containers, instances) = (
+        said(counts.containers, "container"),
+        said(counts.instances, "instance"),
+    );
+    let (events, flags) = (said(counts.events, "event"), said(counts.flags, "flag bit"));
+    let (
+        output,
+        hash,
+        Counts {
+            bytes, ram_bytes, ..
+        },
+    ) = (args.output.display(), verified.hash(), counts);
     let out = console.out();
+    writeln!(out, "{output}: {bytes} bytes, mission {hash:08x}")?;
     writeln!(
         out,
-        "{}: {bytes} bytes, mission {:08x}",
-        args.output.display(),
-        verified.hash()
+        "  {states}, {transitions}, {containers} (the machine included), {instances} of them"
     )?;
     writeln!(
         out,
-        "  {states} states and {transitions} transitions in {containers} containers, {instances} instances of them"
-    )?;
-    writeln!(
-        out,
-        "  {events} events, {flags} flags; runs in {ram_bytes} bytes of memory"
+        "  {events}, {flags}; runs in {ram_bytes} bytes of memory"
     )?;
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::mission::{self, Audience};
 use crate::lang::Severity;
@@ -49,7 +49,7 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
             .diagnostics
             .iter()
             .filter(|found| found.severity() == severity)
-            .count()
+            .count() as u64
     };
     let (errors, warnings) = (of_severity(Severity::Error), of_severity(Severity::Warning));
     if !args.json {
@@ -64,14 +64,5 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
         Err(CommandError::Told)
     } else {
         Ok(())
-    }
-}
-
-/// `no errors`, `1 error`, `2 errors`.
-fn counted(count: usize, what: &str) -> String {
-    match count {
-        0 => format!("no {what}s"),
-        1 => format!("1 {what}"),
-        _ => format!("{count} {what}s"),
     }
 }

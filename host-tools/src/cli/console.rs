@@ -100,7 +100,7 @@ impl Console {
             } else {
                 ("", "")
             };
-            let _ = writeln!(io::stderr(), "{red}error{plain}: {reason:#}");
+            let _ = writeln!(io::stderr(), "{red}error{plain}: {}", chain(reason));
         }
     }
 
@@ -132,6 +132,28 @@ impl Console {
     }
 }
 
+/// An error and what caused it, from the outside in. A cause that the error before it repeats is told once.
+fn chain(error: &anyhow::Error) -> String {
+    let mut told = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if told.is_empty() {
+            told = cause;
+        } else if !told.ends_with(&cause) {
+            told = format!("{told}: {cause}");
+        }
+    }
+    told
+}
+
+/// `no errors`, `1 error`, `2 errors`.
+pub fn counted(count: u64, what: &str) -> String {
+    match count {
+        0 => format!("no {what}s"),
+        1 => format!("1 {what}"),
+        _ => format!("{count} {what}s"),
+    }
+}
+
 /// A style for a bar; the plain one should the template not parse, since a bar is never worth a failure.
 fn bar_style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
@@ -145,6 +167,14 @@ fn colour_allowed(no_color: Option<&OsStr>, term: Option<&OsStr>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let named = anyhow::anyhow!("gone").context("cannot read `a`");
+        assert_eq!(chain(&named), "cannot read `a`: gone");
+        let repeated = anyhow::anyhow!("gone").context("cannot read `a`: gone");
+        assert_eq!(chain(&repeated), "cannot read `a`: gone");
+    }
 
     #[test]
     fn colour_follows_the_environment() {

@@ -4,7 +4,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::anyhow;
 use clap::Args;
 
 use super::argument::Time;
@@ -12,9 +11,8 @@ use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
-use crate::model::{Model, Slot};
 use crate::pictures::{SlotPicture, SlotRow};
-use crate::schedule::{self, Report, SlotReport, SlotSpec};
+use crate::schedule::{self, Outcome, Report, SlotReport};
 
 /// Lays out the time slots: when each one starts, or why there is no way
 ///
@@ -52,8 +50,16 @@ pub struct ScheduleArgs {
 /// # Errors
 /// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
-    let checked = mission::read(&args.file)?;
-    let Some(model) = &checked.model else {
+    let mut checked = mission::read(&args.file)?;
+    let searching = console.spinner("searching for a schedule");
+    let limit = Duration::from_secs(args.limit);
+    let outcome = match checked.solve_slots(limit) {
+        // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
+        None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),
+        answer => answer,
+    };
+    searching.finish_and_clear();
+    let Some(outcome) = outcome else {
         let audience = if args.json {
             Audience::Program
         } else {
@@ -62,43 +68,26 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         mission::tell(&checked, audience, console)?;
         return Err(CommandError::Told);
     };
-    let slots = slots_of(model);
-    let searching = console.spinner("searching for a schedule");
-    let outcome = schedule::solve(&slots, Duration::from_secs(args.limit));
-    searching.finish_and_clear();
-    let report = schedule::report(&slots, &outcome);
-    if let Some(path) = &args.svg {
-        let svg = picture(&args.file, &report).scene().to_svg();
-        file::write_whole(path, svg.as_bytes(), "picture")?;
-    }
+    // The answer is the report; why it is no is said to the person.
+    mission::tell(&checked, Audience::Person, console)?;
+    let report = schedule::report(checked.slots(), &outcome);
     if args.json {
         console.json_line(&report)?;
     } else {
         table(&report, console)?;
     }
-    let why_not = match outcome {
-        schedule::Outcome::Feasible(_) => return Ok(()),
-        schedule::Outcome::Infeasible(reason) => anyhow!("no schedule exists: {reason}"),
-        schedule::Outcome::Undecided => {
-            anyhow!(
-                "no schedule was found in {} s, and none proved impossible: try a higher --limit",
-                args.limit
-            )
-        }
-    };
-    Err(CommandError::Input(why_not))
+    if checked.has_errors() {
+        return Err(CommandError::Told);
+    }
+    if let Some(path) = &args.svg {
+        let svg = picture(&args.file, &report).scene().to_svg();
+        file::write_whole(path, svg.as_bytes(), "picture")?;
+    }
+    Ok(())
 }
 
-/// What the search needs to know. The interpreter's slot starts at 0: its first occurrence is the first macro step.
-fn slots_of(model: &Model) -> Vec<SlotSpec> {
-    let slots = model.slots.iter().enumerate();
-    let spec = |(index, slot): (usize, &Slot)| SlotSpec {
-        number: slot.number,
-        period_us: slot.period_us,
-        duration_us: slot.duration_us,
-        fixed_start_us: (model.interpreter_slot == Some(index)).then_some(0),
-    };
-    slots.map(spec).collect()
+fn is_infeasible(outcome: &Outcome) -> bool {
+    matches!(outcome, Outcome::Infeasible(_))
 }
 
 fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {

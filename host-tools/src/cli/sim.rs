@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::Args;
 use esm_core::Fault;
 
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
@@ -103,8 +103,12 @@ fn tell_outcome(
         finished,
         ..
     } = outcome;
-    let mut told =
-        format!("{steps} macro steps, {transitions} transitions; {met} expectations met");
+    let (steps, transitions) = (
+        counted(*steps, "macro step"),
+        counted(*transitions, "transition"),
+    );
+    let met = counted(*met as u64, "expectation");
+    let mut told = format!("{steps}, {transitions}; {met} met");
     if !outcome.failures.is_empty() {
         told += &format!(", {} failed", outcome.failures.len());
     }

@@ -340,7 +340,8 @@ pub fn hyperperiod_us(slots: &[SlotSpec]) -> Option<u64> {
 pub fn utilisation(times_us: impl Iterator<Item = (u32, u32)>) -> f64 {
     times_us
         .map(|(period_us, duration_us)| f64::from(duration_us) / f64::from(period_us.max(1)))
-        .sum()
+        // Not `sum`, which gives -0 for nothing.
+        .fold(0.0, |sum, share| sum + share)
 }
 
 /// Whether duration over period of (period, duration) pairs sum up to more than 1: exactly, where [`utilisation`] rounds.
