@@ -66,7 +66,7 @@ fn a_mission_runs_from_its_upload_on() {
         assert_eq!(
             robot.trace,
             [
-                format!("Started {{ mission: {hash} }}"),
+                format!("Started {{ mission: {hash}, start_us: 0 }}"),
                 "Transition { micro: 0, region_instance: 0, transition: 0 }".into(),
                 "Step { step: 0, micro_steps: 1, states: {0: 1}, enabled: [0] }".into(),
                 "Same { micro_steps: 1 }".into(),
@@ -224,6 +224,36 @@ fn a_slot_0_run_is_told_at_the_next_occurrence() {
         );
         assert!(robot.trace.iter().any(|record| record
             == "Step { step: 1, micro_steps: 1, states: {0: 2, 1: 5}, enabled: [1] }"));
+    });
+}
+
+#[test]
+fn a_slot_0_run_starts_as_soon_as_its_input_has_a_value() {
+    let mission = Mission::new(&SLOTS)
+        .task(signature::SINK, None)
+        .task(signature::SOURCE, None)
+        .region(&[("Read", "Sink", 0, &[7])], &["initial -> Read"])
+        .region(
+            &[("Wait", "", 0, &[]), ("Count", "Source", 2, &[99])],
+            &["initial -> Wait", "Wait -> Count"],
+        )
+        .path((1, 1, 0), (0, 0, 0));
+    with_robot(|robot| {
+        robot.background_runs = false;
+        robot.start(&mission.blob());
+        robot.run_us(9_000);
+        assert!(robot.task(0).busy);
+        assert!(!robot.background.poll());
+        robot.run_us(10_000);
+        assert!(!robot.task(0).busy);
+        robot.world.said();
+        assert!(robot.background.poll());
+        assert!(robot.background.poll());
+        assert_eq!(
+            robot.world.said(),
+            ["sink 7 reads 1", "sink 7 reads 1"],
+            "what it read when it was started, though the source has gone on"
+        );
     });
 }
 
