@@ -1,6 +1,6 @@
 //! The tables of a blob, read in place.
 //!
-//! [`Tables`] is a set of borrowed slices, one for each section of the [format](crate::format), and a decoder for each kind of
+//! [`Tables`] is a set of borrowed slices, one for each section of the [format](mod@crate::format), and a decoder for each kind of
 //! record. Nothing is copied and nothing panics: an index outside a table reads as `None`. All indices are positions in
 //! tables; what they are relative to stands with each field.
 

@@ -1,6 +1,6 @@
 //! The one pass that a blob must survive before anything is taken from it.
 //!
-//! What it proves is what the [format](crate::format) says: every index points into its table, every part begins where the one before ended, every jump and
+//! What it proves is what the [format](mod@crate::format) says: every index points into its table, every part begins where the one before ended, every jump and
 //! every `next` goes ahead, and each record of the instance tree is what its template makes of it. From that follows all that the
 //! interpreter relies on: its walk ends, its guards end, the flags and tasks that it touches belong to the instance that it is in.
 //!

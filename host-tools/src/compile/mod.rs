@@ -1,8 +1,8 @@
 //! From a resolved model to a blob.
 //!
 //! The passes run in the order of the modules: which containers the machine uses and how an instance of each is laid out
-//! ([`layout`]); guards and actions as code ([`code`]); templates as records ([`templates`]); the instance tree ([`instances`]); where events are visible
-//! ([`channels`]); which ports share a net ([`nets`]); names ([`names`]). What comes out is verified by the firmware's own code before anybody gets it.
+//! (`layout`); guards and actions as code (`code`); templates as records (`templates`); the instance tree (`instances`); where events are visible
+//! (`channels`); which ports share a net (`nets`); names (`names`). What comes out is verified by the firmware's own code before anybody gets it.
 //!
 //! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
 
