@@ -29,6 +29,8 @@ struct Shared {
     fault: Option<PlantFault>,
     last_reply: Reply,
     until_us: Option<u64>,
+    /// Exchanges up to `until_us`.
+    exchanges: u64,
     /// The plant as it was when robot time reached `until_us`.
     at_end: Option<Box<Plant>>,
 }
@@ -42,6 +44,7 @@ impl PlantSide {
                 fault: None,
                 last_reply: Reply::default(),
                 until_us,
+                exchanges: 0,
                 at_end: None,
             })),
             pace,
@@ -69,6 +72,9 @@ impl PlantSide {
             plant.advance_to(until_us);
             shared.at_end = Some(Box::new(plant));
         }
+        if shared.at_end.is_none() {
+            shared.exchanges += 1;
+        }
         if let Some(PlantFault::FrozenFrom { robot_us }) = shared.fault
             && request.start_us >= robot_us
         {
@@ -85,6 +91,11 @@ impl PlantSide {
             Some(plant) => (**plant).clone(),
             None => shared.plant.clone(),
         }
+    }
+
+    /// Exchanges in the time of interest: the slot occurrences that were executed, one each.
+    pub fn exchanges(&self) -> u64 {
+        self.lock().exchanges
     }
 
     /// The clock that this plant keeps.

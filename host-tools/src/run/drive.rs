@@ -184,6 +184,8 @@ struct Driver<W> {
     until_us: Option<u64>,
     /// Of each mission that was brought to the robot.
     uploads: Vec<MissionSummary>,
+    /// Of the missions before the present one; the robot counts anew with each.
+    longest_delay_ns: u32,
     /// How many missions the trace has seen start.
     started: usize,
     wall_start: Instant,
@@ -230,6 +232,7 @@ impl<W: Write> Driver<W> {
             until_us: plan.until_us,
             missions,
             uploads: Vec::new(),
+            longest_delay_ns: 0,
             started: 0,
             wall_start,
             plant,
@@ -308,11 +311,7 @@ impl<W: Write> Driver<W> {
             },
         };
         let started = Instant::now();
-        let missed_before = match &self.board {
-            RunningBoard::Emulated(_) => self.robot.status().map_err(wrap)?.missed,
-            // It answers questions in its slots, and those wait.
-            RunningBoard::Host(_) => 0,
-        };
+        let before = self.robot.status().map_err(wrap)?;
         let mut progress = |bytes| watch(Heard::Uploaded(bytes));
         self.robot
             .stage(&mission.blob, &mut progress)
@@ -339,8 +338,9 @@ impl<W: Write> Driver<W> {
             bytes: mission.blob.len(),
             started_s: 0.0,
             upload_s,
-            slots_missed_in_upload: u64::from(missed.wrapping_sub(missed_before)),
+            slots_missed_in_upload: u64::from(missed.wrapping_sub(before.missed)),
         };
+        self.longest_delay_ns = self.longest_delay_ns.max(before.max_delay_ns);
         watch(Heard::UploadEnds(&summary));
         self.uploads.push(summary);
         Ok(())
@@ -471,6 +471,7 @@ impl<W: Write> Driver<W> {
             head,
             entries: told.entries.clone(),
         };
+        let counted = status.map_or_else(Summary::default, Summary::of_status);
         let summary = Summary {
             board: self.board_name.to_owned(),
             world: plant.world().name.clone(),
@@ -485,9 +486,11 @@ impl<W: Write> Driver<W> {
                 .fault
                 .clone()
                 .or_else(|| status.and_then(|status| safe_mode(&status))),
+            slots_executed: self.plant.exchanges(),
+            longest_dispatch_delay_ns: self.longest_delay_ns.max(counted.longest_dispatch_delay_ns),
             missions: self.uploads,
             link_retries,
-            ..status.map_or_else(Summary::default, Summary::of_status)
+            ..counted
         };
         Ok(Run {
             summary,
