@@ -76,6 +76,8 @@ const TICKS_MOST: usize = 13;
 const COLOURS_A_REGION: usize = 3;
 /// Letters of a state's name that a block must have room for, to be worth writing any.
 const BLOCK_LETTERS_LEAST: usize = 4;
+/// Width of a block that is too narrow to be seen as it is.
+const STROKE_WIDTH: f32 = 1.5;
 /// Blocks narrower than this are shown together as one of many changes.
 const BLOCK_WIDTH_LEAST: f32 = 0.8;
 
@@ -257,7 +259,10 @@ impl Layout {
         scene.rectangle([start, y], [end - start, BAR_HEIGHT], BAND, None);
         let states = states_in_order(region);
         let colours: HashMap<&str, Colour> = colours(&states, shift).collect();
-        for block in self.blocks(region) {
+        let (narrow, wide): (Vec<_>, Vec<_>) =
+            self.blocks(region).into_iter().partition(Block::is_narrow);
+        // A state of a moment is a stroke on top of its neighbours.
+        for block in wide.into_iter().chain(narrow) {
             let colour = block
                 .state
                 .map(|state| colours.get(state).copied().unwrap_or(PSEUDO));
@@ -271,7 +276,7 @@ impl Layout {
     fn blocks<'a>(&self, region: &'a RegionStates) -> Vec<Block<'a>> {
         let mut blocks: Vec<Block<'a>> = Vec::new();
         for span in &region.spans {
-            let mut block = Block {
+            let block = Block {
                 state: Some(&span.state),
                 start_us: span.start_us,
                 end_us: span.end_us,
@@ -282,12 +287,6 @@ impl Layout {
                 .last_mut()
                 .filter(|last| last.end_us == block.start_us)
             {
-                if last.is_narrow() && !block.is_narrow() {
-                    // The state that can be seen keeps its name and takes the place of what cannot.
-                    (block.start_us, block.left) = (last.start_us, last.left);
-                    *last = block;
-                    continue;
-                }
                 if block.is_narrow() && (last.is_narrow() || last.state.is_none()) {
                     last.state = last.state.filter(|state| *state == span.state);
                     (last.end_us, last.right) = (block.end_us, block.right);
@@ -408,7 +407,7 @@ impl Block<'_> {
         ));
         // Edges on whole dots of the PNG: neighbours then leave no seam between them.
         let (left, right) = (snapped(self.left), snapped(self.right));
-        let width = (right - left).max(BLOCK_WIDTH_LEAST);
+        let width = (right - left).max(STROKE_WIDTH);
         scene.rectangle([left, y], [width, BAR_HEIGHT], colour, None);
         let fitted = |state| font::fitted(state, width - 6.0, KEY_SIZE, Weight::Regular);
         let name = self
