@@ -283,15 +283,14 @@ impl Layout {
                 left: self.x(span.start_us),
                 right: self.x(span.end_us),
             };
-            if let Some(last) = blocks
-                .last_mut()
-                .filter(|last| last.end_us == block.start_us)
-            {
-                if block.is_narrow() && (last.is_narrow() || last.state.is_none()) {
-                    last.state = last.state.filter(|state| *state == span.state);
-                    (last.end_us, last.right) = (block.end_us, block.right);
-                    continue;
-                }
+            let joins = |last: &&mut Block<'a>| {
+                let too_fast = last.is_narrow() || last.state.is_none();
+                last.end_us == block.start_us && block.is_narrow() && too_fast
+            };
+            if let Some(last) = blocks.last_mut().filter(joins) {
+                last.state = last.state.filter(|state| *state == span.state);
+                (last.end_us, last.right) = (block.end_us, block.right);
+                continue;
             }
             blocks.push(block);
         }
