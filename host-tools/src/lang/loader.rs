@@ -86,8 +86,8 @@ impl Store for Memory<'_> {
 pub(super) struct Set {
     pub(super) files: Vec<SourceFile>,
     pub(super) trees: Vec<File>,
-    /// Whether a `use` could not be read.
-    pub(super) is_incomplete: bool,
+    /// Whether a file of the set could not be read, or not rightly.
+    pub(super) lacks_files: bool,
 }
 
 /// A file whose `use` are being followed.
@@ -124,7 +124,7 @@ pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Se
         };
         let Some(path) = set.path_of(file, used) else {
             // Its path is broken, which is reported.
-            set.is_incomplete = true;
+            set.lacks_files = true;
             continue;
         };
         let identity = store.identity(&path);
@@ -148,7 +148,7 @@ pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Se
                     });
                 }
                 Err(error) => {
-                    set.is_incomplete = true;
+                    set.lacks_files = true;
                     sink.push(
                         Diagnostic::new(Code::E013, used.span, error.to_string())
                             .hint("a path in `use` is relative to the file in which it stands"),
@@ -161,11 +161,36 @@ pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Se
 }
 
 impl Set {
-    /// Reads and parses one more file.
+    /// Parses one more file.
     fn add(&mut self, path: String, bytes: &[u8], sink: &mut Sink) {
         let index = self.files.len() as u32;
-        let text = decode(bytes, index, sink);
-        self.trees.push(parser::parse(&text, index, sink));
+        let bytes = bytes
+            .strip_prefix(BYTE_ORDER_MARK.as_bytes())
+            .unwrap_or(bytes);
+        let text = match std::str::from_utf8(bytes) {
+            Ok(text) => {
+                self.trees.push(parser::parse(text, index, sink));
+                text.to_owned()
+            }
+            Err(error) => {
+                let start = error.valid_up_to() as u32;
+                let span = Span {
+                    file: index,
+                    start,
+                    end: start + char::REPLACEMENT_CHARACTER.len_utf8() as u32,
+                };
+                sink.push(
+                    Diagnostic::new(Code::E001, span, "the file is not UTF-8 from here on")
+                        .hint("save it as UTF-8"),
+                );
+                // What else seems wrong with it may come from that alone.
+                let text = String::from_utf8_lossy(bytes).into_owned();
+                let tree = parser::parse(&text, index, &mut Sink::default());
+                self.trees.push(tree);
+                self.lacks_files = true;
+                text
+            }
+        };
         self.files.push(SourceFile { path, text });
     }
 
@@ -179,29 +204,8 @@ impl Set {
     }
 }
 
-/// The text of a file. What is no UTF-8 is reported at its first place and replaced.
-fn decode(bytes: &[u8], file: u32, sink: &mut Sink) -> String {
-    const BYTE_ORDER_MARK: &str = "\u{FEFF}";
-    let bytes = bytes
-        .strip_prefix(BYTE_ORDER_MARK.as_bytes())
-        .unwrap_or(bytes);
-    match std::str::from_utf8(bytes) {
-        Ok(text) => text.to_owned(),
-        Err(error) => {
-            let start = error.valid_up_to() as u32;
-            let span = Span {
-                file,
-                start,
-                end: start + char::REPLACEMENT_CHARACTER.len_utf8() as u32,
-            };
-            sink.push(
-                Diagnostic::new(Code::E001, span, "the file is not UTF-8 from here on")
-                    .hint("save it as UTF-8"),
-            );
-            String::from_utf8_lossy(bytes).into_owned()
-        }
-    }
-}
+/// What some editors put before the first character of a UTF-8 file.
+const BYTE_ORDER_MARK: &str = "\u{FEFF}";
 
 /// A path without `.` and without `name/..`, with `/` between its parts.
 fn plain(path: &Path) -> String {

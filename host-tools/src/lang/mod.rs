@@ -79,7 +79,7 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     let trees = resolve::Trees {
         files: &set.files,
         trees: &set.trees,
-        is_incomplete: set.is_incomplete,
+        lacks_files: set.lacks_files,
     };
     let resolved = resolve::resolve(&trees, &mut sink);
     let model = resolved.model;
@@ -197,3 +197,6 @@ impl Checked {
         render::json_lines(&self.files, &self.diagnostics)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -53,6 +53,10 @@ struct Parser<'t, 's> {
     /// Start of the token at which something was reported last.
     reported_at: Option<u32>,
     body: Body,
+    /// Whether something in this statement was not as expected, so that what follows in it may mean anything.
+    is_lost: bool,
+    /// Whether a comment that is never closed hides the rest of the file.
+    is_cut: bool,
     sink: &'s mut Sink,
 }
 
@@ -75,6 +79,8 @@ impl<'t, 's> Parser<'t, 's> {
             last_end: 0,
             reported_at: None,
             body: Body::File,
+            is_lost: false,
+            is_cut: false,
             sink,
         };
         parser.bump();
@@ -95,9 +101,9 @@ impl<'t, 's> Parser<'t, 's> {
                 Diagnostic::new(Code::E001, self.here(), "this comment is never closed")
                     .hint("end it with `*/`"),
             );
-            // What is missing behind it is in the comment.
+            self.is_cut = true;
             self.token = self.next;
-            self.reported_at = Some(self.token.start);
+            self.report_nothing_here();
         }
     }
 
@@ -151,12 +157,17 @@ impl<'t, 's> Parser<'t, 's> {
 
     // ─── Reports ──────────────────────────────────────────────────────────────────────────────────────────────────
 
-    /// Reports something at the current token, unless something has been reported there.
+    /// Reports something at the current token, unless something has been reported there or the statement is lost already.
     fn report(&mut self, diagnostic: Diagnostic) {
-        if self.reported_at != Some(self.token.start) {
+        if self.reported_at != Some(self.token.start) && !self.is_lost {
             self.reported_at = Some(self.token.start);
             self.sink.push(diagnostic);
         }
+    }
+
+    /// Keeps from reporting what is missing at the current token: it is hidden in what was reported before it.
+    fn report_nothing_here(&mut self) {
+        self.reported_at = Some(self.token.start);
     }
 
     /// Reports that something else was expected here.
@@ -174,6 +185,12 @@ impl<'t, 's> Parser<'t, 's> {
     }
 
     fn expected_with(&mut self, what: &str, hint: Option<String>) {
+        self.corrected(what, hint);
+        self.is_lost = true;
+    }
+
+    /// Reports that something else was expected here, where it is clear what is meant: the statement goes on.
+    fn corrected(&mut self, what: &str, hint: Option<String>) {
         let mut diagnostic = Diagnostic::new(
             Code::E001,
             self.here(),
@@ -269,21 +286,34 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// The end of a statement.
     fn end_statement(&mut self, expected: &str) {
-        if !self.expect(T::Semicolon, expected) {
-            self.skip_statement(None);
+        if self.eat(T::Semicolon) {
+            return;
         }
+        let was_lost = self.is_lost;
+        self.expected(expected);
+        if self.at_start_of_item() || matches!(self.token.kind, T::BraceClose | T::EndOfFile) {
+            // Nothing but the `;` is missing.
+            self.is_lost = was_lost;
+        }
+        self.skip_statement(None);
     }
 
     /// The start of a body. Without a brace there can still be a body, if something follows that belongs into one.
     fn open_body(&mut self) -> bool {
         if self.expect(T::BraceOpen, "`{`") {
-            return true;
+            {
+                self.is_lost = false;
+                return true;
+            }
         }
         loop {
             match self.token.kind {
                 T::BraceOpen => {
                     self.bump();
-                    return true;
+                    {
+                        self.is_lost = false;
+                        return true;
+                    }
                 }
                 T::Semicolon => {
                     self.bump();
@@ -312,7 +342,7 @@ impl<'t, 's> Parser<'t, 's> {
             possible.iter().map(|&(word, _)| word),
         )?;
         let kind = possible.iter().find(|&&(word, _)| word == meant)?.1;
-        self.expected_with("a declaration", Some(format!("did you mean `{meant}`?")));
+        self.corrected("a declaration", Some(format!("did you mean `{meant}`?")));
         Some(kind)
     }
 
@@ -327,7 +357,7 @@ impl<'t, 's> Parser<'t, 's> {
                 Some(Name(span))
             }
             T::ForeignWord => {
-                self.expected_with(
+                self.corrected(
                     what,
                     Some("names are made of the letters A to Z and a to z, digits and `_`".into()),
                 );
@@ -340,7 +370,7 @@ impl<'t, 's> Parser<'t, 's> {
                 } else {
                     "a reserved word is no name"
                 };
-                self.expected_with(what, Some(format!("{for_later}: choose another")));
+                let hint = Some(format!("{for_later}: choose another"));
                 // It was meant as a name where something follows that follows a name.
                 if matches!(
                     self.next.kind,
@@ -352,7 +382,10 @@ impl<'t, 's> Parser<'t, 's> {
                         | T::Dot
                         | T::Equals
                 ) {
+                    self.corrected(what, hint);
                     self.bump();
+                } else {
+                    self.expected_with(what, hint);
                 }
                 None
             }
@@ -379,7 +412,7 @@ impl<'t, 's> Parser<'t, 's> {
             None => {
                 let word = nearest(text, possible.iter().copied())?;
                 let hint = format!("did you mean `{word}`?");
-                self.expected_with(&one_of(possible), Some(hint));
+                self.corrected(&one_of(possible), Some(hint));
                 word
             }
         };
@@ -414,12 +447,12 @@ impl<'t, 's> Parser<'t, 's> {
                 Some(token)
             }
             T::Float => {
-                self.expected_with(what, Some("write a whole number".into()));
+                self.corrected(what, Some("write a whole number".into()));
                 self.bump();
                 None
             }
             T::Minus if matches!(self.next.kind, T::Integer | T::Float) => {
-                self.expected_with(what, Some("it cannot be negative".into()));
+                self.corrected(what, Some("it cannot be negative".into()));
                 self.bump();
                 self.bump();
                 None
@@ -448,7 +481,7 @@ impl<'t, 's> Parser<'t, 's> {
         let number = self.token;
         let digits = match number.kind {
             T::Float => {
-                self.expected_with(
+                self.corrected(
                     "a time",
                     Some("write a whole number in a smaller unit, such as `1500 ms`".into()),
                 );
@@ -498,10 +531,12 @@ impl<'t, 's> Parser<'t, 's> {
             self.bump();
             return Some(*unit_us);
         }
-        self.expected_with(
-            "a unit of time",
-            Some("write `us`, `ms` or `s` behind the number".into()),
-        );
+        let hint = Some("write `us`, `ms` or `s` behind the number".into());
+        if matches!(self.token.kind, T::Identifier | T::Semicolon) {
+            self.corrected("a unit of time", hint);
+        } else {
+            self.expected_with("a unit of time", hint);
+        }
         let starts_an_attribute = ["period", "rate", "duration", "wcet", "exclusive"];
         if self.at(T::Identifier) && !starts_an_attribute.contains(&text) {
             self.bump();
@@ -554,10 +589,14 @@ impl<'t, 's> Parser<'t, 's> {
         let mut file = File::default();
         let mut closed = Closed::Nothing;
         loop {
+            self.is_lost = false;
             self.body = Body::File;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
-                T::EndOfFile => return file,
+                T::EndOfFile => {
+                    file.is_cut = self.is_cut;
+                    return file;
+                }
                 T::Use => file.uses.push(self.use_file()),
                 T::Interpreter => file.interpreters.push(self.interpreter()),
                 T::Queue => file.queues.push(self.queue()),
@@ -573,7 +612,7 @@ impl<'t, 's> Parser<'t, 's> {
                     continue;
                 }
                 T::BraceClose => {
-                    self.expected_with(
+                    self.corrected(
                         "a declaration",
                         Some("nothing is open here: remove it".into()),
                     );
@@ -637,7 +676,13 @@ impl<'t, 's> Parser<'t, 's> {
             T::UnclosedText => {
                 self.expected("a path such as `\"tasks.esm\"`");
                 self.bump();
-                None
+                // The rest of the line is in the text.
+                self.report_nothing_here();
+                self.eat(T::Semicolon);
+                return Use {
+                    span: self.since(start),
+                    path: None,
+                };
             }
             _ => {
                 self.expected("a path such as `\"tasks.esm\"`");
@@ -762,6 +807,7 @@ impl<'t, 's> Parser<'t, 's> {
             flags: Vec::new(),
             params: Vec::new(),
             skipped: Vec::new(),
+            is_cut: false,
         };
         loop {
             if self.at(T::Slot) {
@@ -785,7 +831,7 @@ impl<'t, 's> Parser<'t, 's> {
                 if let Some(word) = nearest(self.text_of(self.token), ["wcet", "exclusive", "slot"])
                 {
                     let hint = format!("did you mean `{word}`?");
-                    self.expected_with("`slot`, `wcet`, `exclusive` or `{`", Some(hint));
+                    self.corrected("`slot`, `wcet`, `exclusive` or `{`", Some(hint));
                     self.bump();
                     match word {
                         "wcet" => task.wcet_us = Given::from_read(self.time(0)),
@@ -805,6 +851,9 @@ impl<'t, 's> Parser<'t, 's> {
         task.span = self.since(start);
         if !self.at(T::BraceOpen) {
             self.expected("`slot`, `wcet`, `exclusive` or `{`");
+        }
+        if self.is_lost {
+            set_if_absent(&mut task.slot, Given::Broken);
         }
         self.body = Body::Task;
         if self.open_body() {
@@ -831,6 +880,7 @@ impl<'t, 's> Parser<'t, 's> {
             ("param", T::Param),
         ];
         loop {
+            self.is_lost = false;
             self.body = Body::Task;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
@@ -863,7 +913,10 @@ impl<'t, 's> Parser<'t, 's> {
                 | T::Slot
                 | T::Task
                 | T::Container
-                | T::Machine => return self.missing_close("`in`, `out`, `inout`, `param` or `}`"),
+                | T::Machine => {
+                    task.is_cut = self.is_cut;
+                    return self.missing_close("`in`, `out`, `inout`, `param` or `}`");
+                }
                 _ => {
                     self.expected("`in`, `out`, `inout`, `param` or `}`");
                     self.skip_foreign_item(&mut task.skipped);
@@ -918,8 +971,15 @@ impl<'t, 's> Parser<'t, 's> {
     fn data_port(&mut self, start: Span, direction: T) -> DataPort {
         self.bump();
         let name = self.name("the name of the port");
-        self.expect(T::Colon, "`:` and a type");
-        let type_name = self.name("the name of a type");
+        let type_name = if self.eat(T::Colon) {
+            self.name("the name of a type")
+        } else if self.at(T::Identifier) && self.next.kind == T::Semicolon {
+            self.corrected("`:` and a type", None);
+            self.name("the name of a type")
+        } else {
+            self.expected("`:` and a type");
+            None
+        };
         let mut optional = false;
         while self.at_word("optional") {
             if optional {
@@ -947,7 +1007,13 @@ impl<'t, 's> Parser<'t, 's> {
         let start = self.here();
         self.bump();
         let name = self.name("the name of the parameter");
-        self.expect(T::Colon, "`:` and a type");
+        if !self.eat(T::Colon) {
+            if self.at(T::Identifier) && TYPES.contains(&self.text_of(self.token)) {
+                self.corrected("`:` and a type", None);
+            } else {
+                self.expected("`:` and a type");
+            }
+        }
         let param_type = match self.word(&TYPES) {
             Some("bool") => Some(ParamType::Bool),
             Some("i32") => Some(ParamType::I32),
@@ -981,6 +1047,9 @@ impl<'t, 's> Parser<'t, 's> {
             param.range = Given::from_read(least.zip(greatest));
         }
         self.end_statement("`=`, `min` or `;`");
+        if self.is_lost {
+            set_if_absent(&mut param.default, Given::Broken);
+        }
         param.span = self.since(start);
         param
     }
@@ -1005,6 +1074,7 @@ impl<'t, 's> Parser<'t, 's> {
             regions: Vec::new(),
             paths: Vec::new(),
             skipped: Vec::new(),
+            is_cut: false,
         };
         self.body = Body::Container;
         if self.open_body() {
@@ -1028,6 +1098,7 @@ impl<'t, 's> Parser<'t, 's> {
             "`event`, `in`, `out`, `inout`, `region`, `path` or `}`"
         };
         loop {
+            self.is_lost = false;
             self.body = Body::Container;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
@@ -1058,7 +1129,10 @@ impl<'t, 's> Parser<'t, 's> {
                 | T::Queue
                 | T::Slot
                 | T::Container
-                | T::Machine => return self.missing_close(expected),
+                | T::Machine => {
+                    container.is_cut = self.is_cut;
+                    return self.missing_close(expected);
+                }
                 T::State | T::Super | T::Initial | T::Task => {
                     self.outside_of_region(container, expected);
                 }
@@ -1075,7 +1149,7 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// A state or transition between the regions: it is taken for one of the region before, so that its names are known.
     fn outside_of_region(&mut self, container: &mut Container, expected: &str) {
-        self.expected_with(
+        self.corrected(
             expected,
             Some(
                 "states and transitions stand in a `region`: is there a `}` too many before it?"
@@ -1104,16 +1178,20 @@ impl<'t, 's> Parser<'t, 's> {
         loop {
             let name = self.name("the name of an event");
             container.events.push(Event { listing, name });
-            if !self.eat(T::Comma) {
+            if self.eat(T::Comma) {
+                continue;
+            }
+            if !self.at(T::Identifier) {
                 return;
             }
+            self.corrected("`,` or `;`", None);
         }
     }
 
     /// `in`, `out` or `inout` of a container. A machine has none, but what it lists is known all the same.
     fn container_port(&mut self, container: &mut Container, direction: T, expected: &str) {
         if container.is_machine {
-            self.expected_with(
+            self.corrected(
                 expected,
                 Some(
                     "nothing is around a machine that could use its ports, flags or events".into(),
@@ -1131,7 +1209,7 @@ impl<'t, 's> Parser<'t, 's> {
                     T::Out => EventListing::Out,
                     _ => {
                         let hint = "write `in event` and `out event`, one below the other";
-                        self.expected_with("`data`", Some(hint.into()));
+                        self.corrected("`data`", Some(hint.into()));
                         EventListing::In
                     }
                 };
@@ -1140,7 +1218,7 @@ impl<'t, 's> Parser<'t, 's> {
                 container.events.push(Event { listing, name });
                 if self.at(T::Comma) {
                     let hint = "each forwarded event has its own line";
-                    self.expected_with("`;`", Some(hint.into()));
+                    self.corrected("`;`", Some(hint.into()));
                     self.bump();
                     self.event_names(container, listing);
                 }
@@ -1166,6 +1244,7 @@ impl<'t, 's> Parser<'t, 's> {
             transitions: Vec::new(),
             may_have_initial: false,
             skipped: Vec::new(),
+            is_cut: false,
         };
         self.body = Body::Region;
         if self.open_body() {
@@ -1177,16 +1256,19 @@ impl<'t, 's> Parser<'t, 's> {
     }
 
     fn region_body(&mut self, region: &mut Region) {
-        const WORDS: [(&str, T); 3] = [("state", T::State), ("task", T::Task), ("super", T::Super)];
         const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
         loop {
+            self.is_lost = false;
             self.body = Body::Region;
-            let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
+            let kind = self.token.kind;
             match kind {
                 T::BraceClose => return self.bump(),
                 T::State | T::Super => region.states.push(self.state(kind)),
                 T::Task if self.at_task_declaration() => return self.missing_close(EXPECTED),
                 T::Task => region.states.push(self.state(kind)),
+                T::Identifier if matches!(self.next.kind, T::Identifier | T::ForeignWord) => {
+                    self.misspelt_in_region(region);
+                }
                 T::Initial | T::Identifier | T::ForeignWord => self.transition(region),
                 T::Final if self.next.kind == T::Arrow => {
                     self.expected_with(EXPECTED, Some("`final` can only be entered".into()));
@@ -1205,6 +1287,8 @@ impl<'t, 's> Parser<'t, 's> {
                 | T::Out
                 | T::InOut
                 | T::Path => {
+                    region.is_cut = self.is_cut;
+                    region.may_have_initial |= self.at(T::EndOfFile);
                     return self.missing_close(EXPECTED);
                 }
                 _ => {
@@ -1212,6 +1296,33 @@ impl<'t, 's> Parser<'t, 's> {
                     region.may_have_initial = true;
                     self.skip_foreign_item(&mut region.skipped);
                 }
+            }
+        }
+    }
+
+    /// Two names in a row: a transition without its arrow, or a state whose word is misspelt. What was found against expectation is
+    /// the second name.
+    fn misspelt_in_region(&mut self, region: &mut Region) {
+        const WORDS: [(&str, T); 3] = [("state", T::State), ("task", T::Task), ("super", T::Super)];
+        let word = self.token;
+        let meant = nearest(self.text_of(word), WORDS.map(|(word, _)| word));
+        let kind = WORDS.iter().find(|(word, _)| Some(*word) == meant);
+        self.bump();
+        let hint = meant.map(|meant| {
+            let found = excerpt(self.text_of(word));
+            format!("did you mean `{meant}` by `{found}`?")
+        });
+        match kind {
+            Some(&(_, kind)) => {
+                self.corrected("`->`", hint);
+                let state = self.state_behind(kind, self.span_of(word));
+                region.states.push(state);
+            }
+            None => {
+                self.expected("`->`");
+                // Nobody knows what they are, so nobody may call them unknown.
+                region.skipped.push(Name(self.span_of(word)));
+                self.skip_item(&mut region.skipped);
             }
         }
     }
@@ -1231,10 +1342,15 @@ impl<'t, 's> Parser<'t, 's> {
             }
     }
 
-    /// A state of the kind whose word stands here (or nearly stands here).
+    /// A state of the kind whose word stands here.
     fn state(&mut self, word: T) -> State {
         let start = self.here();
         self.bump();
+        self.state_behind(word, start)
+    }
+
+    /// A state, from its name on.
+    fn state_behind(&mut self, word: T, start: Span) -> State {
         let name = self.name("the name of the state");
         let mut timeout_us = Given::Absent;
         let mut slot = Given::Absent;
@@ -1245,7 +1361,7 @@ impl<'t, 's> Parser<'t, 's> {
         let type_name = if word == T::State {
             if self.at(T::Colon) {
                 let hint = "only `task A: T;` and `super A: C;` name what they are made of";
-                self.expected_with("`timeout` or `;`", Some(hint.into()));
+                self.corrected("`timeout` or `;`", Some(hint.into()));
                 self.bump();
                 self.name("a name");
                 // Whatever was meant, it was no simple state.
@@ -1258,12 +1374,12 @@ impl<'t, 's> Parser<'t, 's> {
             } else {
                 "`:` and the name of a container"
             };
-            let has_colon = self.expect(T::Colon, what);
-            if has_colon || self.at(T::Identifier) {
-                self.name(what)
+            if self.at(T::Identifier) {
+                self.corrected(what, None);
             } else {
-                None
+                self.expect(T::Colon, what);
             }
+            if self.is_lost { None } else { self.name(what) }
         };
 
         let expected = match word {
@@ -1276,7 +1392,7 @@ impl<'t, 's> Parser<'t, 's> {
                     if timeout_us.is_given() {
                         self.attribute_twice("`timeout`");
                     } else if has_with {
-                        self.expected_with("`;`", Some("`timeout` stands before `with`".into()));
+                        self.corrected("`;`", Some("`timeout` stands before `with`".into()));
                     }
                     self.bump();
                     let read = Given::from_read(self.time(0));
@@ -1284,18 +1400,15 @@ impl<'t, 's> Parser<'t, 's> {
                 }
                 T::Slot => {
                     if word != T::Task {
-                        self.expected_with(expected, Some("only a task state has a slot".into()));
+                        self.corrected(expected, Some("only a task state has a slot".into()));
                     } else if has_with && !slot.is_given() {
-                        self.expected_with("`;`", Some("`slot` stands before `with`".into()));
+                        self.corrected("`;`", Some("`slot` stands before `with`".into()));
                     }
                     self.slot_attribute(&mut slot);
                 }
                 T::With => {
                     if word != T::Task {
-                        self.expected_with(
-                            expected,
-                            Some("only a task state has parameters".into()),
-                        );
+                        self.corrected(expected, Some("only a task state has parameters".into()));
                     } else if has_with {
                         self.attribute_twice("`with`");
                     }
@@ -1303,7 +1416,7 @@ impl<'t, 's> Parser<'t, 's> {
                     with_broken |= !self.with(&mut with);
                 }
                 T::Identifier if nearest(self.text_of(self.token), ["timeout"]).is_some() => {
-                    self.expected_with(expected, Some("did you mean `timeout`?".into()));
+                    self.corrected(expected, Some("did you mean `timeout`?".into()));
                     self.bump();
                     timeout_us = Given::from_read(self.time(0));
                 }
@@ -1311,6 +1424,10 @@ impl<'t, 's> Parser<'t, 's> {
             }
         }
         self.end_statement(expected);
+        if self.is_lost {
+            with_broken |= word == T::Task;
+            set_if_absent(&mut slot, Given::Broken);
+        }
         State {
             span: self.since(start),
             name,
@@ -1385,6 +1502,9 @@ impl<'t, 's> Parser<'t, 's> {
             ) {
                 self.bump();
             }
+            if matches!(self.token.kind, T::Identifier | T::Final) {
+                self.is_lost = false;
+            }
         }
         let target = match self.token.kind {
             T::Final => {
@@ -1392,7 +1512,7 @@ impl<'t, 's> Parser<'t, 's> {
                 Some(Endpoint::Pseudo)
             }
             T::Initial => {
-                self.expected_with(
+                self.corrected(
                     "a state or `final`",
                     Some("`initial` can only be left".into()),
                 );
@@ -1416,7 +1536,7 @@ impl<'t, 's> Parser<'t, 's> {
             match self.token.kind {
                 T::On => {
                     if transition.trigger.is_given() || transition.guard.is_given() || has_actions {
-                        self.expected_with(
+                        self.corrected(
                             expected,
                             Some("the parts of a transition are `on E [guard] / actions`, in this order".into()),
                         );
@@ -1429,7 +1549,7 @@ impl<'t, 's> Parser<'t, 's> {
                 }
                 T::BracketOpen => {
                     if transition.guard.is_given() || has_actions {
-                        self.expected_with(
+                        self.corrected(
                             expected,
                             Some("the parts of a transition are `on E [guard] / actions`, in this order".into()),
                         );
@@ -1442,7 +1562,7 @@ impl<'t, 's> Parser<'t, 's> {
                 }
                 T::Slash => {
                     if has_actions {
-                        self.expected_with(
+                        self.corrected(
                             expected,
                             Some("several actions are separated by `,`".into()),
                         );
@@ -1493,7 +1613,9 @@ impl<'t, 's> Parser<'t, 's> {
             {
                 self.bump();
             }
-            self.eat(T::BracketClose);
+            if self.eat(T::BracketClose) {
+                self.is_lost = false;
+            }
             return None;
         }
         guard
@@ -1641,7 +1763,7 @@ impl<'t, 's> Parser<'t, 's> {
                             }
                         }
                         T::Identifier => {
-                            self.expected_with(
+                            self.corrected(
                                 "`.` or `^` and a flag",
                                 Some(self.how_to_write_a_flag()),
                             );
@@ -1672,8 +1794,8 @@ impl<'t, 's> Parser<'t, 's> {
         let is_read = self.path_ends(&mut path.from)
             && self.expect(T::Arrow, "`.`, `,` or `->`")
             && self.path_ends(&mut path.to);
-        path.broken = !is_read || !self.at(T::Semicolon);
         self.end_statement("`.`, `,` or `;`");
+        path.broken = !is_read || self.is_lost;
         path.span = self.since(start);
         path
     }

@@ -58,6 +58,8 @@ pub struct File {
     pub containers: Vec<Container>,
     /// Names in what had to be skipped between the declarations: nobody may call them unknown.
     pub skipped: Vec<Name>,
+    /// Whether a comment that is never closed hides the rest of it.
+    pub is_cut: bool,
 }
 
 /// `use "path";`
@@ -139,6 +141,8 @@ pub struct Task {
     pub params: Vec<Param>,
     /// Names in what had to be skipped.
     pub skipped: Vec<Name>,
+    /// Whether a comment that is never closed hides the rest of it.
+    pub is_cut: bool,
 }
 
 /// `in data ranges: Ranges optional;`
@@ -227,6 +231,8 @@ pub struct Container {
     pub paths: Vec<Path>,
     /// Names in what had to be skipped.
     pub skipped: Vec<Name>,
+    /// Whether a comment that is never closed hides the rest of it.
+    pub is_cut: bool,
 }
 
 /// How an event is listed.
@@ -264,6 +270,8 @@ pub struct Region {
     pub may_have_initial: bool,
     /// Names in what had to be skipped.
     pub skipped: Vec<Name>,
+    /// Whether a comment that is never closed hides the rest of it.
+    pub is_cut: bool,
 }
 
 /// A state of any kind.

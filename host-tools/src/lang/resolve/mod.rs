@@ -42,8 +42,15 @@ pub(super) struct Trees<'f> {
     pub(super) files: &'f [SourceFile],
     /// The tree of each.
     pub(super) trees: &'f [File],
-    /// Whether a `use` could not be read: then nothing is unknown for certain.
-    pub(super) is_incomplete: bool,
+    /// Whether a file of the set could not be read, or not rightly.
+    pub(super) lacks_files: bool,
+}
+
+impl Trees<'_> {
+    /// Whether declarations may be missing: then no task, container or slot is unknown for certain.
+    fn is_incomplete(&self) -> bool {
+        self.lacks_files || self.trees.iter().any(|file| file.is_cut)
+    }
 }
 
 /// What else is known of a container than its model: name spaces, and what its states are.
@@ -164,7 +171,7 @@ fn declare_containers<'f>(
     machine_span: &mut Option<Span>,
 ) -> (Scope<'f>, Vec<&'f tree::Container>) {
     let mut scope = Scope::default();
-    if set.is_incomplete {
+    if set.is_incomplete() {
         scope.is_incomplete();
     }
     let mut trees = Vec::new();
@@ -195,8 +202,8 @@ fn declare_containers<'f>(
             span: name_span,
         });
     }
-    for name in set.trees.iter().flat_map(|file| &file.skipped) {
-        scope.may_have(names.text(name.0));
+    for file in set.trees {
+        scope.may_hide(names, &file.skipped, file.is_cut);
     }
     (scope, trees)
 }
@@ -235,11 +242,8 @@ fn declare_parts<'f>(
     declare_events(tree, container, &mut facts.events, events, names);
     (container.flags, facts.flag_directions) = declare_flags(&tree.flags, &mut facts.flags, names);
     container.data = declare_data(&tree.data, &mut facts.data, names);
-    for name in &tree.skipped {
-        let text = names.text(name.0);
-        facts.events.may_have(text);
-        facts.flags.may_have(text);
-        facts.data.may_have(text);
+    for scope in [&mut facts.events, &mut facts.flags, &mut facts.data] {
+        scope.may_hide(names, &tree.skipped, tree.is_cut);
     }
     facts
 }

@@ -89,9 +89,7 @@ fn region_names<'f>(tree: &'f tree::Container, names: &Names<'f, '_>) -> Scope<'
             None => scope.is_incomplete(),
         }
     }
-    for name in &tree.skipped {
-        scope.may_have(names.text(name.0));
-    }
+    scope.may_hide(names, &tree.skipped, tree.is_cut);
     scope
 }
 
@@ -101,7 +99,7 @@ fn state_places<'f>(tree: &'f tree::Container, names: &Names<'f, '_>) -> StatePl
         return states;
     }
     for (region_index, region) in tree.regions.iter().enumerate() {
-        states.is_incomplete |= !region.skipped.is_empty();
+        states.is_incomplete |= region.is_cut || !region.skipped.is_empty();
         for (index, state) in region.states.iter().enumerate() {
             let Some(name) = state.name else {
                 states.is_incomplete = true;
@@ -120,7 +118,7 @@ fn state_places<'f>(tree: &'f tree::Container, names: &Names<'f, '_>) -> StatePl
             }
         }
     }
-    states.is_incomplete |= !tree.skipped.is_empty();
+    states.is_incomplete |= tree.is_cut || !tree.skipped.is_empty();
     states
 }
 
@@ -215,7 +213,10 @@ impl<'f> Wiring<'_, 'f> {
     ) -> (Vec<Path>, Vec<bool>) {
         let mut nets = Nets::default();
         let mut faults: Vec<Fault> = Vec::new();
-        let mut unresolved = Unresolved::default();
+        let mut unresolved = Unresolved {
+            anything: tree.is_cut,
+            ..Unresolved::default()
+        };
         // Nets with an end that is not known may have a writer there.
         let mut uncertain: Vec<usize> = Vec::new();
         let mut first_paths: Vec<usize> = Vec::new();

@@ -105,9 +105,7 @@ impl<'f> Resolver<'_, 'f> {
                 self.state(state, names)
             })
             .unzip();
-        for name in &tree.skipped {
-            scope.may_have(names.text(name.0));
-        }
+        scope.may_hide(names, &tree.skipped, tree.is_cut);
         let mut region = Region {
             name: tree.name.map_or("", |name| names.text(name.0)).to_owned(),
             states,

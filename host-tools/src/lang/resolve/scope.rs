@@ -42,14 +42,17 @@ impl<'f> Scope<'f> {
         }
     }
 
-    /// Adds a name of something that was skipped.
-    pub(super) fn may_have(&mut self, name: &'f str) {
-        self.names.entry(name).or_insert(None);
-    }
-
     /// Marks that something in this scope has a name that could not be read.
     pub(super) fn is_incomplete(&mut self) {
         self.is_incomplete = true;
+    }
+
+    /// Takes in what was skipped of the body whose names these are.
+    pub(super) fn may_hide(&mut self, names: &Names<'f, '_>, skipped: &[Name], is_cut: bool) {
+        for name in skipped {
+            self.names.entry(names.text(name.0)).or_insert(None);
+        }
+        self.is_incomplete |= is_cut;
     }
 
     pub(super) fn find(&self, name: &str) -> Found {
@@ -172,6 +175,10 @@ impl<'f, 's> Names<'f, 's> {
         self.comparisons = self.comparisons.saturating_add(names.len());
         if self.comparisons > MAX_COMPARISONS {
             return None;
+        }
+        let other_case = names.iter().find(|name| name.eq_ignore_ascii_case(text));
+        if other_case.is_some() {
+            return other_case.copied();
         }
         nearest(text, names.iter().copied())
     }

@@ -33,7 +33,7 @@ impl SlotTable {
         let mut table = SlotTable {
             indices: HashMap::new(),
             is_known: Vec::new(),
-            is_incomplete: set.is_incomplete,
+            is_incomplete: set.is_incomplete(),
             must_be_declared: has_machine,
         };
         for slot in set.trees.iter().flat_map(|file| &file.slots) {
@@ -175,7 +175,7 @@ pub(super) fn declare_interpreter(
             .slot
             .and_then(|number| slots.index(number, names));
     }
-    if let (Some(machine), None, false) = (machine, first, set.is_incomplete) {
+    if let (Some(machine), None, false) = (machine, first, set.is_incomplete()) {
         names.report(
             Diagnostic::new(
                 Code::E013,

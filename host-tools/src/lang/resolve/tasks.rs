@@ -52,7 +52,7 @@ impl<'f> TaskTable<'f> {
             names: Scope::default(),
             facts: Vec::new(),
         };
-        if set.is_incomplete {
+        if set.is_incomplete() {
             table.names.is_incomplete();
         }
         for (index, tree) in set.trees.iter().flat_map(|file| &file.tasks).enumerate() {
@@ -62,8 +62,8 @@ impl<'f> TaskTable<'f> {
             model.tasks.push(task);
             table.facts.push(facts);
         }
-        for name in set.trees.iter().flat_map(|file| &file.skipped) {
-            table.names.may_have(names.text(name.0));
+        for file in set.trees {
+            table.names.may_hide(names, &file.skipped, file.is_cut);
         }
         table
     }
@@ -105,11 +105,8 @@ fn declare_task<'f>(
             has_default: param.default.is_given(),
         });
     }
-    for name in &tree.skipped {
-        let text = names.text(name.0);
-        facts.flags.may_have(text);
-        facts.data.may_have(text);
-        facts.params.may_have(text);
+    for scope in [&mut facts.flags, &mut facts.data, &mut facts.params] {
+        scope.may_hide(names, &tree.skipped, tree.is_cut);
     }
     let span = tree.name.map_or(tree.span, |name| name.0);
     let task = Task {
