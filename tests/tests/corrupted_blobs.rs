@@ -115,17 +115,23 @@ fn blobs() -> Vec<(String, Vec<u8>)> {
 
 #[test]
 fn one_changed_byte_is_refused_or_harmless() {
-    for (name, blob) in blobs() {
+    for (number, (name, blob)) in blobs().into_iter().enumerate() {
+        // Every bit of the first, and enough of the larger ones.
+        let bits: &[u8] = if number == 0 {
+            &[0, 1, 2, 3, 4, 5, 6, 7]
+        } else {
+            &[0, 3, 7]
+        };
         let mut random = Random::new(1);
         let (mut raw, mut fixed) = (Tally::default(), Tally::default());
         for place in 0..blob.len() {
             let mut bytes = blob.clone();
-            for bit in 0..8 {
+            for bit in bits {
                 bytes[place] = blob[place] ^ (1 << bit);
                 raw.try_blob(&bytes, &mut random);
                 fixed.try_blob(&with_right_crc(&bytes), &mut random);
             }
-            for value in [0x00, 0x01, 0x7f, 0x80, 0xff, blob[place].wrapping_add(1)] {
+            for value in [0x00, blob[place].wrapping_add(1)] {
                 if value != blob[place] {
                     bytes[place] = value;
                     raw.try_blob(&bytes, &mut random);
@@ -192,7 +198,7 @@ fn several_changed_words_are_refused_or_harmless() {
     for (name, blob) in blobs() {
         let mut random = Random::new(4);
         let mut tally = Tally::default();
-        for _ in 0..10_000 {
+        for _ in 0..3_000 {
             let mut bytes = blob.clone();
             for _ in 0..random.between(1, 4) {
                 let place = random.between(4, bytes.len() - CRC_BYTES - 2);

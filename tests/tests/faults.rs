@@ -78,7 +78,7 @@ const COUNTED: &[Counted] = &[
     },
     Counted {
         what: "two overruns, one after the other",
-        states: "task One: Overrun with { duration_us = 6000 } timeout 100 ms;
+        states: "task One: Overrun timeout 100 ms with { duration_us = 6000 };
                  task After: Overrun with { duration_us = 7000 };
                  Quiet -> One [timeout]; One -> After [timeout];",
         overruns: 2,

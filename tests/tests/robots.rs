@@ -97,7 +97,7 @@ const REFUSED: &[(&str, &str, &[&str])] = &[
         "a task with another signature",
         "task Stop slot 2 { out data twist: Twist; out flag stopped; }
          machine M { region r { task T: Stop; initial -> T; } }",
-        &["Stop", "signature"],
+        &["Stop", "other ports, flags or parameters"],
     ),
     (
         "a port of another type",
