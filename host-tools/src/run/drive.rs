@@ -26,6 +26,9 @@ use crate::world::World;
 /// How long a wait for the robot's next words may last.
 const LISTEN_TIME: Duration = Duration::from_millis(20);
 
+/// How long a robot whose time is over may take to say its last words.
+const SILENCE_AT_END: Duration = Duration::from_millis(300);
+
 /// How long robot time may stand still before the board counts as hung.
 const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
 
@@ -189,6 +192,8 @@ struct Driver<W> {
     /// How many missions the trace has seen start.
     started: usize,
     wall_start: Instant,
+    /// When the robot's trace last had something to say.
+    last_word: Instant,
 }
 
 impl<W: Write> Driver<W> {
@@ -235,6 +240,7 @@ impl<W: Write> Driver<W> {
             longest_delay_ns: 0,
             started: 0,
             wall_start,
+            last_word: wall_start,
             plant,
         })
     }
@@ -259,7 +265,7 @@ impl<W: Write> Driver<W> {
             self.board.check()?;
             self.link(|robot| robot.listen(LISTEN_TIME))?;
             self.take_events(watch)?;
-            if self.story.has_ended() || self.story.fault().is_some() {
+            if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
                 return Ok(false);
             }
             if let Some(next) = self.missions.get(self.uploads.len())
@@ -278,6 +284,25 @@ impl<W: Write> Driver<W> {
                 });
             }
         }
+    }
+
+    /// Whether the time of interest has passed without the macro step that would have ended the story: in a stop or in the safe state
+    /// robot time goes on, and the machine does not.
+    fn is_over_in_silence(&self) -> bool {
+        let over = match &self.board {
+            RunningBoard::Emulated(_) => self
+                .until_us
+                .is_some_and(|until_us| self.pace.robot_us() > until_us),
+            RunningBoard::Host(board) => board.waits_at_gate() && !self.missions_left_in_time(),
+        };
+        over && self.last_word.elapsed() > SILENCE_AT_END
+    }
+
+    /// Whether another mission is to take over before the end.
+    fn missions_left_in_time(&self) -> bool {
+        self.missions
+            .get(self.uploads.len())
+            .is_some_and(|next| self.until_us.is_none_or(|until_us| next.at_us <= until_us))
     }
 
     /// Whether a mission planned for that robot time is to be uploaded now.
@@ -349,7 +374,10 @@ impl<W: Write> Driver<W> {
     fn take_events(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
         for event in self.robot.take_events() {
             match event {
-                StreamEvent::Trace(records) => self.take_records(&records, watch)?,
+                StreamEvent::Trace(records) => {
+                    self.last_word = Instant::now();
+                    self.take_records(&records, watch)?;
+                }
                 StreamEvent::Log(bytes) => {
                     for line in self
                         .log
@@ -452,7 +480,12 @@ impl<W: Write> Driver<W> {
         let link_retries = self.robot.counts().retries;
         drop(self.board);
         let plant = self.plant.at_end();
-        let end_us = self.until_us.unwrap_or(plant.now_us()).min(plant.now_us());
+        let robot_us = self.pace.robot_us();
+        let end_us = match self.until_us {
+            Some(until_us) if !interrupted && self.story.fault().is_none() => until_us,
+            Some(until_us) => robot_us.min(until_us),
+            None => robot_us,
+        };
         let told = self
             .story
             .finish(end_us)?

@@ -8,6 +8,7 @@ use super::recording::{Entry, Recording};
 use crate::compile::compile;
 use crate::compile::test_models::{container, flag, model, port, pulse, region, state, task};
 use crate::host_board;
+use crate::lockstep::plant_side::PlantFault;
 use crate::model::{
     Action, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind, Task,
     Trigger, Value,
@@ -236,6 +237,28 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
         first.told.out, other.told.out,
         "ends come from the recording"
     );
+}
+
+#[test]
+fn a_run_whose_body_falls_silent_ends_in_time_and_says_why() {
+    let mut plan = plan(vec![(0, mission("one.esm", &turning(1.0)))], None);
+    plan.plant_fault = Some(PlantFault::FrozenFrom {
+        robot_us: 2_000_000,
+    });
+    let run = carried_out(plan);
+    assert_eq!(
+        run.summary.fault.as_deref(),
+        Some("the robot's body does not answer")
+    );
+    let text = String::from_utf8(run.told.out).unwrap();
+    // Six exchanges in a row without an answer, from two seconds on: the machine stops in the sixth.
+    assert!(
+        text.lines().last().unwrap().contains("\"t_us\":2040000"),
+        "{}",
+        text.lines().last().unwrap()
+    );
+    assert_eq!(run.plant.now_us(), 1_985_000, "the last exchange before");
+    assert_eq!(run.summary.robot_time_s, 6.0);
 }
 
 #[test]
