@@ -45,6 +45,15 @@ struct Entry {
     missed: u32,
 }
 
+impl Entry {
+    const UNUSED: Self = Self {
+        next_start_us: 0,
+        index: 0,
+        period_us: 0,
+        missed: 0,
+    };
+}
+
 /// Hands out the occurrences of up to `SLOTS` slots in the order of their nominal starts.
 ///
 /// ```
@@ -66,12 +75,36 @@ pub struct Dispatcher<const SLOTS: usize> {
 }
 
 impl<const SLOTS: usize> Dispatcher<SLOTS> {
+    /// A dispatcher of no slots, to be [started](Self::restart). For statics and places that are used again: nothing is copied.
+    #[must_use]
+    pub const fn idle() -> Self {
+        Self {
+            entries: [Entry::UNUSED; SLOTS],
+            heap: [0; SLOTS],
+            len: 0,
+        }
+    }
+
     /// A dispatcher at its epoch. The slot index of an [`Occurrence`] is the position in `slots`.
     ///
     /// # Errors
     /// See [`DispatcherError`].
     pub fn new(slots: impl ExactSizeIterator<Item = Slot>) -> Result<Self, DispatcherError> {
+        let mut dispatcher = Self::idle();
+        dispatcher.restart(slots)?;
+        Ok(dispatcher)
+    }
+
+    /// Puts the dispatcher at its epoch, with other slots. After an error it has none.
+    ///
+    /// # Errors
+    /// See [`DispatcherError`].
+    pub fn restart(
+        &mut self,
+        slots: impl ExactSizeIterator<Item = Slot>,
+    ) -> Result<(), DispatcherError> {
         let len = slots.len();
+        self.len = 0;
         if len > SLOTS {
             return Err(DispatcherError::TooManySlots {
                 slots: len,
@@ -81,24 +114,23 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         if len == 0 {
             return Err(DispatcherError::NoSlots);
         }
-        let mut dispatcher = Self {
-            entries: [Entry::default(); SLOTS],
-            heap: [0; SLOTS],
-            len,
-        };
-        let places = dispatcher.entries.iter_mut().zip(&mut dispatcher.heap);
+        let places = self.entries.iter_mut().zip(&mut self.heap);
         for (index, (slot, (entry, place))) in slots.zip(places).enumerate() {
             if slot.period_us == 0 {
                 return Err(DispatcherError::ZeroPeriod { slot: index });
             }
-            entry.next_start_us = u64::from(slot.start_us);
-            entry.period_us = slot.period_us;
+            *entry = Entry {
+                next_start_us: u64::from(slot.start_us),
+                period_us: slot.period_us,
+                ..Entry::UNUSED
+            };
             *place = index as u16;
         }
+        self.len = len;
         for at in (0..len / 2).rev() {
-            dispatcher.sift_down(at);
+            self.sift_down(at);
         }
-        Ok(dispatcher)
+        Ok(())
     }
 
     /// The earliest occurrence that was not taken: what the slot timer must be set to.
@@ -118,6 +150,9 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the slot goes on with the one that
     /// `now_us` falls into. So one slot is handed out at most once a period, however late the caller is.
     pub fn take(&mut self, now_us: u64) -> Option<Occurrence> {
+        if self.is_empty() {
+            return None;
+        }
         let mut occurrence = self.next();
         let late_us = now_us.checked_sub(occurrence.start_us)?;
         let entry = self.entries.get_mut(occurrence.slot)?;
@@ -148,7 +183,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         self.len
     }
 
-    /// Never true: a dispatcher has at least one slot.
+    /// Whether it is [idle](Self::idle) and hands out nothing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
@@ -250,6 +285,25 @@ mod tests {
             taken[occurrence.slot] += 1;
         }
         assert!((0..4).all(|slot| dispatcher.missed(slot) == 0));
+    }
+
+    #[test]
+    fn an_idle_dispatcher_hands_out_nothing_and_can_be_started_again_and_again() {
+        let mut dispatcher = Dispatcher::<2>::idle();
+        assert_eq!(dispatcher.take(u64::MAX), None);
+        for start_us in [500, 20] {
+            dispatcher
+                .restart([slot(1_000, start_us)].into_iter())
+                .unwrap();
+            assert_eq!(dispatcher.next().start_us, u64::from(start_us));
+            dispatcher.take(1_000_000).unwrap();
+        }
+        assert!(dispatcher.restart([slot(1, 0); 3].into_iter()).is_err());
+        assert_eq!(
+            dispatcher.take(u64::MAX),
+            None,
+            "an error leaves it without slots"
+        );
     }
 
     #[test]

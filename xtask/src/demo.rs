@@ -18,7 +18,12 @@ pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
     setup::emulator()?;
     let toolchain = setup::toolchain(choice)?;
     println!("2/4 Firmware for the emulated board");
-    firmware::build(root, &toolchain, &[DEFAULT_BIN.to_owned()])?;
+    firmware::build(
+        root,
+        &toolchain,
+        firmware::RELEASE,
+        &[DEFAULT_BIN.to_owned()],
+    )?;
     println!("3/4 The command esm (the first time takes minutes)");
     let mut cargo = process::command(host_cargo());
     cargo.current_dir(root).args([

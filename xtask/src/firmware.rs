@@ -22,18 +22,29 @@ pub const EXAMPLE_FIRMWARE_FOLDER: &str = "examples/my_robot/firmware";
 /// See [`EXAMPLE_FOLDER`].
 pub const EXAMPLE_BIN: &str = "my_robot";
 
+/// The profile of firmware that is to be run.
+pub const RELEASE: &str = "release";
+
+/// The profile of the programs that the interpreter's size is measured with.
+pub const SIZE: &str = "size";
+
 /// Where finished firmware goes, below the checkout.
 const FIRMWARE_FOLDER: &str = "target/firmware/lm3s6965";
 
 /// Where cargo builds it: one folder for the board and the example, which have most crates in common.
 pub const BUILD_FOLDER: &str = "target/firmware-build";
 
-/// Builds the board's `bins`; returns where each ELF file is.
+/// Builds the board's `bins` with a profile of its `Cargo.toml`; returns where each ELF file is.
 ///
 /// # Errors
 /// [`Failure`]: what did not build.
-pub fn build(root: &Path, toolchain: &Toolchain, bins: &[String]) -> Result<Vec<PathBuf>, Failure> {
-    build_in(root, &root.join(BOARD_FOLDER), toolchain, bins)
+pub fn build(
+    root: &Path,
+    toolchain: &Toolchain,
+    profile: &str,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    build_in(root, &root.join(BOARD_FOLDER), toolchain, profile, bins)
 }
 
 /// Builds the example's firmware; returns where its ELF file is.
@@ -45,6 +56,7 @@ pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>,
         root,
         &root.join(EXAMPLE_FIRMWARE_FOLDER),
         toolchain,
+        RELEASE,
         &[EXAMPLE_BIN.to_owned()],
     )
 }
@@ -66,6 +78,7 @@ fn build_in(
     root: &Path,
     folder: &Path,
     toolchain: &Toolchain,
+    profile: &str,
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
     let started = Instant::now();
@@ -77,7 +90,7 @@ fn build_in(
     let build_folder = root.join(BUILD_FOLDER);
     let mut cargo = toolchain.cargo(folder);
     cargo
-        .args(["build", "--release", "--target-dir"])
+        .args(["build", "--profile", profile, "--target-dir"])
         .arg(&build_folder);
     for bin in bins {
         cargo.args(["--bin", bin]);
@@ -87,7 +100,7 @@ fn build_in(
     make_folder(&to)?;
     let mut files = Vec::new();
     for bin in bins {
-        let built = build_folder.join(BOARD_TARGET).join("release").join(bin);
+        let built = build_folder.join(BOARD_TARGET).join(profile).join(bin);
         let file = to.join(format!("{bin}.elf"));
         std::fs::copy(&built, &file).map_err(|cause| Failure::File { path: built, cause })?;
         println!("{}", file.display());

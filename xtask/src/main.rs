@@ -130,7 +130,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             } else {
                 &options.bins
             };
-            firmware::build(&root, &toolchain, bins).map(drop)
+            firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(drop)
         }
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
         "test" => test::command(&root, choice, options.quick),

@@ -208,6 +208,7 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
         firmware::build(
             root,
             toolchain,
+            firmware::RELEASE,
             &[DEFAULT_BIN, FAULTS_BIN].map(str::to_owned),
         )
         .map(drop)

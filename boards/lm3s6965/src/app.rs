@@ -24,12 +24,13 @@ macro_rules! app {
             #[shared]
             struct Shared {}
 
+            // The large ones by reference: RTIC moves these on the stack.
             #[local]
             struct Local {
-                real_time: RealTime<'static, 'static, { $crate::SLOTS }>,
+                real_time: &'static mut RealTime<'static, 'static, { $crate::SLOTS }>,
                 board: SlotBoard,
                 background: Background<'static, 'static>,
-                link: LinkSide<'static, 'static>,
+                link: &'static mut LinkSide<'static, 'static>,
                 link_end: LinkEnd,
                 line: line::Line,
             }
@@ -39,17 +40,31 @@ macro_rules! app {
                 banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
                 memory: $crate::Memory<'static> = $crate::Memory::new(),
                 mail: Mail<'static> = Mail::new(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static, { $crate::SLOTS }>> = MaybeUninit::uninit(),
+                link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
                 let start = $crate::start();
-                let make: fn($crate::rt_firmware::body::Parts<'static>) -> $robot = $make;
-                let robot = cx.local.robot.write(make($crate::PINS.parts()));
+                let robot = $crate::put(cx.local.robot, || {
+                    let make: fn($crate::rt_firmware::body::Parts<'static>) -> $robot = $make;
+                    make($crate::PINS.parts())
+                });
                 let banks = cx.local.banks.write(robot.banks());
                 let about = About { reset: start.reset, ..About::new($firmware, $crate::NAME) };
-                let Ok((real_time, background, link)) = split(cx.local.memory, banks, cx.local.mail, about, Limits::default()) else {
-                    panic!("two tasks have one name, or two port types do");
+                let mut background = None;
+                let real_time = $crate::put(cx.local.real_time_place, || {
+                    match split(cx.local.memory, banks, cx.local.mail, about, Limits::default()) {
+                        Ok((real_time, other, link)) => {
+                            background = Some((other, cx.local.link_place.write(link)));
+                            real_time
+                        }
+                        Err(_) => panic!("two tasks have one name, or two port types do"),
+                    }
+                });
+                let Some((background, link)) = background else {
+                    panic!("the sides are made together");
                 };
                 let (line, link_end) = line::split(cx.local.received, cx.local.to_transmit);
                 slot_timer::start();

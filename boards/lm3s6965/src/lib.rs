@@ -44,6 +44,8 @@ pub mod watchdog;
 
 mod app;
 
+use core::mem::MaybeUninit;
+
 use rt_firmware::body::PinImage;
 use rt_firmware::link::message::ResetReason;
 
@@ -59,7 +61,7 @@ pub use {cortex_m, heapless, pac, rt_firmware, rtic};
 pub const NAME: &str = "lm3s6965";
 
 /// Bytes of the largest blob; there are two such buffers.
-pub const BLOB_BYTES: usize = 4 * 1024;
+pub const BLOB_BYTES: usize = 3_328;
 /// 32-bit words for the interpreter.
 pub const ARENA_WORDS: usize = 128;
 /// Slots of a mission.
@@ -115,4 +117,11 @@ pub fn start() -> Start {
         reset: cause.into(),
         board: SlotBoard::new(plant_time_us),
     }
+}
+
+/// Puts a value into its place. Not inlined, so that what making it takes of the stack is given back before the next is made.
+#[doc(hidden)]
+#[inline(never)]
+pub fn put<T>(place: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
+    place.write(make())
 }

@@ -245,6 +245,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     /// Makes a frame of what a stream holds, if one of them holds something.
+    #[inline(never)]
     fn fill_stream(&mut self, port: &mut impl LinkPort) {
         for _ in 0..CHANNELS {
             let channel = self.next_channel;
@@ -320,10 +321,7 @@ impl<'m> Desk<'_, 'm> {
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
-            Request::Commit => match self.stage() {
-                Ok(letter) => self.ask(seq, letter),
-                Err(error) => Reaction::Answer(Err(error)),
-            },
+            Request::Commit => self.commit(seq),
             Request::Abort => {
                 self.end_upload();
                 Reaction::Answer(Ok(Response::Done))
@@ -431,8 +429,18 @@ impl<'m> Desk<'_, 'm> {
         })
     }
 
-    /// Checks the blob that was uploaded.
-    fn stage(&mut self) -> Result<Letter<'m>, LinkError> {
+    /// Checks the blob that was uploaded, and hands it over.
+    // Not inlined: what it needs of the stack is needed for no other request.
+    #[inline(never)]
+    fn commit<'a>(&mut self, seq: u8) -> Reaction<'a> {
+        match self.stage() {
+            Ok(()) => self.post(seq),
+            Err(error) => Reaction::Answer(Err(error)),
+        }
+    }
+
+    /// Checks the blob that was uploaded, and puts it into the letter.
+    fn stage(&mut self) -> Result<(), LinkError> {
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
@@ -457,9 +465,19 @@ impl<'m> Desk<'_, 'm> {
                 return Err(LinkError::Invalid(refusal));
             }
         };
-        match check(&verified, self.registry, &self.capacities) {
-            Ok(()) => Ok(Letter::Swap(verified)),
-            Err(error) => {
+        match (
+            check(&verified, self.registry, &self.capacities),
+            &mut self.letter,
+        ) {
+            (Ok(()), Some(letter)) => {
+                **letter = Letter::Swap(verified);
+                Ok(())
+            }
+            (Ok(()), None) => {
+                self.keep(verified.into_bytes());
+                Err(LinkError::Busy)
+            }
+            (Err(error), _) => {
                 self.keep(verified.into_bytes());
                 Err(error)
             }
@@ -479,12 +497,23 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    /// Sends the letter to the real-time side.
+    /// Asks the real-time side.
+    #[inline(never)]
     fn ask<'a>(&mut self, seq: u8, question: Letter<'m>) -> Reaction<'a> {
+        match &mut self.letter {
+            Some(letter) => {
+                **letter = question;
+                self.post(seq)
+            }
+            None => Reaction::Answer(Err(LinkError::Busy)),
+        }
+    }
+
+    /// Sends the letter to the real-time side, with what was put into it.
+    fn post<'a>(&mut self, seq: u8) -> Reaction<'a> {
         let Some(letter) = self.letter.take() else {
             return Reaction::Answer(Err(LinkError::Busy));
         };
-        *letter = question;
         match self.to_real_time.enqueue(letter) {
             Ok(()) => {
                 self.asked = Some(seq);

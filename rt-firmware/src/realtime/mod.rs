@@ -49,9 +49,8 @@ impl Default for Limits {
 }
 
 /// The mission that runs.
-struct Mission<'m, const SLOTS: usize> {
+struct Mission<'m> {
     interpreter: Interpreter<'m, BlobBuffer<'m>>,
-    dispatcher: Dispatcher<SLOTS>,
     /// When it started, on the board's clock.
     epoch_ticks: u64,
     /// When it started, since the first macro step of the first mission.
@@ -75,7 +74,9 @@ struct Occurrence {
 /// The real-time side of a runtime for missions with up to `SLOTS` slots.
 pub struct RealTime<'q, 'm, const SLOTS: usize> {
     executor: Executor<'m>,
-    mission: Option<Mission<'m, SLOTS>>,
+    mission: Option<Mission<'m>>,
+    /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
+    dispatcher: Dispatcher<SLOTS>,
     /// The interpreter's memory, while there is no mission.
     arena: Option<&'m mut [u32]>,
     tasks: TaskTable<'m>,
@@ -120,6 +121,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         RealTime {
             executor: parts.executor,
             mission: None,
+            dispatcher: Dispatcher::idle(),
             arena: Some(parts.arena),
             tasks: parts.tasks,
             slots: parts.slots,
@@ -159,7 +161,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 self.tell_health();
                 return now + poll_ticks;
             };
-            let next = mission.dispatcher.next();
+            let next = self.dispatcher.next();
             let start_ticks = mission.epoch_ticks + next.start_us * u64::from(B::TICKS_PER_US);
             let Some(late_ticks) = now.checked_sub(start_ticks) else {
                 // A slot is not delayed by a poll just before it.
@@ -170,11 +172,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 };
             };
             let late_us = microseconds(late_ticks, B::TICKS_PER_US);
-            let missed_before = mission.dispatcher.missed(next.slot);
-            let Some(taken) = mission.dispatcher.take(next.start_us + late_us) else {
+            let missed_before = self.dispatcher.missed(next.slot);
+            let Some(taken) = self.dispatcher.take(next.start_us + late_us) else {
                 return now + poll_ticks;
             };
-            let missed = mission
+            let missed = self
                 .dispatcher
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
@@ -312,6 +314,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    #[inline(never)]
     fn macro_step(&mut self, board: &mut impl Board) {
         let Some(mission) = &mut self.mission else {
             return;
@@ -362,6 +365,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    #[inline(never)]
     fn execute_task<B: Board>(
         &mut self,
         board: &mut B,
@@ -452,6 +456,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.
+    #[inline(never)]
     fn start_job(&mut self, occurrence: &Occurrence) {
         let Some(Mission { interpreter, .. }) = &mut self.mission else {
             return;
@@ -571,7 +576,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
         };
         let tables = interpreter.tables();
-        let Ok(dispatcher) = Dispatcher::new(tables.slots()) else {
+        if self.dispatcher.restart(tables.slots()).is_err() {
             let error = LinkError::CapacityExceeded {
                 what: Capacity::Slots,
                 needed: tables.slots().len() as u32,
@@ -580,7 +585,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let (verified, arena) = interpreter.into_parts();
             self.arena = Some(arena);
             return Err((error, verified.into_bytes()));
-        };
+        }
         self.tasks
             .load(&tables, self.executor.registry(), self.slots);
         let mission = interpreter.verified().hash();
@@ -595,7 +600,6 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         });
         self.mission = Some(Mission {
             interpreter,
-            dispatcher,
             epoch_ticks,
             epoch_us,
             occurrences: 0,
@@ -605,6 +609,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.
+    // Not inlined: no task should run on top of what this needs of the stack.
+    #[inline(never)]
     fn take_letter<B: Board>(&mut self, board: &mut B) {
         let Some(letter) = self.from_link.dequeue() else {
             return;
@@ -672,7 +678,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 match (tables.slot(index), self.slots.get(index)) {
                     (Some(slot), Some(entry)) => Letter::Slot(entry.counters(
                         slot.number,
-                        mission.dispatcher.missed(index),
+                        self.dispatcher.missed(index),
                         ticks_per_us,
                     )),
                     _ => Letter::Failed(LinkError::NoSuchIndex),
