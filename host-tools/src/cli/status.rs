@@ -4,14 +4,14 @@ use std::fmt;
 use std::path::Path;
 
 use clap::Args;
-use rt_firmware::link::message::{Mode, ResetReason, SlotCounters};
+use rt_firmware::link::message::{LinkError, Mode, ResetReason, SlotCounters};
 use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::stage;
-use crate::link_client::RobotInfo;
+use crate::link_client::{ClientError, RobotInfo};
 use crate::run::mission::hash_text;
 use crate::run::story;
 use crate::trace::directory::Directory;
@@ -92,12 +92,27 @@ pub struct SlotReport {
 /// What kept it from ending well.
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
-    let report = ask(&mut robot, info)?;
+    // A robot that loses its mission between two questions (a reset, most likely) has a shorter answer to the next.
+    let report = match ask(&mut robot, info.clone()) {
+        Err(error) if has_lost_mission(&error) => ask(&mut robot, info),
+        report => report,
+    };
+    let report = report?;
     if args.json {
         console.json_line(&report)
     } else {
         console.text(&report.to_string())
     }
+}
+
+fn has_lost_mission(error: &CommandError) -> bool {
+    let CommandError::Input(cause) = error else {
+        return false;
+    };
+    let refusal = cause
+        .downcast_ref::<ClientError>()
+        .and_then(ClientError::refusal);
+    refusal == Some(LinkError::NoMission)
 }
 
 fn ask(robot: &mut Robot, info: RobotInfo) -> Result<StatusReport, CommandError> {
