@@ -41,8 +41,8 @@ pub struct ScheduleArgs {
     pub svg: Option<PathBuf>,
 
     /// How long the search may take, in seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    pub limit: u64,
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
+    pub limit: Duration,
 }
 
 /// Runs the command.
@@ -52,10 +52,9 @@ pub struct ScheduleArgs {
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
     let mut checked = mission::read(&args.file)?;
     let searching = console.spinner("searching for a schedule");
-    let limit = Duration::from_secs(args.limit);
-    let outcome = match checked.solve_slots(limit) {
+    let outcome = match checked.solve_slots(args.limit) {
         // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
-        None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),
+        None => Some(schedule::solve(checked.slots(), args.limit)).filter(is_infeasible),
         answer => answer,
     };
     searching.finish_and_clear();
@@ -84,6 +83,14 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         file::write_whole(path, svg.as_bytes(), "picture")?;
     }
     Ok(())
+}
+
+/// A time on the command line in seconds, fractions included.
+fn seconds(text: &str) -> Result<Duration, String> {
+    text.parse()
+        .ok()
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| "a number of seconds is expected, such as 10 or 0.5".to_owned())
 }
 
 fn is_infeasible(outcome: &Outcome) -> bool {

@@ -24,11 +24,12 @@ pub struct StartArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect()?;
     robot.start()?;
-    writeln!(
-        console.out(),
-        "started: the mission runs from its beginning"
-    )?;
+    let told = match info.mission {
+        Some(_) => "started: the mission runs from its beginning",
+        None => "started: the robot has no mission yet, `esm upload` brings one",
+    };
+    writeln!(console.out(), "{told}")?;
     Ok(())
 }

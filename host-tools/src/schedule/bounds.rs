@@ -93,15 +93,15 @@ fn crowded(window_us: u64, by_period: &BTreeMap<u64, Vec<&SlotSpec>>) -> Option<
                 members.extend(group.iter());
             }
         }
-        let sum_us = sum(&members);
-        if sum_us > window_us {
+        // A slot may last longer than a window in which it meets no other: one alone proves nothing.
+        if members.len() > 1 && sum(&members) > window_us {
             return Some(smallest_proof(window_us, members));
         }
     }
     None
 }
 
-/// As few of the slots as crowd the window already, longest first.
+/// As few of the slots as crowd the window already, longest first; never one alone, which crowds nobody.
 fn smallest_proof(window_us: u64, mut members: Vec<&SlotSpec>) -> Infeasibility {
     members.sort_by_key(|slot| (std::cmp::Reverse(slot.duration_us), slot.number));
     let mut sum_us = 0;
@@ -109,7 +109,7 @@ fn smallest_proof(window_us: u64, mut members: Vec<&SlotSpec>) -> Infeasibility 
     for slot in members {
         numbers.push(slot.number);
         sum_us += u64::from(slot.duration_us);
-        if sum_us > window_us {
+        if numbers.len() > 1 && sum_us > window_us {
             break;
         }
     }

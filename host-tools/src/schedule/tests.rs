@@ -80,6 +80,16 @@ fn known_sets_and_their_answers() {
             "slots 1, 2 and 3 meet in every 2 us",
         ),
         (
+            "longer than a window in which it meets nobody",
+            &[(4, 1), (6, 1), (12, 3)],
+            "feasible",
+        ),
+        (
+            "each alone longer than the window in which they meet",
+            &[(10, 6), (15, 5)],
+            "slots 1 and 2 meet in every 5 us and last 11 us",
+        ),
+        (
             "too much in all",
             &[(4, 2), (4, 2), (8, 1)],
             "they ask for 112.50 % of the time",
