@@ -26,14 +26,14 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  esm board --world missions/worlds/office.world
+  esm board --world corridor
   esm upload missions/patrol.esm --port /dev/pts/7      # with the port that `esm board` printed")]
 pub struct BoardArgs {
     /// The board to run on
     #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
     pub board: String,
 
-    /// The world to drive in
+    /// The world to drive in: a file, or the name of one that ships, `office` or `corridor` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 
@@ -57,7 +57,7 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     let interrupt = Interrupt::take_over()?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
-    let world = stage::world(args.world.as_deref())?;
+    let world = stage::world(args.world.as_deref(), None)?;
     let plant = Plant::new(world, BodyParameters::default(), args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
     let plant = PlantSide::new(plant, Pace::new(true), None);

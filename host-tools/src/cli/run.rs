@@ -32,7 +32,7 @@ use crate::run::summary::MissionSummary;
 #[command(after_help = "\
 Examples:
   esm run missions/patrol.esm --until '60 s'
-  esm run missions/patrol.esm --board host --world missions/worlds/office.world --until '120 s' --trace patrol.jsonl
+  esm run missions/patrol.esm --board host --world corridor --until '120 s' --trace patrol.jsonl
   esm run missions/patrol.esm --until '120 s' --then '60 s missions/follow_wall.esm' --out pictures/
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
@@ -45,7 +45,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
     pub board: String,
 
-    /// The world to drive in
+    /// The world to drive in: a file, or the name of one that ships, `office` or `corridor` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 
@@ -196,7 +196,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         .as_ref()
         .map_or(args.seed, |recording| recording.head.seed);
     Ok(Plan {
-        world: stage::world(args.world.as_deref())?,
+        world: stage::world(args.world.as_deref(), Some(&args.file))?,
         board: stage::board(&args.board, args.firmware.as_deref(), robot, console)?,
         seed,
         until_us: args.until.map(|until| until.us),

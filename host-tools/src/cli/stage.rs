@@ -14,10 +14,22 @@ use crate::inspect::refusal::Explained;
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
-use crate::world::World;
+use crate::world::{World, WorldError};
 
-/// The world to drive in where none is named.
-const DEFAULT_WORLD: &str = include_str!("../../../missions/worlds/office.world");
+/// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
+const SHIPPED_WORLDS: [(&str, &str); 2] = [
+    (
+        "office",
+        include_str!("../../../missions/worlds/office.world"),
+    ),
+    (
+        "corridor",
+        include_str!("../../../missions/worlds/corridor.world"),
+    ),
+];
+
+/// Where the worlds of a folder of missions are.
+const WORLDS_FOLDER: &str = "worlds";
 
 /// How a blob begins, so that it is told from a source.
 const BLOB_MARK: &[u8] = b"ESM1";
@@ -55,16 +67,47 @@ pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<Path
         .map_err(|error: FirmwareError| CommandError::World(error.into()))
 }
 
-/// The world in a file, or the office.
+/// The world that was asked for, or the office: a file; the name of a file in the folder `worlds` beside the mission; the name of a
+/// world that ships.
 ///
 /// # Errors
-/// If the file cannot be read or has errors.
-pub fn world(path: Option<&Path>) -> Result<World, CommandError> {
-    match path {
-        Some(path) => World::load(path),
-        None => World::parse(DEFAULT_WORLD),
-    }
-    .map_err(|error| CommandError::Input(error.into()))
+/// If there is none, or the file cannot be read or has errors.
+pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, CommandError> {
+    let [(default, _), _] = SHIPPED_WORLDS;
+    let asked = asked.unwrap_or(Path::new(default));
+    let beside_mission = mission
+        .and_then(Path::parent)
+        .map(|folder| folder.join(WORLDS_FOLDER).join(asked).with_extension("world"));
+    let shipped = SHIPPED_WORLDS
+        .iter()
+        .find(|(name, _)| Path::new(name) == asked);
+    let found = match (beside_mission, shipped) {
+        _ if asked.is_file() => World::load(asked),
+        (Some(path), _) if is_plain_name(asked) && path.is_file() => World::load(&path),
+        (_, Some((_, text))) => World::parse(text),
+        _ if is_plain_name(asked) && !asked.exists() => {
+            return Err(CommandError::Input(anyhow!(
+                "there is no world `{}`: name a world file, or one of the worlds that ship: {}",
+                asked.display(),
+                SHIPPED_WORLDS.map(|(name, _)| name).join(", ")
+            )));
+        }
+        _ => World::load(asked),
+    };
+    found.map_err(|error| {
+        let unreadable = matches!(error, WorldError::Read { .. });
+        let error = anyhow::Error::new(error);
+        CommandError::Input(if unreadable {
+            error
+        } else {
+            error.context(format!("world {}", asked.display()))
+        })
+    })
+}
+
+/// Whether it is a name and no path to a file.
+fn is_plain_name(asked: &Path) -> bool {
+    asked.components().count() == 1 && asked.extension().is_none()
 }
 
 /// The mission in a file: a source is compiled, a blob taken as it is.
@@ -93,4 +136,50 @@ pub fn verified(path: &Path, blob: Vec<u8>) -> Result<Verified<Vec<u8>>, Command
             Explained(refusal)
         ))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_world_is_a_file_or_a_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let mission = folder.path().join("patrol.esm");
+        let worlds = folder.path().join(WORLDS_FOLDER);
+        std::fs::create_dir(&worlds).unwrap();
+        let text = |name: &str| format!("world {name}\nstart 0,0 0\nwall 5,5 6,6\nroom r 0,0 1,0 1,1\n");
+        std::fs::write(worlds.join("yard.world"), text("my-yard")).unwrap();
+        std::fs::write(worlds.join("corridor.world"), text("my-corridor")).unwrap();
+        let yard = worlds.join("yard.world");
+        let cases: &[(Option<&Path>, Option<&Path>, Result<&str, &str>)] = &[
+            (None, None, Ok("office")),
+            (Some(Path::new("office")), None, Ok("office")),
+            (Some(Path::new("corridor")), None, Ok("corridor")),
+            (Some(Path::new("corridor")), Some(&mission), Ok("my-corridor")),
+            (Some(Path::new("yard")), Some(&mission), Ok("my-yard")),
+            (Some(&yard), None, Ok("my-yard")),
+            (
+                Some(Path::new("yard")),
+                None,
+                Err("there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor"),
+            ),
+            (
+                Some(Path::new("gone.world")),
+                Some(&mission),
+                Err("cannot read the world gone.world"),
+            ),
+        ];
+        for (asked, mission, expected) in cases {
+            let found = world(*asked, *mission);
+            match (found, expected) {
+                (Ok(world), Ok(name)) => assert_eq!(world.name, *name),
+                (Err(error), Err(start)) => {
+                    assert!(error.to_string().starts_with(start), "{asked:?}: {error}");
+                }
+                (Ok(world), Err(_)) => panic!("{asked:?} is {}", world.name),
+                (Err(error), Ok(_)) => panic!("{asked:?}: {error}"),
+            }
+        }
+    }
 }

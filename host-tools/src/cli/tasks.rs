@@ -58,7 +58,7 @@ pub fn execute(
     }
     // A board by itself, in a world that it never drives in.
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
-    let plant = Plant::new(stage::world(None)?, BodyParameters::default(), 0)
+    let plant = Plant::new(stage::world(None, None)?, BodyParameters::default(), 0)
         .map_err(|error| CommandError::Input(error.into()))?;
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let (_running, line) = RunningBoard::start(board, &plant, None)?;
