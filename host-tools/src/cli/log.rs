@@ -20,7 +20,8 @@ const LISTEN_TIME: Duration = Duration::from_millis(100);
 
 /// Shows what the firmware logs, decoded, as it comes
 ///
-/// Runs until Ctrl-C. Lines that the robot could not keep are counted and said.
+/// Runs until Ctrl-C. Lines that the robot could not keep are counted and said. Where a line begins with a time, it is in seconds of
+/// the board's clock, since it was switched on.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -336,7 +336,8 @@ impl Teller<'_> {
     fn hear(&mut self, heard: &Heard<'_>) {
         match heard {
             Heard::Happened(line) => self.line(line),
-            Heard::Log(line) => self.line(&format!("       log | {line}")),
+            // Without the board's own time, which begins when the board is switched on and is not the robot time of the lines around it.
+            Heard::Log(line) => self.line(&format!("       log | {}", line.words())),
             Heard::UploadBegins(mission) => {
                 let (name, bytes) = (&mission.name, mission.blob.len());
                 self.upload = Some(

@@ -75,9 +75,12 @@ pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<Path
 pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, CommandError> {
     let [(default, _), _] = SHIPPED_WORLDS;
     let asked = asked.unwrap_or(Path::new(default));
-    let beside_mission = mission
-        .and_then(Path::parent)
-        .map(|folder| folder.join(WORLDS_FOLDER).join(asked).with_extension("world"));
+    let beside_mission = mission.and_then(Path::parent).map(|folder| {
+        folder
+            .join(WORLDS_FOLDER)
+            .join(asked)
+            .with_extension("world")
+    });
     let shipped = SHIPPED_WORLDS
         .iter()
         .find(|(name, _)| Path::new(name) == asked);
@@ -148,7 +151,8 @@ mod tests {
         let mission = folder.path().join("patrol.esm");
         let worlds = folder.path().join(WORLDS_FOLDER);
         std::fs::create_dir(&worlds).unwrap();
-        let text = |name: &str| format!("world {name}\nstart 0,0 0\nwall 5,5 6,6\nroom r 0,0 1,0 1,1\n");
+        let text =
+            |name: &str| format!("world {name}\nstart 0,0 0\nwall 5,5 6,6\nroom r 0,0 1,0 1,1\n");
         std::fs::write(worlds.join("yard.world"), text("my-yard")).unwrap();
         std::fs::write(worlds.join("corridor.world"), text("my-corridor")).unwrap();
         let yard = worlds.join("yard.world");
@@ -156,13 +160,19 @@ mod tests {
             (None, None, Ok("office")),
             (Some(Path::new("office")), None, Ok("office")),
             (Some(Path::new("corridor")), None, Ok("corridor")),
-            (Some(Path::new("corridor")), Some(&mission), Ok("my-corridor")),
+            (
+                Some(Path::new("corridor")),
+                Some(&mission),
+                Ok("my-corridor"),
+            ),
             (Some(Path::new("yard")), Some(&mission), Ok("my-yard")),
             (Some(&yard), None, Ok("my-yard")),
             (
                 Some(Path::new("yard")),
                 None,
-                Err("there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor"),
+                Err(
+                    "there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor",
+                ),
             ),
             (
                 Some(Path::new("gone.world")),

@@ -47,21 +47,31 @@ impl fmt::Display for Level {
 pub struct LogLine {
     /// How grave it is; `None` for a line that is printed whatever the level.
     pub level: Option<Level>,
-    /// The robot's own time, where it says one.
+    /// The time of the board's clock, which goes from when it was switched on, where it says one.
     pub timestamp: Option<String>,
     /// The text.
     pub text: String,
 }
 
+impl LogLine {
+    /// The line without the board's time.
+    pub fn words(&self) -> impl fmt::Display {
+        fmt::from_fn(|f| {
+            if let Some(level) = self.level {
+                write!(f, "{level:<5} ")?;
+            }
+            f.write_str(&self.text)
+        })
+    }
+}
+
+/// With the board's time in front.
 impl fmt::Display for LogLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(timestamp) = &self.timestamp {
             write!(f, "{timestamp} ")?;
         }
-        if let Some(level) = self.level {
-            write!(f, "{level:<5} ")?;
-        }
-        f.write_str(&self.text)
+        self.words().fmt(f)
     }
 }
 

@@ -471,7 +471,7 @@ impl<L: ByteLink> LinkClient<L> {
             self.link.send(wire)?;
             self.counts.bytes_sent += wire.len() as u64;
             let sent = Instant::now();
-            let deadline = sent + self.reply_time.wait(attempt);
+            let deadline = sent + self.reply_time.wait(attempt, wire.len());
             let mut answer = None;
             while answer.is_none() {
                 let now = Instant::now();

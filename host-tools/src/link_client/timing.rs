@@ -6,6 +6,11 @@ const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
+/// What a byte of a request may take until the robot has it: as on a line of 9,600 bits per second. The replies to short requests say
+/// nothing of this. An emulated board that keeps to the wall clock needs a third of it, since its serial port stands still while it
+/// waits for its plant.
+const BYTE_TIME: Duration = Duration::from_millis(1);
+
 /// Estimates the time that a reply takes, in the manner of TCP (Jacobson 1988): a running mean and a running deviation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ReplyTime {
@@ -24,14 +29,16 @@ impl ReplyTime {
         });
     }
 
-    /// How long to wait the `attempt`-th time, from 0. Later attempts wait longer, should the line be slow and not lossy.
-    pub(super) fn wait(&self, attempt: u32) -> Duration {
+    /// How long to wait the `attempt`-th time, from 0, for the reply to a request of `request_bytes`. Later attempts wait longer, should
+    /// the line be slow and not lossy.
+    pub(super) fn wait(&self, attempt: u32, request_bytes: usize) -> Duration {
         let base = match self.estimate {
             None => FIRST_WAIT,
             Some((mean, deviation)) => (mean + deviation * 4).max(SHORTEST_WAIT),
         };
         let growth = 1 << (attempt / 3).min(5);
-        (base * growth).min(LONGEST_WAIT)
+        let on_the_way = BYTE_TIME.saturating_mul(u32::try_from(request_bytes).unwrap_or(u32::MAX));
+        ((base + on_the_way) * growth).min(LONGEST_WAIT)
     }
 }
 
@@ -43,16 +50,17 @@ mod tests {
     fn waits_follow_what_replies_take() {
         let ms = Duration::from_millis;
         let mut time = ReplyTime::default();
-        assert_eq!(time.wait(0), ms(300), "nothing is known yet");
+        assert_eq!(time.wait(0, 0), ms(300), "nothing is known yet");
         for _ in 0..50 {
             time.seen(ms(2));
         }
-        assert_eq!(time.wait(0), ms(40), "no reply is waited for shorter");
+        assert_eq!(time.wait(0, 0), ms(40), "no reply is waited for shorter");
+        assert_eq!(time.wait(0, 140), ms(180), "a long request takes its time");
         for _ in 0..50 {
             time.seen(ms(200));
         }
-        let wait = time.wait(0);
+        let wait = time.wait(0, 0);
         assert!(wait > ms(200) && wait < ms(260), "{wait:?}");
-        assert!(time.wait(3) > time.wait(2) && time.wait(100) == ms(1000));
+        assert!(time.wait(3, 0) > time.wait(2, 0) && time.wait(100, 0) == ms(1000));
     }
 }
