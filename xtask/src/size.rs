@@ -54,19 +54,19 @@ const PARTS: [(&str, &[&str]); 8] = [
     (
         "tasks and drivers",
         &[
-            "rt_firmware5tasks",
+            "11rt_firmware5tasks",
             "rt_firmware..tasks",
-            "rt_firmware7drivers",
+            "11rt_firmware7drivers",
             "rt_firmware..drivers",
-            "rt_firmware5rover",
-            "rt_firmware8odometry",
+            "11rt_firmware5rover",
+            "11rt_firmware8odometry",
             "rt_firmware..ports..Bank",
         ],
     ),
     (
         "link",
         &[
-            "rt_firmware4link",
+            "11rt_firmware4link",
             "rt_firmware..link",
             "8postcard",
             "postcard..",
