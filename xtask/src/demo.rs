@@ -1,6 +1,6 @@
 //! `cargo xtask demo`: the main job, from a clean checkout to pictures of what the robot did.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::firmware::{self, DEFAULT_BIN};
 use crate::process::{self, Failure, make_folder};
@@ -38,30 +38,7 @@ pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
     println!(
         "4/4 The robot: 60 s of patrol through the office, then, while it moves, 60 s along the walls"
     );
-    let folder = root.join(DEMO_FOLDER);
-    make_folder(&folder)?;
-    let mut esm = process::command(root.join("target/release/esm"));
-    esm.current_dir(root)
-        .args([
-            "run",
-            "missions/patrol.esm",
-            "--world",
-            "missions/worlds/office.world",
-        ])
-        .args([
-            "--until",
-            "120 s",
-            "--then",
-            "60 s missions/follow_wall.esm",
-        ])
-        .args([
-            "--trace",
-            &format!("{DEMO_FOLDER}/trace.jsonl"),
-            "--out",
-            DEMO_FOLDER,
-        ]);
-    println!("    {}", process::shown(&esm));
-    process::run(&mut esm)?;
+    let folder = drive(root)?;
     println!("\nPictures and trace are in {}:", folder.display());
     let mut files: Vec<_> = std::fs::read_dir(&folder)
         .map_err(|cause| Failure::File {
@@ -75,4 +52,27 @@ pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
         println!("    {DEMO_FOLDER}/{file}");
     }
     Ok(())
+}
+
+/// Drives the robot through the two missions, with what was built before; returns where the pictures are.
+///
+/// # Errors
+/// [`Failure::Ended`] if the run did not go well.
+pub fn drive(root: &Path) -> Result<PathBuf, Failure> {
+    let folder = root.join(DEMO_FOLDER);
+    make_folder(&folder)?;
+    let mut esm = process::command(root.join("target/release/esm"));
+    esm.current_dir(root)
+        .args(["run", "missions/patrol.esm"])
+        .args(["--world", "missions/worlds/office.world"])
+        .args([
+            "--until",
+            "120 s",
+            "--then",
+            "60 s missions/follow_wall.esm",
+        ])
+        .args(["--out", DEMO_FOLDER]);
+    println!("    {}", process::shown(&esm));
+    process::run(&mut esm)?;
+    Ok(folder)
 }

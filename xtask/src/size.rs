@@ -24,8 +24,8 @@ const RAM_LIMIT_BYTES: u32 = 16 * 1024;
 /// What interpreter and verifier may take of flash.
 const INTERPRETER_LIMIT_BYTES: u32 = 8 * 1024;
 
-/// The stack that the limit of RAM leaves room for; the tests compare it with the deepest stack that the firmware has painted away.
-pub const STACK_BYTES: u32 = 3 * 1024;
+/// The stack that the limit of RAM leaves room for.
+const STACK_BYTES: u32 = 3 * 1024;
 
 /// Sizes may differ from the expected ones by one part in this many, or by [`TOLERANCE_BYTES`] where that is more: compilers
 /// differ that much from one release to the next.
@@ -173,6 +173,31 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
         }
         failed => Err(Failure::Checks { failed }),
     }
+}
+
+/// Compares the deepest stack of a run, which its summary tells, with what the limit of RAM leaves room for.
+///
+/// # Errors
+/// [`Failure::Content`] if the stack was deeper, or the summary does not tell.
+pub fn check_stack(summary_file: &Path) -> Result<(), Failure> {
+    const KEY: &str = "\"deepest_stack_bytes\":";
+    let fail = |problem| Failure::Content {
+        path: summary_file.to_owned(),
+        problem,
+    };
+    let summary = std::fs::read_to_string(summary_file).map_err(|cause| Failure::File {
+        path: summary_file.to_owned(),
+        cause,
+    })?;
+    let bytes: u32 = summary
+        .split_once(KEY)
+        .and_then(|(_, rest)| rest.split([',', '\n', '}']).next()?.trim().parse().ok())
+        .ok_or_else(|| fail("does not tell the deepest stack"))?;
+    println!("Deepest stack: {bytes} bytes, limit {STACK_BYTES}.");
+    if bytes > STACK_BYTES {
+        return Err(fail("tells of a stack deeper than its limit"));
+    }
+    Ok(())
 }
 
 fn limits(firmware: &Image, interpreter: u32) -> Vec<String> {

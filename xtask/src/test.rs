@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+use crate::demo;
 use crate::firmware::{
     self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
 };
@@ -133,6 +134,9 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
                 "esm",
             ]))
         });
+        tally.step("the demo, and its deepest stack", || {
+            size::check_stack(&demo::drive(root)?.join("summary.json"))
+        });
         tally.tests("tests of the workspace", root, &["--workspace"], None);
         if let Some(toolchain) = &toolchain {
             example_checks(root, toolchain, &mut tally);
@@ -197,7 +201,6 @@ fn host_checks(root: &Path, tally: &mut Tally) {
             "--quiet",
             "--workspace",
             "--no-deps",
-            "--document-private-items",
         ]))
     });
 }
