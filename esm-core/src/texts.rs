@@ -1,7 +1,7 @@
 //! Names and signatures: what people and task registries read of a blob, and the interpreter never does.
 //!
 //! [`verify`](crate::verify()) leaves texts alone but for where they begin and end. A firmware compares each signature, letter by letter, with that of its own
-//! task, and its own task's ports with the counts that the blob gives; that covers all of this and takes less flash. Host tools,
+//! task, and its own task's ports with the counts and the nets' types that the blob gives; that covers all but the names and takes less flash. Host tools,
 //! which have no tasks to compare with, call [`check`] instead.
 
 use crate::format::Section;

@@ -3,16 +3,18 @@
 use core::ops::Deref;
 
 use esm_core::Verified;
-use esm_core::signature::PortCounts;
+use esm_core::signature::{PortCounts, fnv1a};
 use esm_core::tables::Tables;
 
 use crate::link::message::{Capacities, Capacity, LinkError};
 use crate::ports::Registry;
+use crate::task::Declaration;
 
 /// Checks a valid blob against what the robot has.
 ///
 /// # Errors
-/// The first thing that is missing: a task, the same signature of it, enough tasks of a type, or room.
+/// The first thing that is missing: a task, the same signature of it, enough tasks of a type, values that a port or parameter can take, or
+/// room.
 pub fn check<B: Deref<Target = [u8]>>(
     verified: &Verified<B>,
     registry: Registry<'_>,
@@ -39,7 +41,8 @@ pub fn check<B: Deref<Target = [u8]>>(
         if !same {
             return Err(LinkError::SignatureDiffers { task: index as u16 });
         }
-        let needed = instances_of(&tables, index);
+        // Counted by signature: two entries of the blob may stand for one task of the robot.
+        let needed = task_instances_of(&tables, task.signature_hash).count();
         let available = registry
             .find(task.signature_hash)
             .map_or(0, |bank| registry.capacity(usize::from(bank)));
@@ -50,6 +53,8 @@ pub fn check<B: Deref<Target = [u8]>>(
                 available: available as u16,
             });
         }
+        check_nets(&tables, index, task.signature_hash, declared)?;
+        check_params(&tables, index, task.signature_hash, declared)?;
     }
     let groups = tables
         .tasks()
@@ -96,13 +101,63 @@ pub fn check<B: Deref<Target = [u8]>>(
     Ok(())
 }
 
-/// Task instances of a task type.
-fn instances_of(tables: &Tables<'_>, task: usize) -> usize {
-    (0..tables.task_instance_count())
-        .filter(|instance| {
+/// The task instances of all tasks with this signature.
+fn task_instances_of(tables: &Tables<'_>, signature_hash: u64) -> impl Iterator<Item = usize> {
+    (0..tables.task_instance_count()).filter(move |instance| {
+        tables
+            .task_state_of(*instance)
+            .and_then(|state| tables.task(state.task))
+            .is_some_and(|task| task.signature_hash == signature_hash)
+    })
+}
+
+/// Whether each port of a task is on nets of its own type: a value must never reach a port that takes it for something else.
+fn check_nets(
+    tables: &Tables<'_>,
+    task: usize,
+    signature_hash: u64,
+    declared: &Declaration,
+) -> Result<(), LinkError> {
+    for (port, declared_port) in declared.ports.iter().enumerate() {
+        let type_hash = fnv1a(declared_port.type_name.as_bytes());
+        let fits = task_instances_of(tables, signature_hash).all(|instance| {
             tables
-                .task_state_of(*instance)
-                .is_some_and(|state| state.task == task)
-        })
-        .count()
+                .task_instance(instance)
+                .and_then(|instance| tables.connection(instance.first_connection + port))
+                .flatten()
+                .and_then(|net| tables.net(net))
+                .is_none_or(|net| net.type_hash == type_hash)
+        });
+        if !fits {
+            return Err(LinkError::NetTypeDiffers {
+                task: task as u16,
+                port: port as u16,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Whether each parameter is within the bounds that the firmware's own task gives it, whatever the mission's text said of them.
+fn check_params(
+    tables: &Tables<'_>,
+    task: usize,
+    signature_hash: u64,
+    declared: &Declaration,
+) -> Result<(), LinkError> {
+    for (index, param) in declared.params.iter().enumerate() {
+        let fits = task_instances_of(tables, signature_hash).all(|instance| {
+            tables
+                .task_state_of(instance)
+                .and_then(|state| tables.param(state.first_param + index))
+                .is_some_and(|bits| param.admits(bits))
+        });
+        if !fits {
+            return Err(LinkError::ParamOutOfRange {
+                task: task as u16,
+                param: index as u16,
+            });
+        }
+    }
+    Ok(())
 }

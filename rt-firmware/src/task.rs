@@ -188,6 +188,26 @@ pub struct ParamDeclaration {
     pub name: &'static str,
     /// Its type.
     pub kind: ParamKind,
+    /// Bits of its least and its greatest value, where it has bounds.
+    pub bounds: Option<[u32; 2]>,
+}
+
+impl ParamDeclaration {
+    /// Whether a value, given by its bits, is one of the type and within the bounds. NaN is within none.
+    pub fn admits(&self, bits: u32) -> bool {
+        let Some([least, greatest]) = self.bounds else {
+            return self.kind != ParamKind::Bool || bits <= 1;
+        };
+        match self.kind {
+            ParamKind::F32 => {
+                (f32::from_bits(least)..=f32::from_bits(greatest)).contains(&f32::from_bits(bits))
+            }
+            ParamKind::I32 => {
+                (least.cast_signed()..=greatest.cast_signed()).contains(&bits.cast_signed())
+            }
+            ParamKind::U32 | ParamKind::Bool => (least..=greatest).contains(&bits),
+        }
+    }
 }
 
 /// Everything that a task type declares about itself.
@@ -490,6 +510,7 @@ macro_rules! task {
                         $crate::task::ParamDeclaration {
                             name: stringify!($param),
                             kind: <$param_type as $crate::task::ParamType>::KIND,
+                            bounds: $crate::__task_bounds!($param_type $($min $max)?),
                         },
                     )*)?],
                     signature: SIGNATURE,
@@ -544,6 +565,26 @@ macro_rules! __task_direction {
     };
     (inout) => {
         $crate::task::Direction::InOut
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_bounds {
+    ($type:ident) => {
+        None
+    };
+    (f32 $min:literal $max:literal) => {
+        Some([f32::to_bits($min), f32::to_bits($max)])
+    };
+    (i32 $min:literal $max:literal) => {
+        Some([i32::cast_unsigned($min), i32::cast_unsigned($max)])
+    };
+    (u32 $min:literal $max:literal) => {
+        Some([$min, $max])
+    };
+    (bool $min:literal $max:literal) => {
+        Some([$min as u32, $max as u32])
     };
 }
 
@@ -631,6 +672,48 @@ mod tests {
             assert_eq!(declaration.signature_hash, signature_hash(signature));
             assert_eq!(declaration.source, source);
         }
+    }
+
+    #[test]
+    fn a_parameter_admits_what_is_within_its_bounds() {
+        struct Bounded;
+        task! {
+            impl Bounded {
+                params {
+                    speed: f32 = 0.0, -1.0..=0.5;
+                    steps: i32 = 0, -3..=4;
+                    count: u32 = 1, 1..=9;
+                    free: f32;
+                    switch: bool;
+                }
+            }
+        }
+        let param = |index: u8| &declaration_of::<Bounded>().params[usize::from(index)];
+        let f32 = f32::to_bits;
+        let i32 = i32::cast_unsigned;
+        for (param, within, outside) in [
+            (
+                param(Bounded::SPEED.index),
+                [f32(-1.0), f32(-0.0), f32(0.5)],
+                [f32(-1.01), f32(0.51), f32(f32::NAN)],
+            ),
+            (
+                param(Bounded::STEPS.index),
+                [i32(-3), i32(0), i32(4)],
+                [i32(-4), i32(5), i32(i32::MIN)],
+            ),
+            (param(Bounded::COUNT.index), [1, 5, 9], [0, 10, u32::MAX]),
+        ] {
+            for bits in within {
+                assert!(param.admits(bits), "{}: {bits:#x}", param.name);
+            }
+            for bits in outside {
+                assert!(!param.admits(bits), "{}: {bits:#x}", param.name);
+            }
+        }
+        assert!(param(Bounded::FREE.index).admits(f32(f32::INFINITY)));
+        let switch = param(Bounded::SWITCH.index);
+        assert!(switch.admits(0) && switch.admits(1) && !switch.admits(2));
     }
 
     #[test]

@@ -128,6 +128,14 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoAnswer => {
             "its real-time side did not answer in time; `esm status` says how it is".into()
         }
+        LinkError::NetTypeDiffers { task: index, port } => format!(
+            "a path joins data port number {port} of {} with ports of another type; build the mission again",
+            task(index)
+        ),
+        LinkError::ParamOutOfRange { task: index, param } => format!(
+            "parameter number {param} of {} is outside of what its firmware allows; `esm tasks` prints the bounds",
+            task(index)
+        ),
     }
 }
 
@@ -154,6 +162,14 @@ mod tests {
             (
                 LinkError::SignatureDiffers { task: 0 },
                 "its firmware has the task `Cruise` with other ports, flags or parameters; `esm tasks` prints the declaration that fits",
+            ),
+            (
+                LinkError::NetTypeDiffers { task: 1, port: 0 },
+                "a path joins data port number 0 of the task `Avoid` with ports of another type; build the mission again",
+            ),
+            (
+                LinkError::ParamOutOfRange { task: 0, param: 2 },
+                "parameter number 2 of the task `Cruise` is outside of what its firmware allows; `esm tasks` prints the bounds",
             ),
             (
                 LinkError::CapacityExceeded {

@@ -544,6 +544,8 @@ fn is_about_the_mission(error: LinkError) -> bool {
             | LinkError::SignatureDiffers { .. }
             | LinkError::TooManyInstances { .. }
             | LinkError::CapacityExceeded { .. }
+            | LinkError::NetTypeDiffers { .. }
+            | LinkError::ParamOutOfRange { .. }
     )
 }
 

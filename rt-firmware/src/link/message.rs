@@ -308,6 +308,20 @@ pub enum LinkError {
     Busy,
     /// The real-time side did not answer in time.
     NoAnswer,
+    /// A net that a port of this task is on carries values of another type. The mission must be built again.
+    NetTypeDiffers {
+        /// Index of the task type in the blob.
+        task: u16,
+        /// The data port, by its place in the signature.
+        port: u16,
+    },
+    /// A parameter of this task is outside the bounds that the firmware's task declares.
+    ParamOutOfRange {
+        /// Index of the task type in the blob.
+        task: u16,
+        /// The parameter, by its place among those of the signature.
+        param: u16,
+    },
 }
 
 /// How the robot is.

@@ -5,6 +5,8 @@
 mod mission;
 mod robot;
 
+use esm_core::format::crc32;
+use esm_core::signature::fnv1a;
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
 use rt_firmware::link::frame::checksum;
@@ -614,6 +616,18 @@ fn a_mission_that_does_not_fit_is_refused_and_the_robot_drives_on() {
             },
         ),
         (
+            hogs(3).declared_twice(2),
+            LinkError::TooManyInstances {
+                task: 0,
+                needed: 3,
+                available: 2,
+            },
+        ),
+        (
+            counting(0),
+            LinkError::ParamOutOfRange { task: 0, param: 0 },
+        ),
+        (
             Mission::new(&slots).region(&[("A", "", 0, &[])], &["initial -> A"]),
             LinkError::CapacityExceeded {
                 what: Capacity::Slots,
@@ -639,6 +653,47 @@ fn a_mission_that_does_not_fit_is_refused_and_the_robot_drives_on() {
         robot.run_us(50_000);
         assert!(robot.world.said().len() >= 10);
         assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn a_net_of_another_type_is_refused_with_the_task_that_is_on_it() {
+    let mission = Mission::new(&SLOTS)
+        .task(signature::HOG, None)
+        .task(signature::SINK, None)
+        .task(signature::SOURCE, None)
+        .region(&[("Hog", "Hog", 2, &[1])], &["initial -> Hog"])
+        .region(&[("Read", "Sink", 2, &[1])], &["initial -> Read"])
+        .region(&[("Count", "Source", 2, &[9])], &["initial -> Count"])
+        .path((2, 0, 0), (1, 0, 0));
+    let right = mission.blob();
+    let type_hash = fnv1a(b"u32").to_le_bytes();
+    let places: Vec<usize> = (0..right.len())
+        .filter(|at| right[*at..].starts_with(&type_hash))
+        .collect();
+    let [place] = places[..] else {
+        panic!("there is one net: {places:?}")
+    };
+    let mut wrong = right.clone();
+    wrong[place..][..type_hash.len()].copy_from_slice(&fnv1a(b"f32").to_le_bytes());
+    let (body, crc) = wrong.split_last_chunk_mut().unwrap();
+    *crc = crc32(body).to_le_bytes();
+    with_robot(|robot| {
+        robot.start(&right);
+        assert_eq!(
+            robot.upload(&wrong),
+            Err(LinkError::NetTypeDiffers { task: 1, port: 0 })
+        );
+        robot.world.said();
+        robot.run_us(10_000);
+        assert!(
+            robot
+                .world
+                .said()
+                .iter()
+                .any(|said| said.starts_with("sink")),
+            "the robot drives on"
+        );
     });
 }
 

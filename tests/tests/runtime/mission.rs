@@ -192,6 +192,17 @@ impl Mission {
         self
     }
 
+    /// Declares the task of a region's first state once more, and gives it to that state, as no compiler of files would.
+    pub fn declared_twice(mut self, region: usize) -> Self {
+        let state = &mut self.model.containers[0].regions[region].states[0];
+        let StateKind::Task { task, .. } = &mut state.kind else {
+            panic!("{} is a task state", state.name)
+        };
+        self.model.tasks.push(self.model.tasks[*task].clone());
+        *task = self.model.tasks.len() - 1;
+        self
+    }
+
     /// Joins two ports, each (region, state, data port).
     pub fn path(mut self, from: (usize, usize, usize), to: (usize, usize, usize)) -> Self {
         let end = |(region, state, port)| PathEnd::State {

@@ -51,7 +51,7 @@ pub struct Source<'w> {
     world: &'w World,
     count: u32,
 }
-task! { impl['w] Source<'w> { data { out count: u32; } flags { out high; } params { limit: u32; } } }
+task! { impl['w] Source<'w> { data { out count: u32; } flags { out high; } params { limit: u32 = 1, 1..=1000000; } } }
 impl Task for Source<'_> {
     fn reset(&mut self) {
         self.count = 0;
