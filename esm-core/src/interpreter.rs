@@ -660,13 +660,15 @@ impl<'a, O: Observer> Run<'a, O> {
             return;
         }
         let age_us = self.now_us.wrapping_sub(entered_us);
-        if age_us > state.timeout_us || age_us < self.since_walk_us {
+        let left_us = if age_us > state.timeout_us || age_us < self.since_walk_us {
             set_bit(self.flags, flag, true);
+            // A guard of a region before this one may look at it, so the next macro step must be walked.
+            0
         } else {
-            let left_us = state.timeout_us - age_us;
-            let shortest = self.shortest_left_us.unwrap_or(left_us);
-            self.shortest_left_us = Some(shortest.min(left_us));
-        }
+            state.timeout_us - age_us
+        };
+        let shortest = self.shortest_left_us.unwrap_or(left_us);
+        self.shortest_left_us = Some(shortest.min(left_us));
     }
 
     /// Evaluates a guard. Returns where its actions begin if it is true.

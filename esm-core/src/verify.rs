@@ -346,14 +346,18 @@ impl<'a> Pass<'a> {
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
     /// their periods (Korst, Aarts, Lenstra 1996).
+    ///
+    /// The interpreter's slot starts at 0, for the time of a machine is that of its slots.
     fn slots(&mut self) -> Result<(), Cause> {
+        let interpreter = self.tables.interpreter_slot();
         let mut index = 0;
         while let Some(slot) = self.tables.slot(index) {
             self.at_in(Section::Slots, index);
             let in_range = slot.number >= 1
                 && slot.period_us <= format::MAX_TIME_US
                 && slot.duration_us <= slot.period_us
-                && slot.start_us < slot.period_us;
+                && slot.start_us < slot.period_us
+                && (slot.start_us == 0 || index != interpreter);
             ensure(in_range, Cause::Range)?;
             for earlier in 0..index {
                 let earlier = self.tables.slot(earlier).ok_or(Cause::Index)?;

@@ -897,7 +897,7 @@ fn each_rule_of_the_format_is_kept() {
     // Field numbers count 16-bit fields from the table's start; values replace them. `everything` has 5 instances, 10 region instances.
     let blob = compile(&everything(), &STARTS_US).unwrap();
     let body = &blob[format::MAGIC.len()..blob.len() - format::CRC_BYTES];
-    let cases: [Planted; 22] = [
+    let cases: [Planted; 23] = [
         ("queue of 0", Section::Mission, 0, 0, Cause::Range),
         ("queue of 256", Section::Mission, 0, 256, Cause::Range),
         ("interpreter slot", Section::Mission, 1, 2, Cause::Index),
@@ -906,6 +906,13 @@ fn each_rule_of_the_format_is_kept() {
             Section::Slots,
             6,
             1_000,
+            Cause::Range,
+        ),
+        (
+            "interpreter slot that starts late",
+            Section::Mission,
+            1,
+            1,
             Cause::Range,
         ),
         (
