@@ -51,7 +51,7 @@ use crate::link::message::{Capacities, ResetReason};
 use crate::mail::{Letter, Mail};
 use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
 use crate::realtime::slots::SlotEntry;
-use crate::realtime::tasks::{Group, TaskEntry, TaskTable};
+use crate::realtime::tasks::{Group, NO_GROUP, NONE, TaskEntry, TaskTable};
 use crate::realtime::trace::Trace;
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::ring::Ring;
@@ -126,12 +126,15 @@ impl<
     }
 }
 
+/// The longest name in an [`About`], so that the answer fits into a frame.
+pub const MAX_NAME_BYTES: usize = 40;
+
 /// What a robot says of itself.
 #[derive(Clone, Copy, Debug)]
 pub struct About<'m> {
-    /// Name and version of the firmware; at most 40 bytes, so that the answer fits into a frame.
+    /// Name and version of the firmware; at most [`MAX_NAME_BYTES`].
     pub firmware: &'m str,
-    /// Name of the board; at most 40 bytes.
+    /// Name of the board; at most [`MAX_NAME_BYTES`].
     pub board: &'m str,
     /// Why the robot started.
     pub reset: ResetReason,
@@ -139,7 +142,14 @@ pub struct About<'m> {
 
 impl<'m> About<'m> {
     /// A robot that started because the power came on.
+    ///
+    /// # Panics
+    /// A name is longer than [`MAX_NAME_BYTES`]: at start-up, or while compiling where this is a constant.
     pub const fn new(firmware: &'m str, board: &'m str) -> Self {
+        assert!(
+            firmware.len() <= MAX_NAME_BYTES && board.len() <= MAX_NAME_BYTES,
+            "the name of a firmware or board is too long to be told"
+        );
         About {
             firmware,
             board,
@@ -176,6 +186,10 @@ pub fn split<
     about: About<'m>,
     limits: Limits,
 ) -> Result<Sides<'q, 'm, SLOTS>, RegistryFault> {
+    const {
+        assert!(TASKS < NONE as usize && GROUPS < NO_GROUP as usize);
+        assert!(SLOTS <= u16::MAX as usize && NETS <= u16::MAX as usize);
+    };
     let capacities = Capacities {
         blob_bytes: BLOB_BYTES as u32,
         arena_words: ARENA_WORDS as u32,

@@ -184,6 +184,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             if interpreter && self.waiting.is_some() {
                 let epoch_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
                 let epoch_us = mission.epoch_us + taken.start_us;
+                self.note_missed(taken.slot, missed);
+                self.give_up_before(taken.start_us);
                 self.change_mission(epoch_ticks, epoch_us);
                 continue;
             }
@@ -227,16 +229,36 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     fn count_missed(&mut self, board: &mut impl Board, occurrence: &Occurrence, missed: u32) {
+        self.note_missed(occurrence.slot, missed);
+        if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
+            self.fail_safe(board, SafeReason::Missed);
+        }
+    }
+
+    fn note_missed(&mut self, slot: usize, missed: u32) {
         if missed == 0 {
             return;
         }
         self.health.missed = self.health.missed.saturating_add(missed);
         self.trace.record(TraceRecord::Missed {
-            slot: occurrence.slot as u16,
+            slot: slot as u16,
             count: missed,
         });
-        if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
-            self.fail_safe(board, SafeReason::Missed);
+    }
+
+    /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
+    /// whose nominal start is before this time.
+    fn give_up_before(&mut self, start_us: u64) {
+        // A slot that is taken goes on at or after `start_us`, so that each of them is taken once at most.
+        while let Some(last_us) = start_us.checked_sub(1) {
+            let owed = self.dispatcher.next().slot;
+            let before = self.dispatcher.missed(owed);
+            if self.dispatcher.take(last_us).is_none() {
+                return;
+            }
+            let skipped = self.dispatcher.missed(owed).wrapping_sub(before);
+            // It was handed out, but is not executed.
+            self.note_missed(owed, skipped.saturating_add(1));
         }
     }
 

@@ -7,11 +7,11 @@ use super::slots::SlotEntry;
 use crate::ports::{Registry, TaskPlace};
 
 /// Stands for no task instance.
-const NONE: u16 = u16::MAX;
+pub(crate) const NONE: u16 = u16::MAX;
 /// Stands for no bank of the registry.
 const NO_BANK: u8 = u8::MAX;
 /// Stands for no group.
-const NO_GROUP: u8 = u8::MAX;
+pub(crate) const NO_GROUP: u8 = u8::MAX;
 
 /// What is kept for a task instance.
 #[derive(Clone, Copy, Debug)]

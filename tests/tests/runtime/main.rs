@@ -376,6 +376,26 @@ fn missed_occurrences_are_counted_exactly() {
 }
 
 #[test]
+fn what_a_late_swap_leaves_out_of_the_old_mission_is_counted() {
+    with_robot(|robot| {
+        robot.start(&counting(99).blob());
+        let start_us = robot.world.now_us();
+        robot.run_until_us(start_us + 8_000);
+        robot.send(&hogging(1).blob());
+        let commit = robot.frame(Request::Commit);
+        robot.wire.to_robot.extend(&commit);
+        robot.exchange();
+        robot.world.pass_us(25_000);
+        robot.run_us(0);
+        // The new mission starts at 30 ms: of the old one, 10 and 20 ms are missing, and 12, 17, 22 and 27 ms of the second slot.
+        assert_eq!(robot.status().missed, 6);
+        assert_eq!([robot.slot(0).missed, robot.slot(1).missed], [0, 0]);
+        robot.run_us(10_000);
+        assert_eq!(robot.status().missed, 6);
+    });
+}
+
+#[test]
 fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
     with_robot(|robot| {
         robot.start(&counting(99).blob());
