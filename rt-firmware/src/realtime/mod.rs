@@ -196,9 +196,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 interpreter,
             };
             mission.occurrences += 1;
-            if interpreter {
+            if interpreter && missed > 0 {
                 mission.interpreter.skip(missed);
                 mission.next_step += u64::from(missed);
+                self.trace.write_next_in_full();
             }
             let start_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
             self.count_missed(board, &occurrence, missed);
@@ -421,7 +422,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if outcome.step == Step::Finished {
             interpreter.report_exit(index);
             self.tasks.disable(instance);
-            self.trace.enabled_changed();
+            self.trace.write_next_in_full();
         }
         let took_ticks = board.now_ticks() - began_ticks;
         if took_ticks > duration_ticks {
@@ -467,7 +468,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 mission.interpreter.clear_enabled(index);
             }
             self.tasks.disable(instance);
-            self.trace.enabled_changed();
+            self.trace.write_next_in_full();
         }
         if let Some(occurrence) = occurrence {
             self.trace.record(TraceRecord::JobEnded {
@@ -615,7 +616,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if self.mode != Mode::Stopped {
             self.mode = Mode::Running;
         }
-        self.trace.enabled_changed();
+        self.trace.write_next_in_full();
         self.trace.record(TraceRecord::Started {
             mission,
             start_us: epoch_us,

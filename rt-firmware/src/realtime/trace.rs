@@ -18,7 +18,7 @@ const RESERVED_BYTES: usize = 48;
 pub(crate) struct Trace<'m> {
     ring: RingWriter<'m>,
     wanted: &'m AtomicBool,
-    /// The reader does not know the states and enabled tasks as they are: the next step is written in full.
+    /// The reader does not know the states and enabled tasks as they are, or the next step's number: it is written in full.
     stale: bool,
 }
 
@@ -31,8 +31,9 @@ impl<'m> Trace<'m> {
         }
     }
 
-    /// Something outside of macro steps changed which tasks are enabled.
-    pub(crate) fn enabled_changed(&mut self) {
+    /// The reader cannot tell the next step from the one before: something outside of macro steps changed which tasks are enabled, or macro
+    /// steps were left out.
+    pub(crate) fn write_next_in_full(&mut self) {
         self.stale = true;
     }
 

@@ -398,6 +398,12 @@ fn what_a_late_swap_leaves_out_of_the_old_mission_is_counted() {
 #[test]
 fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
     with_robot(|robot| {
+        robot
+            .ask(Request::Subscribe {
+                trace: true,
+                log: false,
+            })
+            .unwrap();
         robot.start(&counting(99).blob());
         robot.run_us(5_000);
         robot.world.pass_us(17_345);
@@ -405,6 +411,15 @@ fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
         let status = robot.status();
         assert_eq!((status.steps, status.t_us), (3, 20_000));
         assert_eq!(robot.slot(0).max_delay_ns, 2_345_000);
+        // Step 1 was left out, so that the next one is told with its number.
+        let told: Vec<&String> = (robot.trace.iter())
+            .skip_while(|record| !record.starts_with("Missed { slot: 0"))
+            .filter(|record| !record.starts_with("Missed"))
+            .collect();
+        assert_eq!(
+            told,
+            ["Step { step: 2, micro_steps: 1, states: {0: 1}, enabled: [0] }"]
+        );
     });
 }
 
