@@ -7,6 +7,10 @@ pub trait Board {
     /// Ticks of the clock in one microsecond.
     const TICKS_PER_US: u32;
 
+    /// How far ahead a mission starts that follows no other, in µs: longer than its tables take to be made, so that its first occurrence
+    /// is on time.
+    const START_LEAD_US: u32 = 5_000;
+
     /// Ticks since the board started. Never goes back and never wraps.
     fn now_ticks(&mut self) -> u64;
 

@@ -150,7 +150,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let now = board.now_ticks();
             let Some(mission) = &mut self.mission else {
                 if self.waiting.is_some() {
-                    self.change_mission(now, self.previous_end_us);
+                    let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
+                    self.change_mission(now + lead_ticks, self.previous_end_us);
                     if self.mission.is_some() {
                         continue;
                     }
