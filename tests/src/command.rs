@@ -147,6 +147,36 @@ fn run(mut command: Command) -> Done {
     }
 }
 
+/// Runs `esm` for a time, then does what Ctrl-C does.
+///
+/// # Panics
+/// If it ends before, or cannot be started.
+#[track_caller]
+pub fn esm_for<S: AsRef<str>>(time: Duration, arguments: &[S]) -> Done {
+    let out = tempfile::NamedTempFile::new().expect("a file for output");
+    let err = tempfile::NamedTempFile::new().expect("a file for output");
+    let mut command = Command::new(esm_binary());
+    command
+        .args(arguments.iter().map(AsRef::as_ref))
+        .current_dir(root())
+        .stdin(Stdio::null())
+        .stdout(out.reopen().expect("a file for output"))
+        .stderr(err.reopen().expect("a file for output"));
+    let started = Instant::now();
+    let mut child = command.spawn().expect("`esm` starts");
+    let early = ended(&mut child, time);
+    let status = interrupt(&mut child);
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
+    let done = Done {
+        status: status.and_then(|status| status.code()),
+        out: read(out.path()),
+        err: read(err.path()),
+        took: started.elapsed(),
+    };
+    assert!(early.is_none(), "{command:?} ended by itself: {done:#?}");
+    done
+}
+
 /// Waits for the end of a process.
 fn ended(child: &mut Child, patience: Duration) -> Option<std::process::ExitStatus> {
     let deadline = Instant::now() + patience;

@@ -479,6 +479,58 @@ fn a_changed_plant_or_table_breaks_the_equality() {
     }
 }
 
+#[test]
+fn the_demo_drives_far_through_rooms_and_swaps_missions_without_missing_a_slot() {
+    let out = tempfile::tempdir().unwrap();
+    let elf = firmware("rover");
+    // What `cargo xtask demo` runs.
+    esm(&[
+        "run",
+        "missions/patrol.esm",
+        "--world",
+        "missions/worlds/office.world",
+        "--until",
+        "120 s",
+        "--then",
+        "60 s missions/follow_wall.esm",
+        "--firmware",
+        elf.to_str().unwrap(),
+        "--out",
+        out.path().to_str().unwrap(),
+    ])
+    .good();
+    let file = |name: &str| std::fs::read(out.path().join(name)).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&file("summary.json")).unwrap();
+    assert_eq!(summary["collisions"], 0, "{summary:#}");
+    assert_eq!(summary["slots_missed"], 0, "{summary:#}");
+    assert!(summary["distance_m"].as_f64() >= Some(10.0), "{summary:#}");
+    assert!(
+        summary["rooms_entered"].as_array().unwrap().len() >= 3,
+        "{summary:#}"
+    );
+    let missions = summary["missions"].as_array().unwrap();
+    assert_eq!(missions.len(), 2, "{summary:#}");
+    for mission in missions {
+        assert_eq!(mission["slots_missed_in_upload"], 0, "{summary:#}");
+    }
+    let second_s = missions[1]["started_s"].as_f64().unwrap();
+    assert!((60.0..70.0).contains(&second_s), "{summary:#}");
+    for picture in ["path", "states"] {
+        assert!(
+            file(&format!("{picture}.svg")).starts_with(b"<svg")
+                || file(&format!("{picture}.svg")).starts_with(b"<?xml")
+        );
+        assert!(file(&format!("{picture}.png")).starts_with(b"\x89PNG"));
+    }
+    // Between two macro steps: the new machine's first one has number 0, and none is cut short.
+    let trace = String::from_utf8(file("trace.jsonl")).unwrap();
+    let starts = trace
+        .lines()
+        .filter(|line| line.starts_with(r#"{"kind":"step","step":0,"#))
+        .count();
+    assert_eq!(starts, 2);
+}
+
 /// A robot like the rover, but with wheels a millimetre farther apart.
 fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
     let parts: PinRoverParts<'_> = parts.into();

@@ -3,7 +3,9 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_core::format::{CRC_BYTES, crc32};
-use esm_tests::command::{Robot, esm};
+use std::time::Duration;
+
+use esm_tests::command::{Robot, esm, esm_for, firmware};
 use esm_tests::random::Random;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::serial;
@@ -47,6 +49,11 @@ fn a_robot_takes_missions_while_it_moves_and_tells_what_it_does() {
             .map(|path| path.as_str().unwrap())
             .collect();
         assert!(active.contains(&"sonars/Listen"), "{board}: {active:?}");
+
+        // The diary has a line every other second.
+        let time = Duration::from_secs(5);
+        let log = esm_for(time, &["log", "--port", robot.port()]).good().out;
+        assert!(log.contains("battery"), "{board}: {log}");
 
         robot.esm(&["upload", "missions/follow_wall.esm"]).good();
         let status = robot.status_when("follow_wall", |status| status["steps"].as_u64() > Some(10));
@@ -210,4 +217,40 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
         std::fs::write(path.path(), &good).unwrap();
         robot.esm(&["upload", path.path().to_str().unwrap()]).good();
     }
+}
+
+#[test]
+fn an_interrupted_run_leaves_nothing_behind() {
+    // A copy of the firmware has a name that no other emulator was started with.
+    let folder = tempfile::tempdir().unwrap();
+    let elf = folder.path().join("own.elf");
+    std::fs::copy(firmware("rover"), &elf).unwrap();
+    let elf = elf.to_str().unwrap();
+    let emulators = || {
+        let processes = std::fs::read_dir("/proc").unwrap().flatten();
+        processes
+            .filter_map(|process| std::fs::read(process.path().join("cmdline")).ok())
+            .map(|words| String::from_utf8_lossy(&words).into_owned())
+            .filter(|words| words.contains("qemu") && words.contains(elf))
+            .count()
+    };
+    let watching = std::thread::scope(|scope| {
+        let run = scope.spawn(|| {
+            let arguments = [
+                "run",
+                "missions/patrol.esm",
+                "--realtime",
+                "--firmware",
+                elf,
+            ];
+            esm_for(Duration::from_secs(4), &arguments)
+        });
+        std::thread::sleep(Duration::from_secs(2));
+        let during = emulators();
+        let done = run.join().unwrap();
+        assert!(done.status.is_some(), "it had to be killed: {done:#?}");
+        during
+    });
+    assert_eq!(watching, 1, "while it ran");
+    assert_eq!(emulators(), 0, "after Ctrl-C");
 }
