@@ -55,6 +55,8 @@ struct Parser<'t, 's> {
     body: Body,
     /// Whether something in this statement was not as expected, so that what follows in it may mean anything.
     is_lost: bool,
+    /// Whether that goes on into the next statement.
+    stays_lost: bool,
     /// Whether a comment that is never closed hides the rest of the file.
     is_cut: bool,
     sink: &'s mut Sink,
@@ -80,6 +82,7 @@ impl<'t, 's> Parser<'t, 's> {
             reported_at: None,
             body: Body::File,
             is_lost: false,
+            stays_lost: false,
             is_cut: false,
             sink,
         };
@@ -238,7 +241,11 @@ impl<'t, 's> Parser<'t, 's> {
             match self.token.kind {
                 T::EndOfFile | T::BraceClose => return,
                 T::Semicolon => return self.bump(),
-                T::BraceOpen => return self.skip_block(names),
+                T::BraceOpen => {
+                    self.skip_block(names);
+                    self.eat(T::Semicolon);
+                    return;
+                }
                 _ if self.at_start_of_item() => return,
                 T::Identifier => {
                     if let Some(names) = &mut names {
@@ -275,8 +282,28 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
+    /// Whether a name stands here that is more than a wrong first word of something known.
+    fn at_unknown_statement(&self) -> bool {
+        let is_known = match self.next.kind {
+            T::Text | T::Integer | T::Slot => self.body == Body::File,
+            T::Identifier => {
+                let behind = self.lexer_behind_next().next_token().kind;
+                self.body == Body::Container && matches!(behind, T::Arrow | T::Dot)
+            }
+            _ => false,
+        };
+        self.at(T::Identifier) && !is_known
+    }
+
     /// Skips something that starts no declaration of this body, at least one token of it.
     fn skip_item(&mut self, names: &mut Vec<Name>) {
+        if !self.at(T::BraceOpen) && !self.token.kind.is_reserved() && !self.at_unknown_statement()
+        {
+            // A word or sign too many, or instead of the first one: what follows is taken as it is.
+            self.stays_lost = !self.at(T::Semicolon);
+            self.bump();
+            return self.report_nothing_here();
+        }
         let before = self.token.start;
         self.skip_statement(Some(names));
         if self.token.start == before && !self.at(T::EndOfFile) {
@@ -286,7 +313,12 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// The end of a statement.
     fn end_statement(&mut self, expected: &str) {
+        let is_reported = self.reported_at == Some(self.token.start);
         if self.eat(T::Semicolon) {
+            if is_reported {
+                // Perhaps the `;` was the mistake, and the rest of the statement follows.
+                self.report_nothing_here();
+            }
             return;
         }
         let was_lost = self.is_lost;
@@ -372,6 +404,7 @@ impl<'t, 's> Parser<'t, 's> {
                 };
                 let hint = Some(format!("{for_later}: choose another"));
                 // It was meant as a name where something follows that follows a name.
+                let starts_a_block = kind == T::With && self.next.kind == T::BraceOpen;
                 if matches!(
                     self.next.kind,
                     T::Semicolon
@@ -381,7 +414,8 @@ impl<'t, 's> Parser<'t, 's> {
                         | T::Arrow
                         | T::Dot
                         | T::Equals
-                ) {
+                ) && !starts_a_block
+                {
                     self.corrected(what, hint);
                     self.bump();
                 } else {
@@ -559,6 +593,12 @@ impl<'t, 's> Parser<'t, 's> {
             }
         };
         self.bump();
+        if kind == LiteralKind::Integer && self.at(T::Dot) {
+            let hint = "digits stand on both sides of the point, as in `0.5`";
+            self.corrected("digits behind the point", Some(hint.into()));
+            self.bump();
+            return None;
+        }
         Some(Literal {
             kind,
             negative,
@@ -589,7 +629,7 @@ impl<'t, 's> Parser<'t, 's> {
         let mut file = File::default();
         let mut closed = Closed::Nothing;
         loop {
-            self.is_lost = false;
+            self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::File;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
@@ -597,12 +637,46 @@ impl<'t, 's> Parser<'t, 's> {
                     file.is_cut = self.is_cut;
                     return file;
                 }
-                T::Use => file.uses.push(self.use_file()),
-                T::Interpreter => file.interpreters.push(self.interpreter()),
+                T::Use => {
+                    let start = self.here();
+                    self.bump();
+                    file.uses.push(self.use_file(start));
+                }
+                // A path or number whose word is missing: nothing else starts with one.
+                T::Text => {
+                    self.corrected("`use`", None);
+                    file.uses.push(self.use_file(self.here()));
+                }
+                T::Integer => {
+                    self.corrected("`slot`", None);
+                    file.slots.push(self.slot(self.here()));
+                }
+                T::Slot if file.interpreters.is_empty() && self.at_number_of_interpreter() => {
+                    let hint = "did you mean `interpreter slot`?";
+                    self.corrected("`interpreter`", Some(hint.into()));
+                    file.interpreters.push(self.interpreter(self.here()));
+                }
+                T::Interpreter => {
+                    let start = self.here();
+                    self.bump();
+                    file.interpreters.push(self.interpreter(start));
+                }
                 T::Queue => file.queues.push(self.queue()),
-                T::Slot => file.slots.push(self.slot()),
+                T::Slot => {
+                    let start = self.here();
+                    self.bump();
+                    file.slots.push(self.slot(start));
+                }
+                T::Identifier if self.at_task_header() => {
+                    self.corrected("`task`", None);
+                    file.tasks.push(self.task(self.here()));
+                    closed = Closed::Task;
+                    continue;
+                }
                 T::Task => {
-                    file.tasks.push(self.task());
+                    let start = self.here();
+                    self.bump();
+                    file.tasks.push(self.task(start));
                     closed = Closed::Task;
                     continue;
                 }
@@ -660,9 +734,14 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    fn use_file(&mut self) -> Use {
-        let start = self.here();
-        self.bump();
+    /// `slot 1;`: a slot that the word `interpreter` is missing of.
+    fn at_number_of_interpreter(&self) -> bool {
+        let mut behind = self.lexer_behind_next();
+        self.next.kind == T::Integer && behind.next_token().kind == T::Semicolon
+    }
+
+    /// `"path";`
+    fn use_file(&mut self, start: Span) -> Use {
         let token = self.token;
         let path = match token.kind {
             T::Text => {
@@ -696,9 +775,8 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    fn interpreter(&mut self) -> Interpreter {
-        let start = self.here();
-        self.bump();
+    /// `slot 1;`
+    fn interpreter(&mut self, start: Span) -> Interpreter {
         self.expect(T::Slot, "`slot`");
         let slot = self.integer("the number of a slot", 1, u32::MAX);
         self.end_statement("`;`");
@@ -721,9 +799,8 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    fn slot(&mut self) -> Slot {
-        let start = self.here();
-        self.bump();
+    /// `1 period 10 ms duration 1 ms;`
+    fn slot(&mut self, start: Span) -> Slot {
         let number = self.integer("the number of a slot", 1, u32::MAX);
         let mut rate = Given::Absent;
         let mut rate_word = "";
@@ -793,9 +870,20 @@ impl<'t, 's> Parser<'t, 's> {
 
     // ─── Tasks ────────────────────────────────────────────────────────────────────────────────────────────────────
 
-    fn task(&mut self) -> Task {
-        let start = self.here();
-        self.bump();
+    /// Whether a name is followed by an attribute of a task.
+    fn at_task_header(&self) -> bool {
+        match self.next.kind {
+            T::Slot => {
+                let mut behind = self.lexer_behind_next();
+                behind.next_token().kind == T::Integer && behind.next_token().kind != T::Semicolon
+            }
+            T::Identifier => ["wcet", "exclusive"].contains(&self.text_of(self.next)),
+            _ => false,
+        }
+    }
+
+    /// A task, from its name on.
+    fn task(&mut self, start: Span) -> Task {
         let name = self.name("the name of the task");
         let mut task = Task {
             span: start,
@@ -880,7 +968,7 @@ impl<'t, 's> Parser<'t, 's> {
             ("param", T::Param),
         ];
         loop {
-            self.is_lost = false;
+            self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Task;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
@@ -1098,7 +1186,7 @@ impl<'t, 's> Parser<'t, 's> {
             "`event`, `in`, `out`, `inout`, `region`, `path` or `}`"
         };
         loop {
-            self.is_lost = false;
+            self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Container;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
@@ -1121,7 +1209,11 @@ impl<'t, 's> Parser<'t, 's> {
                 }
                 T::In | T::Out | T::InOut => self.container_port(container, kind, expected),
                 T::Region => container.regions.push(self.region()),
-                T::Path => container.paths.push(self.path()),
+                T::Path => {
+                    let start = self.here();
+                    self.bump();
+                    container.paths.push(self.path(start));
+                }
                 T::Task if !self.at_task_state() => return self.missing_close(expected),
                 T::EndOfFile
                 | T::Use
@@ -1135,6 +1227,11 @@ impl<'t, 's> Parser<'t, 's> {
                 }
                 T::State | T::Super | T::Initial | T::Task => {
                     self.outside_of_region(container, expected);
+                }
+                T::Identifier if self.at_path() => {
+                    let start = self.here();
+                    self.corrected(expected, Some("a data path starts with `path`".into()));
+                    container.paths.push(self.path(start));
                 }
                 T::Identifier if self.next.kind == T::Arrow => {
                     self.outside_of_region(container, expected);
@@ -1168,6 +1265,19 @@ impl<'t, 's> Parser<'t, 's> {
         self.next.kind == T::Identifier && behind.next_token().kind == T::Colon
     }
 
+    /// Whether a data path starts here without its word: `A.x …`, `x -> A.y`, `x -> y, …`.
+    fn at_path(&self) -> bool {
+        match self.next.kind {
+            T::Dot => true,
+            T::Arrow => {
+                let mut behind = self.lexer_behind_next();
+                behind.next_token().kind == T::Identifier
+                    && matches!(behind.next_token().kind, T::Dot | T::Comma)
+            }
+            _ => false,
+        }
+    }
+
     /// A lexer that stands behind the two tokens that are read.
     fn lexer_behind_next(&self) -> Lexer<'t> {
         Lexer::new_at(self.text, self.next.end)
@@ -1181,10 +1291,14 @@ impl<'t, 's> Parser<'t, 's> {
             if self.eat(T::Comma) {
                 continue;
             }
-            if !self.at(T::Identifier) {
+            if self.at(T::Unknown) && self.next.kind == T::Identifier {
+                self.corrected("`,` or `;`", None);
+                self.bump();
+            } else if self.at(T::Identifier) {
+                self.corrected("`,` or `;`", None);
+            } else {
                 return;
             }
-            self.corrected("`,` or `;`", None);
         }
     }
 
@@ -1258,7 +1372,7 @@ impl<'t, 's> Parser<'t, 's> {
     fn region_body(&mut self, region: &mut Region) {
         const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
         loop {
-            self.is_lost = false;
+            self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Region;
             let kind = self.token.kind;
             match kind {
@@ -1269,6 +1383,7 @@ impl<'t, 's> Parser<'t, 's> {
                 T::Identifier if matches!(self.next.kind, T::Identifier | T::ForeignWord) => {
                     self.misspelt_in_region(region);
                 }
+                T::Identifier if !self.at_transition() => self.nameless_item(region),
                 T::Initial | T::Identifier | T::ForeignWord => self.transition(region),
                 T::Final if self.next.kind == T::Arrow => {
                     self.expected_with(EXPECTED, Some("`final` can only be entered".into()));
@@ -1298,6 +1413,25 @@ impl<'t, 's> Parser<'t, 's> {
                 }
             }
         }
+    }
+
+    /// Whether a name is followed by an arrow, or by something that may have been meant as one.
+    fn at_transition(&self) -> bool {
+        matches!(
+            self.next.kind,
+            T::Arrow | T::Minus | T::Equals | T::Unknown | T::Final | T::Initial
+        )
+    }
+
+    /// `A: T;`, `A timeout 1 s;`, `A;`: what kind of state this is meant to be cannot be told, but it has a name.
+    fn nameless_item(&mut self, region: &mut Region) {
+        region.skipped.push(Name(self.here()));
+        self.bump();
+        self.expected_with(
+            "`->`",
+            Some("a state starts with `state`, `task` or `super`".into()),
+        );
+        self.skip_statement(None);
     }
 
     /// Two names in a row: a transition without its arrow, or a state whose word is misspelt. What was found against expectation is
@@ -1782,9 +1916,8 @@ impl<'t, 's> Parser<'t, 's> {
 
     // ─── Data paths ───────────────────────────────────────────────────────────────────────────────────────────────
 
-    fn path(&mut self) -> Path {
-        let start = self.here();
-        self.bump();
+    /// A data path, behind its word.
+    fn path(&mut self, start: Span) -> Path {
         let mut path = Path {
             span: start,
             from: Vec::new(),
@@ -1798,6 +1931,17 @@ impl<'t, 's> Parser<'t, 's> {
         path.broken = !is_read || self.is_lost;
         path.span = self.since(start);
         path
+    }
+
+    /// Whether an end can be over here. Behind an end that is cut short nobody knows what its names mean.
+    fn at_end_of_path_end(&mut self) -> bool {
+        let is_over = matches!(self.token.kind, T::Comma | T::Arrow | T::Semicolon)
+            || self.at_start_of_item()
+            || self.at(T::BraceClose);
+        if !is_over {
+            self.expected("`.`, `,`, `->` or `;`");
+        }
+        is_over
     }
 
     fn path_ends(&mut self, ends: &mut Vec<PathEnd>) -> bool {
@@ -1815,11 +1959,15 @@ impl<'t, 's> Parser<'t, 's> {
     fn path_end(&mut self) -> Option<PathEnd> {
         let first = self.name("a port, as `port`, `state.port` or `region.state.port`")?;
         if !self.eat(T::Dot) {
-            return Some(PathEnd::Container(first));
+            return self
+                .at_end_of_path_end()
+                .then_some(PathEnd::Container(first));
         }
         let second = self.name("the name of a port or state")?;
         if !self.eat(T::Dot) {
-            return Some(PathEnd::State(first, second));
+            return self
+                .at_end_of_path_end()
+                .then_some(PathEnd::State(first, second));
         }
         let third = self.name("the name of a port")?;
         Some(PathEnd::Region(first, second, third))

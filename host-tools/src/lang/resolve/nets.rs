@@ -27,7 +27,7 @@ pub(super) fn check<'f>(
         .iter()
         .map(|container| vec![order.is_none(); container.data.len()])
         .collect();
-    let mut resolved: ResolvedPaths = vec![Vec::new(); trees.len()];
+    let mut wired: Vec<Wired> = trees.iter().map(|_| Wired::default()).collect();
     for &index in order.unwrap_or(&unordered) {
         let (Some(tree), Some(container_facts), Some(container)) = (
             trees.get(index),
@@ -46,15 +46,76 @@ pub(super) fn check<'f>(
             regions: region_names(tree, names),
             states: state_places(tree, names),
         };
-        let (paths, from_inside) = wiring.check(tree, names);
-        if let Some(paths_of) = resolved.get_mut(index) {
-            *paths_of = paths;
-        }
+        let found = wiring.check(tree, names);
         if let (Some(ports), true) = (supplied.get_mut(index), order.is_some()) {
-            *ports = from_inside;
+            ports.clone_from(&found.supplied);
+        }
+        if let Some(slot) = wired.get_mut(index) {
+            *slot = found;
         }
     }
-    resolved
+    report_faults(&mut wired, facts, names);
+    wired.into_iter().map(|wired| wired.paths).collect()
+}
+
+/// What a container's data paths came to.
+#[derive(Default)]
+struct Wired {
+    paths: Vec<Path>,
+    nets: Nets,
+    faults: Vec<Fault>,
+    /// For each port of the container, whether something inside publishes on it.
+    supplied: Vec<bool>,
+}
+
+/// Reports the first fault of each net. A port of a container joins the net outside with the net inside.
+fn report_faults(wired: &mut [Wired], facts: &[ContainerFacts<'_>], names: &mut Names<'_, '_>) {
+    // Nodes of all containers in one forest, those of each behind those of the one before.
+    let mut first_nodes = Vec::with_capacity(wired.len());
+    let mut all = Forest::default();
+    for wired in wired.iter_mut() {
+        let first = all.len();
+        first_nodes.push(first);
+        for node in 0..wired.nets.forest.len() {
+            all.add();
+            let root = wired.nets.forest.root(node);
+            all.join(first + root, first + node);
+        }
+    }
+    for (outside, (facts, wired_outside)) in facts.iter().zip(wired.iter()).enumerate() {
+        for (&end, &node_outside) in &wired_outside.nets.nodes {
+            if let PathEnd::State {
+                region,
+                state,
+                port,
+            } = end
+                && let Some(state) = facts
+                    .states
+                    .get(region)
+                    .and_then(|states| states.get(state))
+                && let Kind::Super(inside) = state.kind
+                && let Some(wired_inside) = wired.get(inside)
+                && let Some(&node_inside) =
+                    wired_inside.nets.nodes.get(&PathEnd::Container { port })
+                && let (Some(a), Some(b)) = (first_nodes.get(outside), first_nodes.get(inside))
+            {
+                all.join(a + node_outside, b + node_inside);
+            }
+        }
+    }
+    let mut faults: Vec<(usize, Diagnostic)> = Vec::new();
+    for (wired, first) in wired.iter_mut().zip(first_nodes) {
+        for fault in wired.faults.drain(..) {
+            faults.push((all.root(first + fault.node), fault.diagnostic));
+        }
+    }
+    faults.sort_by_key(|(_, diagnostic)| diagnostic.span);
+    let mut is_reported = HashSet::new();
+    for (root, diagnostic) in faults {
+        if is_reported.insert(root) {
+            names.report(diagnostic);
+        }
+    }
 }
 
 /// One container, and what its paths can refer to.
@@ -122,10 +183,10 @@ fn state_places<'f>(tree: &'f tree::Container, names: &Names<'f, '_>) -> StatePl
     states
 }
 
-/// Something wrong with a net: found at a path.
+/// Something wrong with a net.
 struct Fault {
+    /// A node of the net.
     node: usize,
-    path: usize,
     diagnostic: Diagnostic,
 }
 
@@ -140,32 +201,25 @@ struct Unresolved<'f> {
     ports: HashSet<&'f str>,
 }
 
-/// Ends that are joined, as a forest: each points towards the one that stands for its net.
+/// Sets of nodes that grow together: each node points towards the one that stands for its set.
 #[derive(Default)]
-struct Nets {
-    nodes: HashMap<PathEnd, usize>,
-    ends: Vec<PathEnd>,
+struct Forest {
     parent: Vec<usize>,
-    /// Type of the net that a node stands for, with the end that gave it.
-    types: Vec<Option<(String, PathEnd)>>,
 }
 
-impl Nets {
-    fn node(&mut self, end: PathEnd, type_name: &str) -> usize {
-        if let Some(&node) = self.nodes.get(&end) {
-            return node;
-        }
-        let node = self.ends.len();
-        self.nodes.insert(end, node);
-        self.ends.push(end);
+impl Forest {
+    fn len(&self) -> usize {
+        self.parent.len()
+    }
+
+    /// Adds a node that stands for itself.
+    fn add(&mut self) -> usize {
+        let node = self.parent.len();
         self.parent.push(node);
-        // A type that could not be read is the empty name.
-        self.types
-            .push((!type_name.is_empty()).then(|| (type_name.to_owned(), end)));
         node
     }
 
-    /// The node that stands for the net of a node.
+    /// The node that stands for the set of a node.
     fn root(&mut self, mut node: usize) -> usize {
         while let Some(&parent) = self.parent.get(node) {
             if parent == node {
@@ -181,16 +235,50 @@ impl Nets {
         node
     }
 
-    /// Joins two nets. Gives the ends and types that differ, if they do.
-    fn join(&mut self, a: usize, b: usize) -> Option<[(String, PathEnd); 2]> {
+    /// Joins two sets. Gives the node that stands for both and the one that no longer stands for any, if they were two.
+    fn join(&mut self, a: usize, b: usize) -> Option<(usize, usize)> {
         let (a, b) = (self.root(a), self.root(b));
         if a == b {
             return None;
         }
         let (keep, drop) = (a.min(b), a.max(b));
-        if let Some(parent) = self.parent.get_mut(drop) {
-            *parent = keep;
+        *self.parent.get_mut(drop)? = keep;
+        Some((keep, drop))
+    }
+}
+
+/// The nets of one container.
+#[derive(Default)]
+struct Nets {
+    nodes: HashMap<PathEnd, usize>,
+    /// The end of each node.
+    ends: Vec<PathEnd>,
+    forest: Forest,
+    /// Type of the net that a node stands for, with the end that gave it.
+    types: Vec<Option<(String, PathEnd)>>,
+}
+
+impl Nets {
+    fn node(&mut self, end: PathEnd, type_name: &str) -> usize {
+        if let Some(&node) = self.nodes.get(&end) {
+            return node;
         }
+        let node = self.forest.add();
+        self.nodes.insert(end, node);
+        self.ends.push(end);
+        // A type that could not be read is the empty name.
+        self.types
+            .push((!type_name.is_empty()).then(|| (type_name.to_owned(), end)));
+        node
+    }
+
+    fn root(&mut self, node: usize) -> usize {
+        self.forest.root(node)
+    }
+
+    /// Joins two nets. Gives the ends and types that differ, if they do.
+    fn join(&mut self, a: usize, b: usize) -> Option<[(String, PathEnd); 2]> {
+        let (keep, drop) = self.forest.join(a, b)?;
         let dropped = self.types.get_mut(drop).and_then(Option::take);
         let kept = self.types.get_mut(keep)?;
         match (kept.as_ref(), dropped) {
@@ -205,12 +293,7 @@ impl Nets {
 }
 
 impl<'f> Wiring<'_, 'f> {
-    /// Gives the paths, and for each port of the container whether something inside publishes on it.
-    fn check(
-        &self,
-        tree: &'f tree::Container,
-        names: &mut Names<'f, '_>,
-    ) -> (Vec<Path>, Vec<bool>) {
+    fn check(&self, tree: &'f tree::Container, names: &mut Names<'f, '_>) -> Wired {
         let mut nets = Nets::default();
         let mut faults: Vec<Fault> = Vec::new();
         let mut unresolved = Unresolved {
@@ -236,21 +319,16 @@ impl<'f> Wiring<'_, 'f> {
                     if first_paths.len() <= node {
                         first_paths.push(path_index);
                     }
-                    if !fits_side(end, port.direction, side == 0) {
+                    // What stands on which side of an arrow that is broken says nothing.
+                    if !path.broken && !fits_side(end, port.direction, side == 0) {
                         let diagnostic = self.wrong_direction(end, port, side == 0, path);
-                        faults.push(Fault {
-                            node,
-                            path: path_index,
-                            diagnostic,
-                        });
+                        faults.push(Fault { node, diagnostic });
                     }
-                    if let Some(differing) = first_node.and_then(|first| nets.join(first, node)) {
+                    if let Some(differing) = first_node.and_then(|first| nets.join(first, node))
+                        && !path.broken
+                    {
                         let diagnostic = self.types_differ(&differing, path);
-                        faults.push(Fault {
-                            node,
-                            path: path_index,
-                            diagnostic,
-                        });
+                        faults.push(Fault { node, diagnostic });
                     }
                     first_node.get_or_insert(node);
                     if let Some(ends) = resolved.get_mut(side) {
@@ -269,16 +347,10 @@ impl<'f> Wiring<'_, 'f> {
             });
         }
 
-        // One message a net, the first in source order.
+        // Of nets that have a fault, or an end that is not known, nothing more is said.
         let mut is_settled = vec![false; nets.ends.len()];
-        faults.sort_by_key(|fault| fault.path);
-        for fault in faults {
-            let root = nets.root(fault.node);
-            if settle(&mut is_settled, root) {
-                names.report(fault.diagnostic);
-            }
-        }
-        for node in uncertain {
+        let faulty = faults.iter().map(|fault| fault.node);
+        for node in faulty.chain(uncertain) {
             let root = nets.root(node);
             settle(&mut is_settled, root);
         }
@@ -290,16 +362,16 @@ impl<'f> Wiring<'_, 'f> {
                 && settle(&mut is_settled, root)
                 && let Some(path) = tree.paths.get(path_index)
             {
-                names.report(
+                let diagnostic =
                     Diagnostic::new(Code::E008, path.span, "nothing writes to this net").hint(
                         "begin a path of it at the output of a task that runs inside or outside",
-                    ),
-                );
+                    );
+                faults.push(Fault { node, diagnostic });
             }
         }
         self.check_open_inputs(&nets, &unresolved, names);
 
-        let from_inside = (0..self.container.data.len())
+        let supplied = (0..self.container.data.len())
             .map(|port| match nets.nodes.get(&PathEnd::Container { port }) {
                 Some(&node) => {
                     let root = nets.root(node);
@@ -308,7 +380,12 @@ impl<'f> Wiring<'_, 'f> {
                 None => unresolved.anything,
             })
             .collect();
-        (paths, from_inside)
+        Wired {
+            paths,
+            nets,
+            faults,
+            supplied,
+        }
     }
 
     // ─── Ends ─────────────────────────────────────────────────────────────────────────────────────────────────────
@@ -353,9 +430,8 @@ impl<'f> Wiring<'_, 'f> {
             }
         });
         let Some(port) = port else {
-            if is_state {
-                unresolved.anything = true;
-            }
+            // It may have been meant for any state.
+            unresolved.anything = true;
             return None;
         };
         let model = self.container.data.get(port)?;
