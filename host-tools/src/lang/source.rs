@@ -22,7 +22,7 @@ pub enum LoadError {
         /// The file as it was named.
         path: PathBuf,
     },
-    /// Longer than `MAX_FILE_BYTES`.
+    /// Longer than a source file may be.
     #[error("`{path}` has {bytes} bytes, a source file has at most {MAX_FILE_BYTES}", path = path.display())]
     TooLong {
         /// The file as it was named.

@@ -22,6 +22,12 @@ fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
         .collect()
 }
 
+/// (period, duration) of slots, in microseconds.
+type Times = &'static [(u32, u32)];
+
+/// Slots, their starts, and what the checker says.
+type CheckCase<'c> = (&'c [SlotSpec], &'c [u32], Result<(), Clash>);
+
 const LIMIT: Duration = Duration::from_secs(20);
 
 /// Whether occurrences overlap, found by laying all of a hyperperiod out.
@@ -59,7 +65,7 @@ fn is_feasible(slots: &[SlotSpec], starts_us: &mut Vec<u32>) -> bool {
 
 #[test]
 fn known_sets_and_their_answers() {
-    let cases: &[(&str, &[(u32, u32)], &str)] = &[
+    let cases: &[(&str, Times, &str)] = &[
         ("nothing", &[], "feasible"),
         ("one that fills its period", &[(10, 10)], "feasible"),
         ("two that fill all", &[(4, 2), (4, 2)], "feasible"),
@@ -121,6 +127,46 @@ fn known_sets_and_their_answers() {
     }
 }
 
+/// Tables of the kinds that robots have: a rover's autopilot, planted and random ones.
+#[test]
+fn tables_of_robots_are_decided_at_once() {
+    let instances = [
+        (include_str!("instances/ap_rover_50_ticks.esm"), 45, true),
+        (
+            include_str!("instances/plant_auto_n200_u095_s0.esm"),
+            200,
+            true,
+        ),
+        (
+            include_str!("instances/rand_robot_n050_u095_s1.esm"),
+            50,
+            true,
+        ),
+        (
+            include_str!("instances/rand_auto_n010_u080_s0.esm"),
+            10,
+            false,
+        ),
+    ];
+    for (text, count, is_feasible) in instances {
+        let checked = crate::lang::load_text("table.esm", text);
+        let slots = checked.slots();
+        assert_eq!(slots.len(), count);
+        match solve(slots, LIMIT) {
+            Outcome::Feasible(schedule) => {
+                assert!(is_feasible, "{text}");
+                assert_eq!(check(slots, &schedule.starts_us), Ok(()));
+                assert_eq!(
+                    solve(slots, LIMIT),
+                    Outcome::Feasible(schedule),
+                    "equal slots, equal answer"
+                );
+            }
+            outcome => assert!(!is_feasible && outcome != Outcome::Undecided, "{text}"),
+        }
+    }
+}
+
 #[test]
 fn a_given_start_is_kept() {
     let mut slots = slots(&[(4, 2), (4, 1), (8, 1)]);
@@ -152,7 +198,7 @@ fn the_checker_finds_what_is_wrong() {
         ..slot(1, 4, 1)
     };
     let clash = |first, second| Err(Clash { first, second });
-    let cases: &[(&[SlotSpec], &[u32], Result<(), Clash>)] = &[
+    let cases: &[CheckCase] = &[
         (&table[..1], &[3], Ok(())),
         (&table[..1], &[4], clash(0, 0)),
         (&table, &[0], clash(1, 1)),

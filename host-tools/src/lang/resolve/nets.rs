@@ -470,10 +470,15 @@ impl<'f> Wiring<'_, 'f> {
                 )),
             );
         } else if !self.states.is_incomplete {
-            let hint = names.meant(text, &self.states.in_order).map_or_else(
-                || format!("no region of `{}` has such a state", self.container.name),
-                |meant| format!("did you mean `{meant}`?"),
-            );
+            let is_region = self.regions.find(text) != Found::Nothing;
+            unresolved.anything |= is_region;
+            let hint = match names.meant(text, &self.states.in_order) {
+                _ if is_region => {
+                    format!("it is a region: name a state of it, `{text}.state.port`")
+                }
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("no region of `{}` has such a state", self.container.name),
+            };
             names.unknown(state, "state", hint);
         }
         None

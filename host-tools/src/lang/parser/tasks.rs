@@ -1,0 +1,284 @@
+//! Tasks: their attributes, ports, flags and parameters.
+
+use crate::model::{Direction, ParamType, Span};
+use crate::nearest::nearest;
+
+use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::lexer::TokenKind as T;
+use crate::lang::tree::{DataPort, Flag, Given, Name, Number, Param, Task};
+
+use super::{Body, Parser, set_if_absent};
+
+impl Parser<'_, '_> {
+    /// Whether a name is followed by an attribute of a task.
+    pub(super) fn at_task_header(&self) -> bool {
+        match self.next.kind {
+            T::Slot => {
+                let mut behind = self.lexer_behind_next();
+                behind.next_token().kind == T::Integer && behind.next_token().kind != T::Semicolon
+            }
+            T::Identifier => ["wcet", "exclusive"].contains(&self.text_of(self.next)),
+            _ => false,
+        }
+    }
+
+    /// A task, from its name on.
+    pub(super) fn task(&mut self, start: Span) -> Task {
+        let name = self.name("the name of the task");
+        let mut task = Task {
+            span: start,
+            name,
+            slot: Given::Absent,
+            wcet_us: Given::Absent,
+            exclusive: Given::Absent,
+            data: Vec::new(),
+            flags: Vec::new(),
+            params: Vec::new(),
+            skipped: Vec::new(),
+            is_cut: false,
+        };
+        loop {
+            if self.at(T::Slot) {
+                self.slot_attribute(&mut task.slot);
+            } else if self.at_word("wcet") {
+                if task.wcet_us.is_given() {
+                    self.attribute_twice("`wcet`");
+                }
+                self.bump();
+                let read = Given::from_read(self.time(0));
+                set_if_absent(&mut task.wcet_us, read);
+            } else if self.at_word("exclusive") {
+                if task.exclusive.is_given() {
+                    self.attribute_twice("`exclusive`");
+                }
+                self.bump();
+                let read = Given::from_read(self.name("the name of an exclusive group"));
+                set_if_absent(&mut task.exclusive, read);
+            } else if self.at(T::Identifier) {
+                // Nearly an attribute: its value must not be taken for anything else.
+                if let Some(word) = nearest(self.text_of(self.token), ["wcet", "exclusive", "slot"])
+                {
+                    let hint = format!("did you mean `{word}`?");
+                    self.corrected("`slot`, `wcet`, `exclusive` or `{`", Some(hint));
+                    self.bump();
+                    match word {
+                        "wcet" => task.wcet_us = Given::from_read(self.time(0)),
+                        "exclusive" => task.exclusive = Given::from_read(self.name("a group")),
+                        _ => {
+                            let number = self.integer("the number of a slot", 0, u32::MAX);
+                            task.slot = Given::from_read(number);
+                        }
+                    }
+                } else {
+                    break;
+                }
+            } else {
+                break;
+            }
+        }
+        task.span = self.since(start);
+        if !self.at(T::BraceOpen) {
+            self.expected("`slot`, `wcet`, `exclusive` or `{`");
+        }
+        if self.is_lost {
+            set_if_absent(&mut task.slot, Given::Broken);
+        }
+        self.body = Body::Task;
+        if self.open_body() {
+            self.task_body(&mut task);
+        }
+        task
+    }
+
+    /// `slot 2`, of a task or task state.
+    pub(super) fn slot_attribute(&mut self, slot: &mut Given<Number>) {
+        if slot.is_given() {
+            self.attribute_twice("`slot`");
+        }
+        self.bump();
+        let read = Given::from_read(self.integer("the number of a slot, or 0", 0, u32::MAX));
+        set_if_absent(slot, read);
+    }
+
+    pub(super) fn task_body(&mut self, task: &mut Task) {
+        const WORDS: [(&str, T); 4] = [
+            ("in", T::In),
+            ("out", T::Out),
+            ("inout", T::InOut),
+            ("param", T::Param),
+        ];
+        loop {
+            self.is_lost = std::mem::take(&mut self.stays_lost);
+            self.body = Body::Task;
+            let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
+            match kind {
+                T::BraceClose => return self.bump(),
+                T::In | T::Out | T::InOut => {
+                    let start = self.here();
+                    self.bump();
+                    match self.token.kind {
+                        T::Flag => task.flags.push(self.flag(start, kind)),
+                        T::Data => task.data.push(self.data_port(start, kind)),
+                        _ => {
+                            self.expected("`data` or `flag`");
+                            self.skip_item(&mut task.skipped);
+                        }
+                    }
+                }
+                T::Param => task.params.push(self.param()),
+                T::Data | T::Flag => {
+                    self.expected_with(
+                        "`in`, `out` or `inout`",
+                        Some("say the direction first".into()),
+                    );
+                    self.bump();
+                    self.skip_item(&mut task.skipped);
+                }
+                T::EndOfFile
+                | T::Use
+                | T::Interpreter
+                | T::Queue
+                | T::Slot
+                | T::Task
+                | T::Container
+                | T::Machine => {
+                    task.is_cut = self.is_cut;
+                    return self.missing_close("`in`, `out`, `inout`, `param` or `}`");
+                }
+                _ => {
+                    self.expected("`in`, `out`, `inout`, `param` or `}`");
+                    self.skip_foreign_item(&mut task.skipped);
+                }
+            }
+        }
+    }
+
+    /// Something that belongs into another body starts here: the `}` of this one is missing.
+    pub(super) fn missing_close(&mut self, expected: &str) {
+        let hint = match self.token.kind {
+            T::EndOfFile => "a `}` is missing before the end of the file",
+            _ => "is a `}` missing before it?",
+        };
+        self.expected_with(expected, Some(hint.into()));
+    }
+
+    /// Skips something that starts here but belongs elsewhere.
+    pub(super) fn skip_foreign_item(&mut self, names: &mut Vec<Name>) {
+        if self.at_start_of_item() {
+            self.bump();
+        }
+        self.skip_item(names);
+    }
+
+    /// A flag, behind its direction.
+    pub(super) fn flag(&mut self, start: Span, direction: T) -> Flag {
+        if direction == T::InOut {
+            let diagnostic = Diagnostic::new(
+                Code::E001,
+                start,
+                "expected `in` or `out` before `flag`, found the reserved word `inout`",
+            )
+            .hint("a flag is written from one side only: `in flag` or `out flag`");
+            self.sink.push(diagnostic);
+        }
+        self.bump();
+        let name = self.name("the name of the flag");
+        self.end_statement("`;`");
+        Flag {
+            span: self.since(start),
+            direction: match direction {
+                T::In => Some(Direction::In),
+                T::Out => Some(Direction::Out),
+                _ => None,
+            },
+            name,
+        }
+    }
+
+    /// A data port, behind its direction.
+    pub(super) fn data_port(&mut self, start: Span, direction: T) -> DataPort {
+        self.bump();
+        let name = self.name("the name of the port");
+        let type_name = if self.eat(T::Colon) {
+            self.name("the name of a type")
+        } else if self.at(T::Identifier) && self.next.kind == T::Semicolon {
+            self.corrected("`:` and a type", None);
+            self.name("the name of a type")
+        } else {
+            self.expected("`:` and a type");
+            None
+        };
+        let mut optional = false;
+        while self.at_word("optional") {
+            if optional {
+                self.attribute_twice("`optional`");
+            }
+            optional = true;
+            self.bump();
+        }
+        self.end_statement("`optional` or `;`");
+        DataPort {
+            span: self.since(start),
+            direction: match direction {
+                T::In => Direction::In,
+                T::Out => Direction::Out,
+                _ => Direction::InOut,
+            },
+            name,
+            type_name,
+            optional,
+        }
+    }
+
+    pub(super) fn param(&mut self) -> Param {
+        const TYPES: [&str; 4] = ["bool", "i32", "u32", "f32"];
+        let start = self.here();
+        self.bump();
+        let name = self.name("the name of the parameter");
+        if !self.eat(T::Colon) {
+            if self.at(T::Identifier) && TYPES.contains(&self.text_of(self.token)) {
+                self.corrected("`:` and a type", None);
+            } else {
+                self.expected("`:` and a type");
+            }
+        }
+        let param_type = match self.word(&TYPES) {
+            Some("bool") => Some(ParamType::Bool),
+            Some("i32") => Some(ParamType::I32),
+            Some("u32") => Some(ParamType::U32),
+            Some(_) => Some(ParamType::F32),
+            None => {
+                self.expected("`bool`, `i32`, `u32` or `f32`");
+                if self.at(T::Identifier) {
+                    self.bump();
+                }
+                None
+            }
+        };
+        let mut param = Param {
+            span: start,
+            name,
+            param_type,
+            default: Given::Absent,
+            range: Given::Absent,
+        };
+        if self.eat(T::Equals) {
+            param.default = Given::from_read(self.literal());
+        }
+        if self.at(T::Identifier) && self.word(&["min"]).is_some() {
+            let least = self.literal();
+            let has_max = self.word(&["max"]).is_some();
+            if !has_max {
+                self.expected("`max` and a value");
+            }
+            let greatest = if has_max { self.literal() } else { None };
+            param.range = Given::from_read(least.zip(greatest));
+        }
+        self.end_statement("`=`, `min` or `;`");
+        if self.is_lost {
+            set_if_absent(&mut param.default, Given::Broken);
+        }
+        param.span = self.since(start);
+        param
+    }
+}
