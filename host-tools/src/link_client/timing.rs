@@ -6,10 +6,10 @@ const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// What a byte of a request may take until the robot has it: as on a line of 9,600 bits per second. The replies to short requests say
-/// nothing of this. An emulated board that keeps to the wall clock needs a third of it, since its serial port stands still while it
+/// What a byte of a request may take until the robot has it: as on a line of 19,200 bits per second. The replies to short requests say
+/// nothing of this. An emulated board that keeps to the wall clock needs two thirds of it, since its serial port stands still while it
 /// waits for its plant.
-const BYTE_TIME: Duration = Duration::from_millis(1);
+const BYTE_TIME: Duration = Duration::from_micros(500);
 
 /// Estimates the time that a reply takes, in the manner of TCP (Jacobson 1988): a running mean and a running deviation.
 #[derive(Clone, Copy, Debug, Default)]
@@ -55,7 +55,7 @@ mod tests {
             time.seen(ms(2));
         }
         assert_eq!(time.wait(0, 0), ms(40), "no reply is waited for shorter");
-        assert_eq!(time.wait(0, 140), ms(180), "a long request takes its time");
+        assert_eq!(time.wait(0, 140), ms(110), "a long request takes its time");
         for _ in 0..50 {
             time.seen(ms(200));
         }
