@@ -95,6 +95,14 @@ pub enum OpenError {
         /// The port asked for.
         port: Port,
     },
+    /// There is something of that name, but nothing that a robot could be behind.
+    #[error(
+        "{port} is no serial line; name one, such as /dev/ttyUSB0, or unix:PATH, or tcp:HOST:PORT"
+    )]
+    NoLine {
+        /// The port asked for.
+        port: Port,
+    },
     /// Anything else.
     #[error("cannot open {port}: {cause}")]
     System {
@@ -180,9 +188,20 @@ fn tty_error(port: &Port, error: &serialport::Error) -> OpenError {
                 Ok(_) => io::Error::other(error.to_string()),
             }
         }
+        serialport::ErrorKind::Unknown if is_no_terminal(port, error) => {
+            return OpenError::NoLine { port: port.clone() };
+        }
         serialport::ErrorKind::Unknown => io::Error::other(error.to_string()),
     };
     open_error(port, cause)
+}
+
+/// Whether a failure without a kind means that the port is something else than a terminal: a directory, a plain file, `/dev/null`.
+fn is_no_terminal(port: &Port, error: &serialport::Error) -> bool {
+    let Port::Tty(path) = port else {
+        return false;
+    };
+    path.is_dir() || error.to_string() == nix::errno::Errno::ENOTTY.desc()
 }
 
 /// What a read answered, as a [`ByteLink`] tells it. `closed` is what zero bytes stand for.
@@ -249,7 +268,7 @@ mod tests {
         let orphan = folder.path().join("orphan");
         drop(std::os::unix::net::UnixListener::bind(&orphan).unwrap());
         type Expected = fn(&OpenError) -> bool;
-        let cases: [(String, Expected); 4] = [
+        let cases: [(String, Expected); 6] = [
             (gone.display().to_string(), |e| {
                 matches!(e, OpenError::Missing { .. })
             }),
@@ -260,7 +279,13 @@ mod tests {
                 matches!(e, OpenError::Refused { .. })
             }),
             (file.display().to_string(), |e| {
-                matches!(e, OpenError::System { .. })
+                matches!(e, OpenError::NoLine { .. })
+            }),
+            (folder.path().display().to_string(), |e| {
+                matches!(e, OpenError::NoLine { .. })
+            }),
+            ("/dev/null".into(), |e| {
+                matches!(e, OpenError::NoLine { .. })
             }),
         ];
         for (name, expected) in cases {
