@@ -15,6 +15,8 @@ use crate::task::Declaration;
 /// # Errors
 /// The first thing that is missing: a task, the same signature of it, enough tasks of a type, values that a port or parameter can take, or
 /// room.
+// Not inlined: the verifier, which goes deeper, should not run on top of what this needs of the stack.
+#[inline(never)]
 pub fn check<B: Deref<Target = [u8]>>(
     verified: &Verified<B>,
     registry: Registry<'_>,

@@ -237,6 +237,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    // Not inlined: no task should run on top of what a trace record needs of the stack.
+    #[inline(never)]
     fn note_missed(&mut self, slot: usize, missed: u32) {
         if missed == 0 {
             return;
@@ -250,6 +252,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
 
     /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
     /// whose nominal start is before this time.
+    #[inline(never)]
     fn give_up_before(&mut self, start_us: u64) {
         // A slot that is taken goes on at or after `start_us`, so that each of them is taken once at most.
         while let Some(last_us) = start_us.checked_sub(1) {
