@@ -575,7 +575,8 @@ macro_rules! __task_bounds {
         None
     };
     (f32 $min:literal $max:literal) => {
-        Some([f32::to_bits($min), f32::to_bits($max)])
+        // Casts, since `0..=5` is a range of f32 too where it is written in a mission.
+        Some([f32::to_bits($min as f32), f32::to_bits($max as f32)])
     };
     (i32 $min:literal $max:literal) => {
         Some([i32::cast_unsigned($min), i32::cast_unsigned($max)])
@@ -680,7 +681,7 @@ mod tests {
         task! {
             impl Bounded {
                 params {
-                    speed: f32 = 0.0, -1.0..=0.5;
+                    speed: f32 = 0, -1..=0.5;
                     steps: i32 = 0, -3..=4;
                     count: u32 = 1, 1..=9;
                     free: f32;
