@@ -404,6 +404,22 @@ pub const fn same_text(a: &str, b: &str) -> bool {
     true
 }
 
+/// Whether Rust's way to write a literal is the language's too, at compile time: no `_`, no suffix, no exponent.
+#[doc(hidden)]
+pub const fn is_esm_literal(text: &str) -> bool {
+    if same_text(text, "true") || same_text(text, "false") {
+        return true;
+    }
+    let mut rest = text.as_bytes();
+    while let [first, tail @ ..] = rest {
+        if !matches!(first, b'0'..=b'9' | b'.' | b'-') {
+            return false;
+        }
+        rest = tail;
+    }
+    true
+}
+
 /// Hash of a signature, at compile time.
 #[doc(hidden)]
 pub const fn signature_hash(text: &str) -> u64 {
@@ -485,6 +501,13 @@ macro_rules! task {
                         "a port's type is written as its PortType::NAME"
                     );
                     $($crate::__task_optional!($optional);)?
+                )*)?
+                $($(
+                    $(assert!($crate::task::is_esm_literal(stringify!($default)), "a default is written as in a mission: 2000, not 2_000u32");)?
+                    $(
+                        assert!($crate::task::is_esm_literal(stringify!($min)), "bounds are written as in a mission");
+                        assert!($crate::task::is_esm_literal(stringify!($max)), "bounds are written as in a mission");
+                    )?
                 )*)?
                 assert!(Self::__PORT_NAMES.len() <= $crate::task::MAX_DATA_PORTS, "too many data ports");
                 assert!(Self::__FLAG_NAMES.len() <= $crate::task::MAX_FLAGS, "too many flags");
@@ -672,6 +695,25 @@ mod tests {
             assert_eq!(declaration.signature, signature);
             assert_eq!(declaration.signature_hash, signature_hash(signature));
             assert_eq!(declaration.source, source);
+        }
+    }
+
+    #[test]
+    fn literals_are_those_of_missions() {
+        for (text, is_one) in [
+            ("0", true),
+            ("-12", true),
+            ("0.25", true),
+            ("-1.5", true),
+            ("true", true),
+            ("false", true),
+            ("20_000", false),
+            ("1u32", false),
+            ("2.0f32", false),
+            ("1e3", false),
+            ("0x10", false),
+        ] {
+            assert_eq!(is_esm_literal(text), is_one, "{text}");
         }
     }
 

@@ -339,7 +339,7 @@ pub struct Status {
     pub executed: u32,
     /// Occurrences of slots that did not start within their period, since the robot started.
     pub missed: u32,
-    /// Executions of tasks and occurrences of slots that took too long, since the robot started.
+    /// Occurrences of slots whose tasks took longer than the slot's duration, since the robot started.
     pub overruns: u32,
     /// Longest delay between the nominal and the actual start of an occurrence since the mission started, in nanoseconds.
     pub max_delay_ns: u32,

@@ -716,7 +716,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 if index < tables.task_instance_count() {
                     Letter::Task(TaskCounters {
                         enabled: mission.interpreter.is_enabled(index),
-                        busy: mission.interpreter.is_busy(index),
+                        // The flag of a state that was left stands as it did until it is entered anew.
+                        busy: mission.interpreter.is_current(index)
+                            && mission.interpreter.is_busy(index),
                         overruns: self.tasks.overruns(task_instance),
                     })
                 } else {

@@ -130,6 +130,30 @@ fn a_task_is_busy_until_its_input_has_a_value() {
 }
 
 #[test]
+fn a_task_whose_state_was_left_is_busy_no_more() {
+    let mission = Mission::new(&SLOTS)
+        .task(signature::SINK, None)
+        .task(signature::SOURCE, None)
+        .region(
+            &[("Read", "Sink", 2, &[7]), ("Rest", "", 0, &[])],
+            &["initial -> Read", "Read -> Rest [busy]"],
+        )
+        .region(
+            &[("Idle", "", 0, &[]), ("Count", "Source", 2, &[99])],
+            &["initial -> Idle"],
+        )
+        .path((1, 1, 0), (0, 0, 0));
+    with_robot(|robot| {
+        robot.start(&mission.blob());
+        robot.run_us(9_000);
+        assert!(robot.task(0).busy);
+        robot.run_us(10_000);
+        let sink = robot.task(0);
+        assert!(!sink.enabled && !sink.busy);
+    });
+}
+
+#[test]
 fn a_group_is_held_by_the_task_that_was_enabled_first() {
     let group = Some("motion");
     let mission = Mission::new(&SLOTS)

@@ -32,7 +32,7 @@ task! {
     impl Overrun {
         slot 2;
         params {
-            duration_us: u32 = 20_000, 0..=250_000;
+            duration_us: u32 = 20000, 0..=250000;
         }
     }
 }
@@ -58,7 +58,7 @@ task! {
     impl MaskInterrupts {
         slot 0;
         params {
-            duration_us: u32 = 20_000, 0..=250_000;
+            duration_us: u32 = 20000, 0..=250000;
         }
     }
 }
