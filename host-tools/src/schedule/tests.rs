@@ -291,13 +291,11 @@ proptest! {
 
     #[test]
     fn the_checker_is_right(
-        times_us in proptest::collection::vec((1..13_u32, 0..4_u32, 0..13_u32), 1..4),
+        times_us in proptest::collection::vec((1..13_u32, 1..4_u32, 0..13_u32), 1..4),
     ) {
         let specs: Vec<(u32, u32)> = times_us.iter().map(|&(period, duration, _)| (period, duration.min(period))).collect();
         let starts_us: Vec<u32> = times_us.iter().map(|&(period, _, start)| start % period).collect();
         let slots = slots(&specs);
-        // A slot of no duration overlaps nothing, but may not start inside another one.
-        prop_assume!(slots.iter().all(|slot| slot.duration_us > 0));
         prop_assert_eq!(check(&slots, &starts_us).is_ok(), !overlaps(&slots, &starts_us));
     }
 }
