@@ -1,5 +1,7 @@
 //! From a source file to a verified blob, with everything said that is to be said about it.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,6 +14,9 @@ use crate::compile;
 use crate::lang::{self, Checked};
 use crate::trace::directory::Directory;
 
+/// How a blob begins, so that it is told from a source.
+pub const BLOB_MARK: &[u8; 4] = b"ESM1";
+
 /// How long commands that need start times, and no more, search for them.
 pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
 
@@ -20,7 +25,23 @@ pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
 /// # Errors
 /// If the file cannot be read; mistakes in it are diagnostics.
 pub fn read(path: &Path) -> Result<Checked, CommandError> {
+    if is_blob(path) {
+        return Err(CommandError::Input(anyhow!(
+            "{} is a blob, and what is wanted here is the source that it was built from; `esm inspect` shows what is in a blob",
+            path.display()
+        )));
+    }
     lang::load(path).map_err(|error| CommandError::Input(error.into()))
+}
+
+/// Whether the file begins as a blob does. One that cannot be read does not; whoever reads it next says why.
+fn is_blob(path: &Path) -> bool {
+    let mut beginning = [0; BLOB_MARK.len()];
+    // Looked at only where that cannot wait: what a pipe gives can be read but once.
+    path.is_file()
+        && File::open(path)
+            .and_then(|mut file| file.read_exact(&mut beginning))
+            .is_ok_and(|()| beginning == *BLOB_MARK)
 }
 
 /// Where diagnostics go.
@@ -94,4 +115,27 @@ pub fn compiled(
 /// If it was built without them.
 pub fn names(verified: &Verified<Vec<u8>>) -> Result<Directory, CommandError> {
     Directory::of(&verified.tables()).map_err(|error| CommandError::Input(error.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blob_where_a_source_belongs_is_recognised() {
+        let folder = tempfile::tempdir().unwrap();
+        let cases: [(&str, &[u8], bool); 4] = [
+            ("blob", b"ESM1\n and more", true),
+            ("source", b"machine M { }", false),
+            ("short", b"ES", false),
+            ("empty", b"", false),
+        ];
+        for (name, bytes, expected) in cases {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(is_blob(&path), expected, "{name}");
+        }
+        assert!(!is_blob(folder.path()));
+        assert!(!is_blob(&folder.path().join("gone")));
+    }
 }

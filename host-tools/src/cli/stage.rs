@@ -8,7 +8,7 @@ use esm_core::Verified;
 use super::console::Console;
 use super::exit::CommandError;
 use super::file;
-use super::mission::{self, Audience};
+use super::mission::{self, Audience, BLOB_MARK};
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::qemu::firmware::{self, FirmwareError};
@@ -30,9 +30,6 @@ const SHIPPED_WORLDS: [(&str, &str); 2] = [
 
 /// Where the worlds of a folder of missions are.
 const WORLDS_FOLDER: &str = "worlds";
-
-/// How a blob begins, so that it is told from a source.
-const BLOB_MARK: &[u8] = b"ESM1";
 
 /// The board of that name, with its firmware found or built.
 ///
