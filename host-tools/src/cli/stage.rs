@@ -153,7 +153,9 @@ mod tests {
         std::fs::write(worlds.join("yard.world"), text("my-yard")).unwrap();
         std::fs::write(worlds.join("corridor.world"), text("my-corridor")).unwrap();
         let yard = worlds.join("yard.world");
-        let cases: &[(Option<&Path>, Option<&Path>, Result<&str, &str>)] = &[
+        // What is asked for, the mission, and the world's name or the beginning of the error.
+        type Case<'a> = (Option<&'a Path>, Option<&'a Path>, Result<&'a str, &'a str>);
+        let cases: &[Case<'_>] = &[
             (None, None, Ok("office")),
             (Some(Path::new("office")), None, Ok("office")),
             (Some(Path::new("corridor")), None, Ok("corridor")),
