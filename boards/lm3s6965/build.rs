@@ -1,14 +1,58 @@
-//! Puts `memory.x` from the top of the checkout where the linker looks for it.
+//! Puts `memory.x` from the top of the checkout where the linker looks for it, and turns the numbers of `board.toml` into constants.
 
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::{env, fs};
 
+/// Keys of `board.toml` that the board's code is built with, and the types of their constants.
+const SETTINGS: [(&str, &str); 10] = [
+    ("blob_bytes", "usize"),
+    ("arena_words", "usize"),
+    ("slots", "usize"),
+    ("tasks", "usize"),
+    ("nets", "usize"),
+    ("exclusive_groups", "usize"),
+    ("trace_bytes", "usize"),
+    ("ticks_per_us", "u32"),
+    ("wheel_base_m", "f32"),
+    ("counts_per_revolution", "f32"),
+];
+
 fn main() {
-    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    let here =
-        PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR"));
+    let out = folder("OUT_DIR");
+    let here = folder("CARGO_MANIFEST_DIR");
     let memory = here.join("../../memory.x");
     fs::copy(&memory, out.join("memory.x")).expect("memory.x stands at the top of the checkout");
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed={}", memory.display());
+
+    let board = here.join("board.toml");
+    println!("cargo:rerun-if-changed={}", board.display());
+    fs::write(out.join("settings.rs"), settings(&board)).expect("OUT_DIR can be written to");
+}
+
+fn folder(variable: &str) -> PathBuf {
+    env::var_os(variable)
+        .expect("cargo sets its variables")
+        .into()
+}
+
+/// One constant for each of [`SETTINGS`].
+fn settings(board: &Path) -> String {
+    let text = fs::read_to_string(board).expect("board.toml stands beside build.rs");
+    let mut constants = String::new();
+    for (key, rust_type) in SETTINGS {
+        let value = text
+            .lines()
+            .filter_map(|line| line.split_once(" = "))
+            .find_map(|(found, value)| (found == key).then_some(value))
+            .unwrap_or_else(|| panic!("board.toml has no `{key} = …`"));
+        let name = key.to_uppercase();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            constants,
+            "/// `{key}` of `board.toml`.\npub const {name}: {rust_type} = {value};"
+        );
+    }
+    constants
 }

@@ -94,6 +94,16 @@ impl Toolchain {
         cargo
     }
 
+    /// What the compiler says of its version.
+    pub fn rustc_version(&self) -> String {
+        let rustc = match self {
+            Toolchain::Rustup => "rustc",
+            Toolchain::Debian { .. } => DEBIAN_RUSTC,
+        };
+        let version = output(Command::new(rustc).arg("--version")).unwrap_or_default();
+        version.trim().to_owned()
+    }
+
     /// Further arguments of a cargo command outside the boards' folders, whose own settings have them.
     pub fn core_from_source(&self) -> &'static [&'static str] {
         match self {

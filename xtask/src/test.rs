@@ -135,7 +135,7 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
             ]))
         });
         tally.step("the demo, and its deepest stack", || {
-            size::check_stack(&demo::drive(root)?.join("summary.json"))
+            size::check_stack(root, &demo::drive(root)?.join("summary.json"))
         });
         tally.tests("tests of the workspace", root, &["--workspace"], None);
         if let Some(toolchain) = &toolchain {

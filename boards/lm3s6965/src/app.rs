@@ -27,7 +27,7 @@ macro_rules! app {
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
             struct Local {
-                real_time: &'static mut RealTime<'static, 'static, { $crate::SLOTS }>,
+                real_time: &'static mut RealTime<'static, 'static, { $crate::settings::SLOTS }>,
                 board: SlotBoard,
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
@@ -40,7 +40,7 @@ macro_rules! app {
                 banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
                 memory: $crate::Memory<'static> = $crate::Memory::new(),
                 mail: Mail<'static> = Mail::new(),
-                real_time_place: MaybeUninit<RealTime<'static, 'static, { $crate::SLOTS }>> = MaybeUninit::uninit(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static, { $crate::settings::SLOTS }>> = MaybeUninit::uninit(),
                 link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),

@@ -12,8 +12,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::registers::{sys_tick, system_control};
 
-/// Ticks of the system clock in a microsecond.
-pub const TICKS_PER_US: u32 = 50;
+pub use crate::settings::TICKS_PER_US;
 
 /// Bits that SysTick counts.
 const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
@@ -53,6 +52,7 @@ static MOVES: AtomicU32 = AtomicU32::new(0);
 
 /// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that counts time.
 pub fn start() {
+    const { assert!(TICKS_PER_US == 50, "the divisor below makes 50 MHz") };
     // From the main oscillator (8 MHz crystal) through the PLL (200 MHz after its fixed divisor), divided by 4.
     const CRYSTAL_8_MHZ: u32 = 0xE << 6;
     const DIVIDE_BY_4: u32 = 3 << 23;

@@ -60,31 +60,21 @@ pub use {cortex_m, heapless, pac, rt_firmware, rtic};
 /// Name of the board, as it tells it over the link.
 pub const NAME: &str = "lm3s6965";
 
-/// Bytes of the largest blob; there are two such buffers.
-pub const BLOB_BYTES: usize = 3_328;
-/// 32-bit words for the interpreter.
-pub const ARENA_WORDS: usize = 128;
-/// Slots of a mission.
-pub const SLOTS: usize = 16;
-/// Task instances of a mission.
-pub const TASKS: usize = 24;
-/// Nets of a mission.
-pub const NETS: usize = 24;
-/// Groups of exclusive tasks.
-pub const EXCLUSIVE_GROUPS: usize = 4;
-/// Bytes of the ring of trace records.
-pub const TRACE_BYTES: usize = 768;
+/// What `board.toml` says, as constants.
+pub mod settings {
+    include!(concat!(env!("OUT_DIR"), "/settings.rs"));
+}
 
 /// A runtime's memory, of this board's size.
 pub type Memory<'m> = rt_firmware::Memory<
     'm,
-    BLOB_BYTES,
-    ARENA_WORDS,
-    SLOTS,
-    TASKS,
-    NETS,
-    EXCLUSIVE_GROUPS,
-    TRACE_BYTES,
+    { settings::BLOB_BYTES },
+    { settings::ARENA_WORDS },
+    { settings::SLOTS },
+    { settings::TASKS },
+    { settings::NETS },
+    { settings::EXCLUSIVE_GROUPS },
+    { settings::TRACE_BYTES },
 >;
 
 /// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's handler carries them to the plant.

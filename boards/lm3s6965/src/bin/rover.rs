@@ -2,7 +2,12 @@
 #![no_std]
 #![no_main]
 
-use rt_firmware::rover::{PinRover, RoverParts};
+use lm3s6965::settings;
+use rt_firmware::rover::{CHASSIS, COUNTS_PER_REVOLUTION, PinRover, RoverParts};
+
+// What `board.toml` tells others of the body is what the robot drives with.
+const _: () = assert!(settings::WHEEL_BASE_M == CHASSIS.wheel_base_m);
+const _: () = assert!(settings::COUNTS_PER_REVOLUTION == COUNTS_PER_REVOLUTION);
 
 lm3s6965::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),

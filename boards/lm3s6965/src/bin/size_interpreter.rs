@@ -5,7 +5,8 @@
 use core::hint::black_box;
 
 use esm_core::{Interpreter, Observer, verify};
-use lm3s6965::{ARENA_WORDS, BLOB_BYTES, cortex_m};
+use lm3s6965::cortex_m;
+use lm3s6965::settings::{ARENA_WORDS, BLOB_BYTES};
 
 static BLOB: [u8; BLOB_BYTES] = [0; BLOB_BYTES];
 
