@@ -192,8 +192,12 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
             match client.upload(&bytes, &mut |_| ()) {
                 Err(ClientError::Refused { .. }) => refused += 1,
                 other => panic!(
-                    "{board}: {:?} for a blob that is not valid",
-                    other.map(drop)
+                    "{board}: {:?} to blob {tried}, which the verifier refuses: {:?}; the robot now says {:?}",
+                    other.map(drop),
+                    esm_core::verify(&bytes[..])
+                        .err()
+                        .map(|(_, refusal)| refusal),
+                    client.status()
                 ),
             }
             let status = client.status().unwrap();
