@@ -5,8 +5,8 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long a command may take before it counts as hung. The longest drives the emulated board for 120 s of robot time.
@@ -202,10 +202,16 @@ fn interrupt(child: &mut Child) -> Option<std::process::ExitStatus> {
     status
 }
 
-/// A robot that `esm board` has started. Dropping it ends it.
+/// Two boards in real time are as many as two cores can emulate with time to spare; one leaves room for what the test itself does.
+static ONE_EMULATOR: Mutex<()> = Mutex::new(());
+
+/// A robot that `esm board` has started. Dropping it ends it. One of them at a time is on the emulated board.
 pub struct Robot {
     child: Child,
     port: String,
+    /// Kept open: a command whose reader has gone may end.
+    _out: BufReader<ChildStdout>,
+    _emulator: Option<MutexGuard<'static, ()>>,
 }
 
 impl Robot {
@@ -214,6 +220,9 @@ impl Robot {
     /// # Panics
     /// If it does not say its port.
     pub fn start(board: &str, firmware: Option<&Path>) -> Self {
+        // A test that failed meanwhile is no reason to fail, too.
+        let emulator =
+            (board != "host").then(|| ONE_EMULATOR.lock().unwrap_or_else(PoisonError::into_inner));
         let mut command = Command::new(esm_binary());
         command
             .current_dir(root())
@@ -227,15 +236,20 @@ impl Robot {
         let mut child = command.spawn().expect("`esm board` starts");
         let mut line = String::new();
         let out = child.stdout.take().expect("standard output is piped");
-        BufReader::new(out)
-            .read_line(&mut line)
+        let mut out = BufReader::new(out);
+        out.read_line(&mut line)
             .expect("standard output can be read");
         let port = line
             .strip_prefix("the robot is at ")
             .and_then(|rest| rest.split(';').next())
             .unwrap_or_else(|| panic!("`esm board` says no port, but `{line}`"))
             .to_owned();
-        Robot { child, port }
+        Robot {
+            child,
+            port,
+            _out: out,
+            _emulator: emulator,
+        }
     }
 
     /// Its port, as `--port` takes it.
@@ -287,8 +301,12 @@ impl Robot {
 
 impl Drop for Robot {
     fn drop(&mut self) {
-        if let Ok(None) = self.child.try_wait() {
-            interrupt(&mut self.child);
+        match self.child.try_wait() {
+            Ok(None) => {
+                interrupt(&mut self.child);
+            }
+            // Whatever the test waited for, this is the reason.
+            ended => eprintln!("`esm board` has ended by itself: {ended:?}"),
         }
     }
 }

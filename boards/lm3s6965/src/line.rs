@@ -1,5 +1,7 @@
 //! The link's serial line: queues between the UART's interrupt handler and the link task, so that neither waits for the wire.
 
+use core::mem;
+
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
@@ -26,6 +28,7 @@ pub fn split(
         },
         LinkEnd {
             received: received_out,
+            took: false,
             to_transmit: to_transmit_in,
         },
     )
@@ -64,7 +67,12 @@ impl Line {
             uart::send(byte);
             worth_a_look |= !self.to_transmit.ready();
         }
-        uart::want_interrupts(self.received.ready(), self.to_transmit.ready());
+        let room = self.received.ready();
+        uart::want_interrupts(room, self.to_transmit.ready());
+        // The part calls when a byte comes into an empty FIFO, and its call was taken back above: what is still there must be called for.
+        if room && uart::has_received() {
+            NVIC::pend(Interrupt::UART0);
+        }
         worth_a_look
     }
 }
@@ -72,15 +80,17 @@ impl Line {
 /// The link task's end.
 pub struct LinkEnd {
     received: Consumer<'static, u8>,
+    /// Whether bytes were taken since the handler was last told of room.
+    took: bool,
     to_transmit: Producer<'static, u8>,
 }
 
 impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
-        let waiting = self.received.len();
         while link.poll(self) && self.to_transmit.ready() {}
-        if !self.to_transmit.is_empty() || self.received.len() < waiting {
+        // Comparing lengths would not do: the handler may have put in as many as were taken.
+        if mem::take(&mut self.took) || !self.to_transmit.is_empty() {
             NVIC::pend(Interrupt::UART0);
         }
     }
@@ -88,7 +98,9 @@ impl LinkEnd {
 
 impl LinkPort for LinkEnd {
     fn receive(&mut self) -> Option<u8> {
-        self.received.dequeue()
+        let byte = self.received.dequeue();
+        self.took |= byte.is_some();
+        byte
     }
 
     fn send(&mut self, byte: u8) -> bool {

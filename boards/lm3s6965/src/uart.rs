@@ -43,9 +43,14 @@ pub fn acknowledge() {
     uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | SENT);
 }
 
+/// Whether there is a byte in the receiver's FIFO.
+pub fn has_received() -> bool {
+    uart0::FR.read() & RECEIVER_EMPTY == 0
+}
+
 /// The next byte of the receiver's FIFO.
 pub fn receive() -> Option<u8> {
-    if uart0::FR.read() & RECEIVER_EMPTY != 0 {
+    if !has_received() {
         return None;
     }
     // The bits above the byte tell of line errors, which the link's checksum finds as well.
