@@ -127,11 +127,10 @@ fn known_sets_and_their_answers() {
     }
 }
 
-/// Tables of the kinds that robots have: a rover's autopilot, planted and random ones.
+/// Tables of the kinds that robots have, planted and random ones.
 #[test]
 fn tables_of_robots_are_decided_at_once() {
     let instances = [
-        (include_str!("instances/ap_rover_50_ticks.esm"), 45, true),
         (
             include_str!("instances/plant_auto_n200_u095_s0.esm"),
             200,
