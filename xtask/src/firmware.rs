@@ -102,7 +102,11 @@ fn build_in(
     for bin in bins {
         let built = build_folder.join(BOARD_TARGET).join(profile).join(bin);
         let file = to.join(format!("{bin}.elf"));
-        std::fs::copy(&built, &file).map_err(|cause| Failure::File { path: built, cause })?;
+        // Renamed into place, so that an emulator that loads it just now gets a whole one.
+        let whole = to.join(format!(".{bin}.elf.{}", std::process::id()));
+        std::fs::copy(&built, &whole)
+            .and_then(|_| std::fs::rename(&whole, &file))
+            .map_err(|cause| Failure::File { path: built, cause })?;
         println!("{}", file.display());
         files.push(file);
     }
