@@ -4,7 +4,7 @@ use super::axis;
 use super::font::{self, Weight};
 use crate::world::{self, World};
 
-use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
+use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text, words};
 
 /// A map and what a robot did on it. Lengths are in metres, x to the right, y upwards.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -618,17 +618,6 @@ fn cross([x, y]: Point, scene: &mut Scene) {
         ],
         stroke,
     );
-}
-
-fn words(at: Point, text: &str, size: f32, weight: Weight, colour: Colour, anchor: Anchor) -> Text {
-    Text {
-        at,
-        words: text.into(),
-        size,
-        weight,
-        colour,
-        anchor,
-    }
 }
 
 fn distance(a: Point, b: Point) -> f32 {

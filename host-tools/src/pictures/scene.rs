@@ -83,6 +83,25 @@ pub struct Text {
     pub anchor: Anchor,
 }
 
+/// A line of words, in one call.
+pub(super) fn words(
+    at: Point,
+    text: &str,
+    size: f32,
+    weight: Weight,
+    colour: Colour,
+    anchor: Anchor,
+) -> Text {
+    Text {
+        at,
+        words: text.into(),
+        size,
+        weight,
+        colour,
+        anchor,
+    }
+}
+
 /// Something painted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {

@@ -2,7 +2,7 @@
 
 use super::axis;
 use super::font::Weight;
-use super::scene::{Anchor, Colour, Scene, Stroke, Text};
+use super::scene::{Anchor, Colour, Scene, Stroke, words};
 
 /// The slots of a schedule.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -160,23 +160,5 @@ impl SlotPicture {
             let width = self.x((last_end - slot.period_us).min(window)) - LEFT;
             scene.rectangle([LEFT, y], [width, BAR_HEIGHT], BAR, None);
         }
-    }
-}
-
-fn words(
-    at: [f32; 2],
-    text: &str,
-    size: f32,
-    weight: Weight,
-    colour: Colour,
-    anchor: Anchor,
-) -> Text {
-    Text {
-        at,
-        words: text.into(),
-        size,
-        weight,
-        colour,
-        anchor,
     }
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::axis;
 use super::font::{self, Weight};
-use super::scene::{Anchor, Colour, Scene, Stroke, Text};
+use super::scene::{Anchor, Colour, Scene, Stroke, words};
 
 /// The states of one run, mission after mission.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -478,22 +478,4 @@ fn short_name(region: &RegionStates) -> &str {
 
 fn seconds(t_us: u64) -> String {
     axis::number(t_us as f64 / 1e6)
-}
-
-fn words(
-    at: [f32; 2],
-    text: &str,
-    size: f32,
-    weight: Weight,
-    colour: Colour,
-    anchor: Anchor,
-) -> Text {
-    Text {
-        at,
-        words: text.into(),
-        size,
-        weight,
-        colour,
-        anchor,
-    }
 }
