@@ -14,6 +14,7 @@
 //!     \"message\":\"flag `near` is defined twice: give the second one another name or remove it\"}\n");
 //! ```
 
+pub mod analysis;
 mod diagnostic;
 mod lexer;
 mod loader;
@@ -83,6 +84,7 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     };
     let resolved = resolve::resolve(&trees, &mut sink);
     let model = resolved.model;
+    analysis::check(&model, &resolved.holes, &mut sink);
     let has_errors = sink.has_errors();
     let diagnostics = sink.into_sorted();
     Ok(Checked {

@@ -60,6 +60,8 @@ pub struct File {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
+    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    pub has_gaps: bool,
 }
 
 /// `use "path";`
@@ -143,6 +145,8 @@ pub struct Task {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
+    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    pub has_gaps: bool,
 }
 
 /// `in data ranges: Ranges optional;`
@@ -233,6 +237,8 @@ pub struct Container {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
+    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    pub has_gaps: bool,
 }
 
 /// How an event is listed.
@@ -272,6 +278,8 @@ pub struct Region {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
+    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    pub has_gaps: bool,
 }
 
 /// A state of any kind.

@@ -27,10 +27,13 @@ impl<'t> Parser<'t, '_> {
             paths: Vec::new(),
             skipped: Vec::new(),
             is_cut: false,
+            has_gaps: false,
         };
         self.body = Body::Container;
         if self.open_body() {
             self.container_body(&mut container);
+        } else {
+            container.has_gaps = true;
         }
         container
     }
@@ -50,6 +53,7 @@ impl<'t> Parser<'t, '_> {
             "`event`, `in`, `out`, `inout`, `region`, `path` or `}`"
         };
         loop {
+            container.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Container;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
@@ -87,6 +91,7 @@ impl<'t> Parser<'t, '_> {
                 | T::Container
                 | T::Machine => {
                     container.is_cut = self.is_cut;
+                    container.has_gaps |= self.is_cut || self.at(T::EndOfFile);
                     return self.missing_close(expected);
                 }
                 T::State | T::Super | T::Initial | T::Task => {

@@ -29,12 +29,14 @@ impl Parser<'_, '_> {
         let mut file = File::default();
         let mut closed = Closed::Nothing;
         loop {
+            file.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::File;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
             match kind {
                 T::EndOfFile => {
                     file.is_cut = self.is_cut;
+                    file.has_gaps |= self.is_cut;
                     return file;
                 }
                 T::Use => {

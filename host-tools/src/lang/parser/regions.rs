@@ -22,12 +22,14 @@ impl Parser<'_, '_> {
             may_have_initial: false,
             skipped: Vec::new(),
             is_cut: false,
+            has_gaps: false,
         };
         self.body = Body::Region;
         if self.open_body() {
             self.region_body(&mut region);
         } else {
             region.may_have_initial = true;
+            region.has_gaps = true;
         }
         region
     }
@@ -35,6 +37,7 @@ impl Parser<'_, '_> {
     pub(super) fn region_body(&mut self, region: &mut Region) {
         const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
         loop {
+            region.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Region;
             let kind = self.token.kind;
@@ -66,6 +69,7 @@ impl Parser<'_, '_> {
                 | T::InOut
                 | T::Path => {
                     region.is_cut = self.is_cut;
+                    region.has_gaps |= self.is_cut || self.at(T::EndOfFile);
                     region.may_have_initial |= self.at(T::EndOfFile);
                     return self.missing_close(EXPECTED);
                 }

@@ -36,6 +36,7 @@ impl Parser<'_, '_> {
             params: Vec::new(),
             skipped: Vec::new(),
             is_cut: false,
+            has_gaps: false,
         };
         loop {
             if self.at(T::Slot) {
@@ -86,6 +87,8 @@ impl Parser<'_, '_> {
         self.body = Body::Task;
         if self.open_body() {
             self.task_body(&mut task);
+        } else {
+            task.has_gaps = true;
         }
         task
     }
@@ -108,6 +111,7 @@ impl Parser<'_, '_> {
             ("param", T::Param),
         ];
         loop {
+            task.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Task;
             let kind = self.misspelt(&WORDS).unwrap_or(self.token.kind);
@@ -143,6 +147,7 @@ impl Parser<'_, '_> {
                 | T::Container
                 | T::Machine => {
                     task.is_cut = self.is_cut;
+                    task.has_gaps |= self.is_cut || self.at(T::EndOfFile);
                     return self.missing_close("`in`, `out`, `inout`, `param` or `}`");
                 }
                 _ => {

@@ -19,6 +19,7 @@ use crate::model::{
     Container, ContainerEvent, DataPort, Direction, Flag, Model, Path, Region, SourceFile, Span,
 };
 
+use super::analysis::holes::{ContainerHoles, Holes, RegionHoles};
 use super::diagnostic::{Code, Diagnostic, Sink};
 use super::tree::{self, EventListing, File};
 use scope::{Names, Scope};
@@ -32,6 +33,8 @@ const DEFAULT_QUEUE: u8 = 32;
 pub(super) struct Resolved {
     /// The model, right where no error was reported.
     pub(super) model: Model,
+    /// What of the set is not in the model.
+    pub(super) holes: Holes,
     /// Whether every slot of the set is known, so that a schedule can be searched.
     pub(super) slots_are_whole: bool,
 }
@@ -123,28 +126,85 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
         slots: &slots,
         model: &model,
     };
-    let resolved: Vec<ResolvedRegions> = (0..trees.len())
+    let resolved: Vec<Vec<ResolvedRegion>> = (0..trees.len())
         .map(|index| resolver.regions(&trees, index, &mut names))
         .collect();
-    for ((container, facts), (regions, states)) in
-        model.containers.iter_mut().zip(&mut facts).zip(resolved)
+    let mut holes = Holes {
+        set: set.is_incomplete() || set.trees.iter().any(|file| file.has_gaps),
+        slots: !slots.is_whole(),
+        tasks: tasks.holes(set, &names),
+        containers: container_holes(&trees, &facts, &scope, &model, &names),
+    };
+    for (((container, facts), holes), resolved) in model
+        .containers
+        .iter_mut()
+        .zip(&mut facts)
+        .zip(&mut holes.containers)
+        .zip(resolved)
     {
-        container.regions = regions;
-        facts.states = states;
+        for resolved in resolved {
+            container.regions.push(resolved.region);
+            facts.states.push(resolved.facts);
+            holes.regions.push(resolved.holes);
+        }
     }
     model.events = events.order.iter().map(|&name| name.to_owned()).collect();
 
     let order = recursion::children_first(&facts, &model, &mut names);
     let paths = nets::check(&trees, &facts, &tasks, &model, order.as_deref(), &mut names);
-    for (container, paths) in model.containers.iter_mut().zip(paths) {
-        container.paths = paths;
+    for ((container, holes), resolved) in model
+        .containers
+        .iter_mut()
+        .zip(&mut holes.containers)
+        .zip(paths)
+    {
+        container.paths = resolved.paths;
+        holes.paths |= !resolved.are_whole;
     }
     timing::check(&facts, &slots, &model, order.as_deref(), &mut names);
 
     Resolved {
         slots_are_whole: slots.is_whole(),
         model,
+        holes,
     }
+}
+
+/// What is not known of the containers themselves; of their regions that is found out with the regions.
+fn container_holes<'f>(
+    trees: &[&'f tree::Container],
+    facts: &[ContainerFacts<'f>],
+    scope: &Scope<'f>,
+    model: &Model,
+    names: &Names<'f, '_>,
+) -> Vec<ContainerHoles> {
+    trees
+        .iter()
+        .zip(facts)
+        .enumerate()
+        .map(|(index, (tree, facts))| {
+            let has_gaps = tree.has_gaps || tree.is_cut || !tree.skipped.is_empty();
+            let is_first = if tree.is_machine {
+                model.machine == Some(index)
+            } else {
+                tree.name
+                    .is_some_and(|name| scope.is_first(names.text(name.0), index))
+            };
+            ContainerHoles {
+                declarations: has_gaps
+                    || facts.flag_directions.contains(&None)
+                    || tree.flags.iter().any(|flag| flag.name.is_none())
+                    || tree.events.iter().any(|event| event.name.is_none())
+                    || tree
+                        .data
+                        .iter()
+                        .any(|port| port.name.is_none() || port.type_name.is_none()),
+                paths: has_gaps || tree.paths.iter().any(|path| path.broken),
+                is_twin: !is_first,
+                regions: Vec::with_capacity(tree.regions.len()),
+            }
+        })
+        .collect()
 }
 
 /// Event names of the set, each once.
@@ -334,8 +394,17 @@ fn declare_data<'f>(
         .collect()
 }
 
-/// Regions and states of a container as they are resolved.
-type ResolvedRegions = (Vec<Region>, Vec<Vec<StateFacts>>);
+/// A region as it is resolved.
+struct ResolvedRegion {
+    region: Region,
+    /// One for each of its states.
+    facts: Vec<StateFacts>,
+    holes: RegionHoles,
+}
 
-/// Data paths of each container.
-type ResolvedPaths = Vec<Vec<Path>>;
+/// The data paths of a container as they are resolved.
+struct ResolvedPaths {
+    paths: Vec<Path>,
+    /// Whether every end of every path is among them.
+    are_whole: bool,
+}

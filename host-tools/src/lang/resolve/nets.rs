@@ -20,7 +20,7 @@ pub(super) fn check<'f>(
     model: &Model,
     order: Option<&[usize]>,
     names: &mut Names<'f, '_>,
-) -> ResolvedPaths {
+) -> Vec<ResolvedPaths> {
     let unordered: Vec<usize> = (0..trees.len()).collect();
     let mut supplied: Vec<Vec<bool>> = model
         .containers
@@ -55,13 +55,21 @@ pub(super) fn check<'f>(
         }
     }
     report_faults(&mut wired, facts, names);
-    wired.into_iter().map(|wired| wired.paths).collect()
+    wired
+        .into_iter()
+        .map(|wired| ResolvedPaths {
+            paths: wired.paths,
+            are_whole: wired.is_whole,
+        })
+        .collect()
 }
 
 /// What a container's data paths came to.
 #[derive(Default)]
 struct Wired {
     paths: Vec<Path>,
+    /// Whether every end of every path was found.
+    is_whole: bool,
     nets: Nets,
     faults: Vec<Fault>,
     /// For each port of the container, whether something inside publishes on it.
@@ -304,6 +312,7 @@ impl<'f> Wiring<'_, 'f> {
         let mut uncertain: Vec<usize> = Vec::new();
         let mut first_paths: Vec<usize> = Vec::new();
         let mut paths = Vec::with_capacity(tree.paths.len());
+        let mut all_are_whole = true;
         for (path_index, path) in tree.paths.iter().enumerate() {
             unresolved.anything |= path.broken;
             let mut is_whole = !path.broken;
@@ -336,6 +345,7 @@ impl<'f> Wiring<'_, 'f> {
                     }
                 }
             }
+            all_are_whole &= is_whole;
             if let (false, Some(node)) = (is_whole, first_node) {
                 uncertain.push(node);
             }
@@ -382,6 +392,7 @@ impl<'f> Wiring<'_, 'f> {
             .collect();
         Wired {
             paths,
+            is_whole: all_are_whole,
             nets,
             faults,
             supplied,

@@ -1,5 +1,6 @@
 //! Regions: states, transitions, guards, actions.
 
+use crate::lang::analysis::holes::{LooseTransition, RegionHoles, StateHoles};
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::lang::tree::{
     self, Endpoint, Given, GuardKind, GuardTerm, Literal, Name, Number, SystemFlag,
@@ -12,7 +13,7 @@ use crate::model::{
 use super::scope::{Found, Names, Scope};
 use super::slots::SlotTable;
 use super::tasks::{self, TaskTable};
-use super::{ContainerFacts, Kind, ResolvedRegions, StateFacts};
+use super::{ContainerFacts, Kind, ResolvedRegion, StateFacts};
 
 /// What regions refer to.
 pub(super) struct Resolver<'r, 'f> {
@@ -64,13 +65,13 @@ impl<'f> Resolver<'_, 'f> {
         trees: &[&'f tree::Container],
         index: usize,
         names: &mut Names<'f, '_>,
-    ) -> ResolvedRegions {
+    ) -> Vec<ResolvedRegion> {
         let (Some(tree), Some(facts), Some(container)) = (
             trees.get(index),
             self.facts.get(index),
             self.model.containers.get(index),
         ) else {
-            return ResolvedRegions::default();
+            return Vec::new();
         };
         let around = Around {
             name: tree.name.map_or("", |name| names.text(name.0)),
@@ -86,7 +87,7 @@ impl<'f> Resolver<'_, 'f> {
                 names.declare(&mut scope, region.name, region_index, "region");
                 self.region(region, around, names)
             })
-            .unzip()
+            .collect()
     }
 
     fn region(
@@ -94,7 +95,7 @@ impl<'f> Resolver<'_, 'f> {
         tree: &'f tree::Region,
         around: Around<'_, 'f>,
         names: &mut Names<'f, '_>,
-    ) -> (Region, Vec<StateFacts>) {
+    ) -> ResolvedRegion {
         let mut scope = Scope::default();
         let (states, facts): (Vec<State>, Vec<StateFacts>) = tree
             .states
@@ -112,6 +113,11 @@ impl<'f> Resolver<'_, 'f> {
             transitions: Vec::with_capacity(tree.transitions.len()),
             span: tree.name.map_or(tree.span, |name| name.0),
         };
+        let mut holes = RegionHoles {
+            body: tree.has_gaps || !tree.skipped.is_empty(),
+            states: state_holes(tree, &scope, &facts, names),
+            ..RegionHoles::default()
+        };
         let mut has_initial = tree.may_have_initial;
         for transition in &tree.transitions {
             let context = Context {
@@ -122,8 +128,19 @@ impl<'f> Resolver<'_, 'f> {
                 facts: &facts,
             };
             has_initial |= context.leaves_initial(transition, names);
-            if let Some(transition) = context.transition(transition, names) {
-                region.transitions.push(transition);
+            match context.transition(transition, names) {
+                Resolved::Whole(transition) => region.transitions.push(transition),
+                Resolved::Loose(transition) => holes.transitions.push(transition),
+                Resolved::Lacking {
+                    transition,
+                    guard,
+                    actions,
+                } => {
+                    let index = region.transitions.len();
+                    holes.guards.extend(guard.then_some(index));
+                    holes.actions.extend(actions.then_some(index));
+                    region.transitions.push(transition);
+                }
             }
         }
         if let (Some(name), false) = (tree.name, has_initial) {
@@ -140,7 +157,11 @@ impl<'f> Resolver<'_, 'f> {
                 .hint(format!("say where it starts: `initial -> {first};`")),
             );
         }
-        (region, facts)
+        ResolvedRegion {
+            region,
+            facts,
+            holes,
+        }
     }
 
     // ─── States ───────────────────────────────────────────────────────────────────────────────────────────────────
@@ -347,6 +368,42 @@ pub(super) fn list_of<'n>(what: &str, mut names: impl Iterator<Item = &'n str>) 
     }
 }
 
+/// What is not known of the states of a region.
+fn state_holes<'f>(
+    tree: &tree::Region,
+    scope: &Scope<'f>,
+    facts: &[StateFacts],
+    names: &Names<'f, '_>,
+) -> Vec<StateHoles> {
+    tree.states
+        .iter()
+        .zip(facts)
+        .enumerate()
+        .map(|(index, (state, facts))| StateHoles {
+            kind: facts.kind == Kind::Unknown,
+            limit: state.timeout_us == Given::Broken,
+            is_twin: state
+                .name
+                .is_none_or(|name| !scope.is_first(names.text(name.0), index)),
+        })
+        .collect()
+}
+
+/// What a transition came to.
+enum Resolved {
+    Whole(Transition),
+    /// What is there is right, but it is not all.
+    Lacking {
+        transition: Transition,
+        /// The guard is not known.
+        guard: bool,
+        /// There are more actions.
+        actions: bool,
+    },
+    /// An end or the trigger is not known.
+    Loose(LooseTransition),
+}
+
 /// Where a transition stands.
 struct Context<'r, 'f> {
     resolver: &'r Resolver<'r, 'f>,
@@ -369,7 +426,7 @@ impl<'f> Context<'_, 'f> {
         }
     }
 
-    fn transition(&self, tree: &tree::Transition, names: &mut Names<'f, '_>) -> Option<Transition> {
+    fn transition(&self, tree: &tree::Transition, names: &mut Names<'f, '_>) -> Resolved {
         let (source, source_end) = match tree.source {
             Endpoint::Pseudo => (Some(Source::Initial), End::Pseudo("initial")),
             Endpoint::State(name) => {
@@ -398,19 +455,33 @@ impl<'f> Context<'_, 'f> {
             (Given::Value(term), _) => self.guard(term, source_end, names),
             _ => None,
         };
-        let actions = tree
+        let actions: Vec<Action> = tree
             .actions
             .iter()
             .filter_map(|&action| self.action(action, target_end, names))
             .collect();
-        Some(Transition {
-            source: source?,
-            target: target?,
-            trigger: trigger?,
+        let (Some(source), Some(target), Some(trigger)) = (source, target, trigger) else {
+            return Resolved::Loose(LooseTransition { source, target });
+        };
+        let lacks_guard = tree.guard.is_given() && guard.is_none();
+        let lacks_actions = actions.len() < tree.actions.len();
+        let transition = Transition {
+            source,
+            target,
+            trigger,
             guard,
             actions,
             span: tree.span,
-        })
+        };
+        if lacks_guard || lacks_actions {
+            Resolved::Lacking {
+                transition,
+                guard: lacks_guard,
+                actions: lacks_actions,
+            }
+        } else {
+            Resolved::Whole(transition)
+        }
     }
 
     fn state(&self, name: Name, pseudo: &'static str, names: &mut Names<'f, '_>) -> Option<usize> {

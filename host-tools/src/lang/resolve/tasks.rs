@@ -1,5 +1,6 @@
 //! Tasks: ports, parameters, attributes.
 
+use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::lang::parser::excerpt;
 use crate::lang::tree::{self, Given, Literal};
@@ -66,6 +67,34 @@ impl<'f> TaskTable<'f> {
             table.names.may_hide(names, &file.skipped, file.is_cut);
         }
         table
+    }
+
+    /// What is not known of each task.
+    pub(super) fn holes(&self, set: &Trees<'f>, names: &Names<'f, '_>) -> Vec<TaskHoles> {
+        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        trees
+            .enumerate()
+            .map(|(index, tree)| TaskHoles {
+                declarations: tree.has_gaps
+                    || tree.is_cut
+                    || !tree.skipped.is_empty()
+                    || tree
+                        .flags
+                        .iter()
+                        .any(|flag| flag.name.is_none() || flag.direction.is_none())
+                    || tree
+                        .data
+                        .iter()
+                        .any(|port| port.name.is_none() || port.type_name.is_none())
+                    || tree
+                        .params
+                        .iter()
+                        .any(|param| param.name.is_none() || param.param_type.is_none()),
+                is_twin: tree
+                    .name
+                    .is_none_or(|name| !self.names.is_first(names.text(name.0), index)),
+            })
+            .collect()
     }
 
     /// What is known of the task with an index.
