@@ -1,7 +1,9 @@
 //! The library behind the `esm` command.
 
+pub mod boards;
 pub mod cli;
 pub mod compile;
+pub mod fit;
 pub mod host_board;
 pub mod inspect;
 pub mod lang;

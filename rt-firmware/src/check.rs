@@ -58,12 +58,52 @@ pub fn check<B: Deref<Target = [u8]>>(
         check_nets(&tables, index, task.signature_hash, declared)?;
         check_params(&tables, index, task.signature_hash, declared)?;
     }
+    for Need {
+        what,
+        needed,
+        available,
+    } in needs(verified, capacities)
+    {
+        if needed > available {
+            return Err(LinkError::CapacityExceeded {
+                what,
+                needed,
+                available,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// What a mission needs of one of a robot's [`Capacities`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Need {
+    /// Of what.
+    pub what: Capacity,
+    /// How much the mission needs.
+    pub needed: u32,
+    /// How much the robot has.
+    pub available: u32,
+}
+
+/// What a valid blob needs of each capacity. A robot takes it only if all of it is there; tools that know a robot's capacities ask here
+/// whether it will.
+pub fn needs<B: Deref<Target = [u8]>>(
+    verified: &Verified<B>,
+    capacities: &Capacities,
+) -> [Need; CAPACITIES] {
+    let tables = verified.tables();
     let groups = tables
         .tasks()
         .filter_map(|task| task.exclusive)
         .max()
         .map_or(0, |greatest| usize::from(greatest) + 1);
-    let needs = [
+    [
+        (
+            Capacity::BlobBytes,
+            verified.bytes().len(),
+            capacities.blob_bytes,
+        ),
         (
             Capacity::ArenaWords,
             verified.arena_words(),
@@ -89,19 +129,16 @@ pub fn check<B: Deref<Target = [u8]>>(
             groups,
             u32::from(capacities.exclusive_groups),
         ),
-    ];
-    for (what, needed, available) in needs {
-        let needed = needed as u32;
-        if needed > available {
-            return Err(LinkError::CapacityExceeded {
-                what,
-                needed,
-                available,
-            });
-        }
-    }
-    Ok(())
+    ]
+    .map(|(what, needed, available)| Need {
+        what,
+        needed: needed as u32,
+        available,
+    })
 }
+
+/// How many [`Capacity`]s there are.
+const CAPACITIES: usize = 6;
 
 /// The task instances of all tasks with this signature.
 fn task_instances_of(tables: &Tables<'_>, signature_hash: u64) -> impl Iterator<Item = usize> {

@@ -309,6 +309,39 @@ fn the_missions_that_ship_are_without_errors_and_warnings() {
     assert!(checked >= 3, "only {checked} missions were found");
 }
 
+#[test]
+fn a_mission_that_is_too_large_for_one_board_is_built_for_another() {
+    let slots: String = (2..=17)
+        .map(|number| format!("slot {number} period 100 ms duration 1 ms;\n"))
+        .collect();
+    let mission = format!(
+        "interpreter slot 1;\nslot 1 period 100 ms duration 1 ms;\n{slots}machine M {{ region r {{ state A; initial -> A; }} }}\n"
+    );
+    let files = Files::new(&[("large.esm", &mission)]);
+    for command in ["check {}/large.esm", "build {}/large.esm -o {}/large.blob"] {
+        let done = files.esm(&format!("{command} --json"));
+        assert_eq!(done.status, Some(1), "{done:#?}");
+        let told = done.json();
+        assert_eq!(
+            (&told["code"], &told["line"]),
+            (&"E012".into(), &18.into()),
+            "{done:#?}"
+        );
+        for word in ["17 slots", "1 more", "16", "lm3s6965"] {
+            assert!(told["message"].as_str().unwrap().contains(word), "{told}");
+        }
+        files.esm(&format!("{command} --board host")).good();
+        let done = files.esm(&format!("{command} --board toaster"));
+        assert_eq!(done.status, Some(2), "{done:#?}");
+        for word in ["toaster", "`lm3s6965`", "`host`"] {
+            assert!(done.err.contains(word), "{done:#?}");
+        }
+    }
+    // A machine alone has no board.
+    let scenario = Files::new(&[("large.esm", &mission), ("s.scenario", "until 100 ms\n")]);
+    scenario.esm("sim {}/large.esm {}/s.scenario").good();
+}
+
 /// Commands of fenced `sh` blocks in a Markdown file.
 fn commands_in(file: &str) -> Vec<String> {
     let text = std::fs::read_to_string(root().join(file)).unwrap();

@@ -9,16 +9,18 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::boards;
 use crate::inspect::Counts;
 
 /// Compiles a mission to the blob that a robot takes
 ///
 /// The blob holds the machine, its schedule, data paths and parameters, and the names that traces and status need. OUT appears
-/// whole or not at all: a build that fails leaves the old file alone.
+/// whole or not at all: a build that fails leaves the old file alone. A mission that needs more than the board has room for is not built.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm build missions/patrol.esm -o patrol.blob
+  esm build missions/patrol.esm -o patrol.blob --board host
   esm build missions/patrol.esm -o patrol.blob --json | jq .bytes
 
 With --json: bytes, states, transitions, containers, instances, events, flags, ram_bytes.")]
@@ -30,6 +32,10 @@ pub struct BuildArgs {
     /// Where the blob goes
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
+
+    /// The board that it is for, whose capacities it must not exceed
+    #[arg(long, value_name = "BOARD", default_value = boards::DEFAULT)]
+    pub board: String,
 
     /// What was built as one JSON object, for programs
     #[arg(long)]
@@ -46,7 +52,8 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
     } else {
         Audience::Person
     };
-    let verified = mission::compiled(&args.file, audience, console)?;
+    let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
+    let verified = mission::compiled(&args.file, Some(board), audience, console)?;
     file::write_whole(&args.output, verified.bytes(), "blob")?;
     let counts = Counts::of(&verified);
     if args.json {

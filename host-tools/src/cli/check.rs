@@ -8,16 +8,19 @@ use clap::Args;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::mission::{self, Audience};
+use crate::boards;
 use crate::lang::Severity;
 
 /// Says what is wrong with a mission: every error and warning at once
 ///
 /// Reads FILE and all that it uses, and reports each mistake with its code, its place, the source line and, where there is one,
-/// the likely fix. The exit status is 1 if there is an error; warnings alone leave it 0.
+/// the likely fix. A mission without other errors is also compared with what the board has room for. The exit status is 1 if there is
+/// an error; warnings alone leave it 0.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm check missions/patrol.esm
+  esm check missions/patrol.esm --board host
   esm check missions/patrol.esm --json | jq -r 'select(.severity == \"error\") | .line'
 
 With --json, one object a line on standard output: code, severity (error, warning), file, line, col (from 1), message.")]
@@ -29,6 +32,10 @@ pub struct CheckArgs {
     /// One JSON object a line, for programs
     #[arg(long)]
     pub json: bool,
+
+    /// The board that it is for, whose capacities it must not exceed
+    #[arg(long, value_name = "BOARD", default_value = boards::DEFAULT)]
+    pub board: String,
 }
 
 /// Runs the command.
@@ -36,8 +43,9 @@ pub struct CheckArgs {
 /// # Errors
 /// If the file cannot be read, or has errors.
 pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandError> {
+    let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
     let mut checked = mission::read(&args.file)?;
-    checked.lay_out(mission::LAY_OUT_LIMIT);
+    mission::lay_out_and_compile(&mut checked, Some(board))?;
     let audience = if args.json {
         Audience::Program
     } else {

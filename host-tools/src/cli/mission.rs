@@ -10,7 +10,8 @@ use esm_core::Verified;
 
 use super::console::Console;
 use super::exit::CommandError;
-use crate::compile;
+use crate::boards::Board;
+use crate::fit;
 use crate::lang::{self, Checked};
 use crate::trace::directory::Directory;
 
@@ -73,18 +74,19 @@ pub fn tell(
     }
 }
 
-/// Compiles the mission in a file. Warnings are told to the person; errors to whom is asked for.
+/// Compiles the mission in a file, for a board if one is given. Warnings are told to the person; errors to whom is asked for.
 ///
 /// # Errors
 /// If the file cannot be read or has errors; these are told already.
 pub fn compiled(
     path: &Path,
+    board: Option<&Board>,
     audience: Audience,
     console: &mut Console,
 ) -> Result<Verified<Vec<u8>>, CommandError> {
     let mut checked = read(path)?;
     checked.require_machine();
-    let schedule = checked.lay_out(LAY_OUT_LIMIT);
+    let blob = lay_out_and_compile(&mut checked, board)?;
     // What a program reads from a command that succeeds is the command's answer alone.
     tell(
         &checked,
@@ -95,16 +97,31 @@ pub fn compiled(
         },
         console,
     )?;
-    let (Some(model), Some(schedule)) = (&checked.model, schedule) else {
-        return Err(CommandError::Told);
+    blob.ok_or(CommandError::Told)
+}
+
+/// The passes behind the language: a schedule for the slots (E011), then the blob, if there is a machine and all else is right (E012).
+/// What is wrong is added to `checked`.
+///
+/// # Errors
+/// If this program has a defect.
+pub fn lay_out_and_compile(
+    checked: &mut Checked,
+    board: Option<&Board>,
+) -> Result<Option<Verified<Vec<u8>>>, CommandError> {
+    let Some(schedule) = checked.lay_out(LAY_OUT_LIMIT) else {
+        return Ok(None);
     };
-    let blob = compile::compile(model, &schedule.starts_us)
-        .map_err(|error| CommandError::Input(error.into()))?;
-    esm_core::verify(blob).map_err(|(_, refusal)| {
-        let defect =
-            "the compiler made a blob that the verifier refuses, which is a defect of esm itself";
+    if checked
+        .model
+        .as_ref()
+        .is_none_or(|model| model.machine.is_none())
+    {
+        return Ok(None);
+    }
+    fit::compile_to_fit(checked, &schedule, board).map_err(|defect| {
         CommandError::Input(anyhow!(
-            "{defect}: please report the file and this reason: {refusal:?}"
+            "no blob could be made of files without errors, which is a defect of esm itself: please report them and this reason: {defect}"
         ))
     })
 }

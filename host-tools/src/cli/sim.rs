@@ -51,7 +51,7 @@ pub struct SimArgs {
 /// # Errors
 /// If the mission or the scenario has errors, an expectation fails, the machine faults, or the trace cannot be written.
 pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError> {
-    let verified = mission::compiled(&args.file, Audience::Person, console)?;
+    let verified = mission::compiled(&args.file, None, Audience::Person, console)?;
     let directory = Arc::new(mission::names(&verified)?);
     let text = file::read_text(&args.scenario, "scenario")?;
     let bound =

@@ -119,7 +119,8 @@ pub fn mission(path: &Path, console: &mut Console) -> Result<Mission, CommandErr
     let verified = if bytes.starts_with(BLOB_MARK) {
         verified(path, bytes)?
     } else {
-        mission::compiled(path, Audience::Person, console)?
+        // The robot itself says what it has room for.
+        mission::compiled(path, None, Audience::Person, console)?
     };
     Mission::new(path, verified).map_err(|error| CommandError::Input(error.into()))
 }

@@ -167,7 +167,8 @@ pub(super) fn append(
         tests.append(guard, false, Label::False)?;
     }
     let Tests { tests, labels, .. } = tests;
-    within(Capacity::GuardTests, tests.len(), usize::from(MAX_JUMP))?;
+    within(Capacity::GuardTests, tests.len(), usize::from(MAX_JUMP))
+        .map_err(|error| error.at(transition.span))?;
     for (at, test) in tests.iter().enumerate() {
         let jump = match test.to {
             Label::False => 0,

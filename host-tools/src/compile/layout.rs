@@ -80,7 +80,8 @@ impl Layout {
         let numbers: HashMap<_, _> = first_use.iter().copied().zip(0..).collect();
         let mut laid_out = HashMap::new();
         for index in children_first {
-            let container = lay_out(model, index, &laid_out)?;
+            let container = lay_out(model, index, &laid_out)
+                .map_err(|error| error.at(model.containers[index].span))?;
             laid_out.insert(index, container);
         }
         let mut layout = Self {
@@ -202,7 +203,8 @@ fn lay_out(
         for (number, state) in region.states.iter().enumerate() {
             let begin = at;
             let flags = flags_of(model, state, timeouts_read.contains(&Source::State(number)));
-            within(Capacity::StateFlags, flags, usize::from(MAX_STATE_FLAGS))?;
+            within(Capacity::StateFlags, flags, usize::from(MAX_STATE_FLAGS))
+                .map_err(|error| error.at(state.span))?;
             match &state.kind {
                 StateKind::Simple => at.flags += flags,
                 StateKind::Task { .. } => {

@@ -60,6 +60,8 @@ pub enum CompileError {
         found: usize,
         /// How many there can be.
         limit: usize,
+        /// The declaration with which it is too much; the machine as a whole where there is none.
+        at: Option<Span>,
     },
     /// The model says something that checked files cannot say, such as a guard on a flag that its state does not have.
     #[error("the model contradicts itself in file {} at byte {}: check it before compiling", .0.file, .0.start)]
@@ -159,7 +161,28 @@ fn within(capacity: Capacity, found: usize, limit: usize) -> Result<(), CompileE
             capacity,
             found,
             limit,
+            at: None,
         })
+    }
+}
+
+impl CompileError {
+    /// The same, with the declaration that exceeds a limit.
+    fn at(self, declaration: Span) -> Self {
+        match self {
+            Self::Limit {
+                capacity,
+                found,
+                limit,
+                at: None,
+            } => Self::Limit {
+                capacity,
+                found,
+                limit,
+                at: Some(declaration),
+            },
+            other => other,
+        }
     }
 }
 
@@ -201,7 +224,12 @@ pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError
             starts: starts_us.len(),
         });
     }
-    within(Capacity::Slots, model.slots.len(), MAX_RECORDS)?;
+    within(Capacity::Slots, model.slots.len(), MAX_RECORDS).map_err(|error| {
+        match model.slots.get(MAX_RECORDS) {
+            Some(slot) => error.at(slot.span),
+            None => error,
+        }
+    })?;
     let mut slots = Table::default();
     for (slot, start_us) in model.slots.iter().zip(starts_us) {
         slots.longs([slot.number, slot.period_us, slot.duration_us, *start_us]);

@@ -17,7 +17,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use rt_firmware::body::{Parts, PinImage};
-use rt_firmware::link::message::Mode;
+use rt_firmware::link::message::{Capacities, Mode};
 use rt_firmware::rover::PinRover;
 use rt_firmware::{About, Limits, Mail, Memory, RegistryFault, TaskBank, split};
 use thiserror::Error;
@@ -38,6 +38,16 @@ const SLOTS: usize = 256;
 const TASKS: usize = 2048;
 const NETS: usize = 2048;
 const GROUPS: usize = 128;
+
+/// The same, as the board tells it.
+pub const CAPACITIES: Capacities = Capacities {
+    blob_bytes: BLOB_BYTES as u32,
+    arena_words: ARENA_WORDS as u32,
+    slots: SLOTS as u16,
+    task_instances: TASKS as u16,
+    nets: NETS as u16,
+    exclusive_groups: GROUPS as u16,
+};
 
 /// Room for the trace of many macro steps, should the reader be slow.
 const TRACE_BYTES: usize = 256 * 1024;

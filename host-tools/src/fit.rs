@@ -1,0 +1,212 @@
+//! Whether a mission fits: into a blob, and onto a board (E012).
+//!
+//! What a mission needs of a board is worked out by the firmware's own code, on the blob that the board would be given. So what is said
+//! here before anything is uploaded is what the board says itself.
+
+use esm_core::Verified;
+use esm_core::tables::Tables;
+use rt_firmware::check::{Need, needs};
+use rt_firmware::link::message::Capacity;
+
+use crate::boards::Board;
+use crate::compile::{self, CompileError};
+use crate::lang::{Checked, Code, Diagnostic};
+use crate::model::{Model, PathEnd, Span, StateKind};
+use crate::schedule::Schedule;
+
+/// Compiles a checked set of files with a machine. What does not fit into a blob, or onto `board` where one is named, is added as
+/// E012, and then there is no blob; nor is there one where the files have errors.
+///
+/// # Errors
+/// A defect of this program: the files are right, and no blob could be made of them.
+pub fn compile_to_fit(
+    checked: &mut Checked,
+    schedule: &Schedule,
+    board: Option<&Board>,
+) -> Result<Option<Verified<Vec<u8>>>, CompileError> {
+    let Some(model) = checked.model.as_ref() else {
+        return Ok(None);
+    };
+    let whole = machine_span(model);
+    let compiled = compile::compile(model, &schedule.starts_us).and_then(|blob| {
+        esm_core::verify(blob).map_err(|(_, refusal)| CompileError::Refused(refusal))
+    });
+    let verified = match compiled {
+        Ok(verified) => verified,
+        Err(CompileError::Limit {
+            capacity,
+            found,
+            limit,
+            at,
+        }) => {
+            let message = format!(
+                "at least {found} {capacity} are needed, {} more than the {limit} that a blob can hold",
+                found.saturating_sub(limit)
+            );
+            checked.add(
+                Diagnostic::new(Code::E012, at.unwrap_or(whole), message)
+                    .hint("split the mission, or use fewer and smaller containers"),
+            );
+            return Ok(None);
+        }
+        Err(defect) => return Err(defect),
+    };
+    let exceeded: Vec<Diagnostic> = board
+        .map(|board| {
+            needs(&verified, &board.capacities)
+                .into_iter()
+                .filter(|need| need.needed > need.available)
+                .map(|need| too_much(model, &verified.tables(), board.name, need))
+                .collect()
+        })
+        .unwrap_or_default();
+    let fits = exceeded.is_empty();
+    for diagnostic in exceeded {
+        checked.add(diagnostic);
+    }
+    Ok(fits.then_some(verified))
+}
+
+/// A capacity of a board that a mission exceeds.
+fn too_much(model: &Model, tables: &Tables<'_>, board: &str, need: Need) -> Diagnostic {
+    let (what, hint) = match need.what {
+        Capacity::BlobBytes => (
+            "bytes of blob",
+            "shorten names, and use one container several times where there are copies of it",
+        ),
+        Capacity::ArenaWords => (
+            "words for the interpreter",
+            "use fewer regions (two words each), fewer flags, or a shorter `queue` (half a word a place)",
+        ),
+        Capacity::Slots => ("slots", "let tasks of the same period share a slot"),
+        Capacity::TaskInstances => (
+            "task states",
+            "enter one task state from several places; each use of a container counts its task states anew",
+        ),
+        Capacity::Nets => (
+            "nets",
+            "leave out paths that nobody reads; paths that share a port are one net",
+        ),
+        Capacity::ExclusiveGroups => (
+            "exclusive groups",
+            "put tasks into one group that are never active together anyway",
+        ),
+    };
+    let Need {
+        what: capacity,
+        needed,
+        available,
+    } = need;
+    let message = format!(
+        "{needed} {what} are needed, {} more than the {available} that board `{board}` has room for",
+        needed.saturating_sub(available)
+    );
+    let place = beyond(model, tables, capacity, available as usize);
+    Diagnostic::new(Code::E012, place.unwrap_or(machine_span(model)), message)
+        .hint(format!("{hint}; or name another board with `--board`"))
+}
+
+fn machine_span(model: &Model) -> Span {
+    model
+        .machine
+        .and_then(|machine| model.containers.get(machine))
+        .map(|machine| machine.span)
+        .unwrap_or_default()
+}
+
+/// The declaration of the first thing for which there is no room, if one can be told.
+fn beyond(model: &Model, tables: &Tables<'_>, what: Capacity, available: usize) -> Option<Span> {
+    match what {
+        Capacity::BlobBytes | Capacity::ArenaWords => None,
+        Capacity::Slots => model.slots.get(available).map(|slot| slot.span),
+        Capacity::TaskInstances => {
+            let place = task_instances(model).nth(available)?;
+            let container = model.containers.get(place.container)?;
+            let state = container.regions.get(place.region)?.states.get(place.state);
+            state.map(|state| state.span)
+        }
+        Capacity::Nets => net_path(model, tables, available),
+        Capacity::ExclusiveGroups => {
+            let group = u16::try_from(available).ok()?;
+            let task = tables.tasks().find(|task| task.exclusive == Some(group))?;
+            let name = task.signature.name();
+            let declared = model.tasks.iter().find(|task| task.name.as_bytes() == name);
+            declared.map(|task| task.span)
+        }
+    }
+}
+
+/// The path that puts the first port on a net, which is named by its number in the blob.
+fn net_path(model: &Model, tables: &Tables<'_>, net: usize) -> Option<Span> {
+    for (index, place) in task_instances(model).enumerate() {
+        let first = tables.task_instance(index)?.first_connection;
+        let container = model.containers.get(place.container)?;
+        let state = container
+            .regions
+            .get(place.region)?
+            .states
+            .get(place.state)?;
+        let StateKind::Task { task, .. } = state.kind else {
+            continue;
+        };
+        let ports = model.tasks.get(task)?.data.len();
+        let on_net = (0..ports).find(|port| tables.connection(first + port) == Some(Some(net)));
+        if let Some(port) = on_net {
+            let end = PathEnd::State {
+                region: place.region,
+                state: place.state,
+                port,
+            };
+            let path = container
+                .paths
+                .iter()
+                .find(|path| path.from.contains(&end) || path.to.contains(&end))?;
+            return Some(path.span);
+        }
+    }
+    None
+}
+
+/// Where a task state stands.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    container: usize,
+    region: usize,
+    state: usize,
+}
+
+/// The task states of all instances in the order in which a blob numbers them: depth first, regions and states in source order. The
+/// model is one that was compiled, so the limits of the format bound the walk.
+fn task_instances(model: &Model) -> impl Iterator<Item = Place> + '_ {
+    let start = |container| Place {
+        container,
+        region: 0,
+        state: 0,
+    };
+    let mut way: Vec<Place> = model.machine.map(start).into_iter().collect();
+    std::iter::from_fn(move || {
+        while let Some(at) = way.last_mut() {
+            let here = *at;
+            let regions = model.containers.get(here.container).map(|it| &it.regions);
+            let Some(region) = regions.and_then(|regions| regions.get(here.region)) else {
+                way.pop();
+                continue;
+            };
+            let Some(state) = region.states.get(here.state) else {
+                at.region += 1;
+                at.state = 0;
+                continue;
+            };
+            at.state += 1;
+            match state.kind {
+                StateKind::Simple => {}
+                StateKind::Task { .. } => return Some(here),
+                StateKind::Super { container } => way.push(start(container)),
+            }
+        }
+        None
+    })
+}
+
+#[cfg(test)]
+mod tests;
