@@ -2,6 +2,7 @@
 //!
 //! [`holes`] says what of the set is not known because it could not be read or resolved: no warning may rest on that.
 
+pub mod guards;
 pub mod holes;
 
 use crate::model::Model;
