@@ -223,6 +223,8 @@ pub struct State {
     pub timeout_us: Option<u32>,
     /// The name in the declaration.
     pub span: Span,
+    /// The whole declaration, from its word on: where things that concern the whole state are reported.
+    pub declaration: Span,
 }
 
 /// Kind of a state.

@@ -13,6 +13,7 @@ pub(crate) fn state(name: &str, kind: StateKind) -> State {
         kind,
         timeout_us: None,
         span: Span::default(),
+        declaration: Span::default(),
     }
 }
 

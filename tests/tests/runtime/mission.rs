@@ -138,6 +138,7 @@ impl Mission {
                     },
                     timeout_us: None,
                     span: NOWHERE,
+                    declaration: NOWHERE,
                 })
                 .collect(),
             transitions: transitions

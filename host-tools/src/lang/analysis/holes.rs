@@ -47,7 +47,7 @@ pub struct ContainerHoles {
 /// What is not known of a region.
 #[derive(Clone, Debug, Default)]
 pub struct RegionHoles {
-    /// There may be states and transitions beyond those of the model and those below.
+    /// There may be states and transitions beyond those of the model and those below, or none leads from `initial`.
     pub body: bool,
     /// One for each state of the model.
     pub states: Vec<StateHoles>,

@@ -70,7 +70,7 @@ fn what_cannot_be_read_or_resolved_is_a_hole() {
         // Nothing is lost of these.
         (region("state A; initial -> A A -> final;"), ""),
         (region("state A; initial => A;"), ""),
-        (region("state A; A -> final;"), ""),
+        (region("state A; A -> final;"), "body"),
         // Of these something is.
         (region("state A; initial -> A; A -> B;"), "target"),
         (region("state A; initial -> A; B -> A;"), "source"),

@@ -73,6 +73,8 @@ struct StateFacts {
     kind: Kind,
     /// From the word on: where things that concern the whole state are reported.
     span: Span,
+    /// Whether a timeout is given, readable or not.
+    has_limit: bool,
     /// The slot that the state itself names, by index.
     own_slot: Option<usize>,
     /// The slot it runs in, by index; not slot 0.

@@ -143,6 +143,8 @@ impl<'f> Resolver<'_, 'f> {
                 }
             }
         }
+        // Where a region starts is part of what it does: without it nothing is known of what can be reached.
+        holes.body |= !has_initial;
         if let (Some(name), false) = (tree.name, has_initial) {
             let first = region
                 .states
@@ -171,6 +173,7 @@ impl<'f> Resolver<'_, 'f> {
         let mut facts = StateFacts {
             kind: Kind::Unknown,
             span: tree.span,
+            has_limit: tree.timeout_us.is_given(),
             own_slot: None,
             slot: None,
         };
@@ -213,6 +216,7 @@ impl<'f> Resolver<'_, 'f> {
             kind,
             timeout_us: tree.timeout_us.value(),
             span: tree.name.map_or(tree.span, |name| name.0),
+            declaration: tree.span,
         };
         (state, facts)
     }
@@ -610,10 +614,51 @@ impl<'f> Context<'_, 'f> {
                 format!("the simple state `{name}` has no `{word}`"),
                 "only task states and superstates have it; a simple state has `timeout`",
             ),
-            End::State(..) | End::Unknown => return Some(guard),
+            End::State(name, _) => {
+                if flag == SystemFlag::Timeout {
+                    self.check_limit(name, span, names);
+                }
+                return Some(guard);
+            }
+            End::Unknown => return Some(guard),
         };
         names.report(Diagnostic::new(Code::E006, span, message).hint(hint));
         None
+    }
+
+    /// Reports that `timeout` is read of a state that has no limit of time.
+    fn check_limit(&self, state: &str, word: Span, names: &mut Names<'f, '_>) {
+        let Found::Index(index) = self.states.find(state) else {
+            return;
+        };
+        if let (Some(facts), Some(declared)) =
+            (self.facts.get(index), self.region.states.get(index))
+            && !facts.has_limit
+        {
+            names.report(
+                Diagnostic::new(
+                    Code::W109,
+                    word,
+                    format!("state `{state}` has no limit of time, so its `timeout` is never true"),
+                )
+                .hint(format!(
+                    "give it one where it is declared (`{} timeout 1 s;`), or leave `timeout` out of the guard",
+                    self.written(declared)
+                ))
+                .related(facts.span, "the state"),
+            );
+        }
+    }
+
+    /// How a state is declared, as far as that helps to find it.
+    fn written(&self, state: &State) -> String {
+        let word = match state.kind {
+            StateKind::Simple => "state",
+            StateKind::Task { .. } => "task",
+            StateKind::Super { .. } => "super",
+        };
+        let colon = if word == "state" { "" } else { ": …" };
+        format!("{word} {}{colon}", state.name)
     }
 
     // ─── Flags ────────────────────────────────────────────────────────────────────────────────────────────────────
