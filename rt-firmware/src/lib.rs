@@ -54,6 +54,6 @@ pub use realtime::{Limits, RealTime};
 pub use registry::nets;
 pub use runtime::{About, Memory, Sides, split};
 pub use task::{
-    Declaration, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step, Task,
-    declaration_of,
+    Declaration, Declared, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step,
+    Task, declaration_of,
 };

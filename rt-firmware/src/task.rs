@@ -61,7 +61,7 @@
 //! }
 //!
 //! assert_eq!(
-//!     rt_firmware::declaration_of::<Cruise>().signature,
+//!     <Cruise as rt_firmware::Declared>::SIGNATURE,
 //!     "task Cruise{in data ranges:Ranges;out data command:Twist;in flag hurry;out flag near;param speed:f32;}"
 //! );
 //! ```
@@ -144,6 +144,16 @@ pub enum Direction {
     InOut,
 }
 
+impl Direction {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::In => "in",
+            Self::Out => "out",
+            Self::InOut => "inout",
+        }
+    }
+}
+
 /// A data port as its task declares it.
 #[derive(Clone, Copy, Debug)]
 pub struct PortDeclaration {
@@ -179,6 +189,17 @@ pub enum ParamKind {
     U32,
     /// `f32`
     F32,
+}
+
+impl ParamKind {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Bool => "bool",
+            Self::I32 => "i32",
+            Self::U32 => "u32",
+            Self::F32 => "f32",
+        }
+    }
 }
 
 /// A parameter as its task declares it.
@@ -221,16 +242,61 @@ pub struct Declaration {
     pub flags: &'static [FlagDeclaration],
     /// Parameters in declaration order.
     pub params: &'static [ParamDeclaration],
-    /// Canonical text of the signature, which blobs are compiled against.
-    pub signature: &'static str,
-    /// FNV-1a hash of `signature`.
+    /// FNV-1a hash of the signature's text, [`Declared::SIGNATURE`].
     pub signature_hash: u64,
     /// The declaration as `.esm` text, with default slot, ranges and default values.
     pub source: &'static str,
 }
 
+impl Declaration {
+    /// Whether `text` is this task's [signature](Declared::SIGNATURE), to the byte.
+    ///
+    /// It is put together from the declaration's parts, piece by piece: a second copy of all names would cost a small robot kilobytes of flash.
+    pub fn has_signature(&self, text: &[u8]) -> bool {
+        let mut text = Unread(text);
+        let mut same = text.starts(&["task ", self.name, "{"]);
+        for port in self.ports {
+            let optional = if port.optional { " optional" } else { "" };
+            let direction = port.direction.word();
+            let pieces = [
+                direction,
+                " data ",
+                port.name,
+                ":",
+                port.type_name,
+                optional,
+                ";",
+            ];
+            same = same && text.starts(&pieces);
+        }
+        for flag in self.flags {
+            same = same && text.starts(&[flag.direction.word(), " flag ", flag.name, ";"]);
+        }
+        for param in self.params {
+            same = same && text.starts(&["param ", param.name, ":", param.kind.word(), ";"]);
+        }
+        same && text.0 == b"}"
+    }
+}
+
+/// What of a text has not been compared yet.
+struct Unread<'a>(&'a [u8]);
+
+impl Unread<'_> {
+    /// Takes these pieces from the start; false if the text does not start with them.
+    fn starts(&mut self, pieces: &[&str]) -> bool {
+        pieces.iter().all(|piece| {
+            let rest = self.0.strip_prefix(piece.as_bytes());
+            self.0 = rest.unwrap_or_default();
+            rest.is_some()
+        })
+    }
+}
+
 /// A type with a declaration; implemented by [`task!`](crate::task!).
 pub trait Declared {
+    /// Canonical text of the signature, which blobs are compiled against. A robot does not keep it: see [`Declaration::has_signature`].
+    const SIGNATURE: &'static str;
     /// What the type declares.
     const DECLARATION: Declaration;
     /// Buffers of the data ports; made of [`Buffered`](crate::ports::Buffered) and [`Unbuffered`](crate::ports::Unbuffered)
@@ -487,14 +553,14 @@ macro_rules! task {
         }
 
         impl $(<$($generics)*>)? $crate::task::Declared for $name $(<$($argument),+>)? {
+            const SIGNATURE: &'static str = concat!(
+                "task ", stringify!($name), "{",
+                $($(stringify!($direction), " data ", stringify!($port), ":", stringify!($port_type), $(" ", stringify!($optional),)? ";",)*)?
+                $($(stringify!($flag_direction), " flag ", stringify!($flag), ";",)*)?
+                $($("param ", stringify!($param), ":", stringify!($param_type), ";",)*)?
+                "}"
+            );
             const DECLARATION: $crate::task::Declaration = {
-                const SIGNATURE: &str = concat!(
-                    "task ", stringify!($name), "{",
-                    $($(stringify!($direction), " data ", stringify!($port), ":", stringify!($port_type), $(" ", stringify!($optional),)? ";",)*)?
-                    $($(stringify!($flag_direction), " flag ", stringify!($flag), ";",)*)?
-                    $($("param ", stringify!($param), ":", stringify!($param_type), ";",)*)?
-                    "}"
-                );
                 $($(
                     assert!(
                         $crate::task::same_text(<$port_type as $crate::task::PortType>::NAME, stringify!($port_type)),
@@ -536,8 +602,7 @@ macro_rules! task {
                             bounds: $crate::__task_bounds!($param_type $($min $max)?),
                         },
                     )*)?],
-                    signature: SIGNATURE,
-                    signature_hash: $crate::task::signature_hash(SIGNATURE),
+                    signature_hash: $crate::task::signature_hash(<Self as $crate::task::Declared>::SIGNATURE),
                     source: concat!(
                         "task ", stringify!($name),
                         $(" slot ", stringify!($slot),)?
@@ -679,6 +744,7 @@ mod tests {
         let cases = [
             (
                 *declaration_of::<Everything<u8, u8>>(),
+                Everything::<u8, u8>::SIGNATURE,
                 "task Everything{in data scan:Scan optional;inout data pose:Twist;out data cmd:Twist;in flag go;out flag near;\
                  param speed:f32;param limit:u32;}",
                 "task Everything slot 3 wcet 1 ms exclusive motion {\n    in data scan: Scan optional;\n    inout data pose: Twist;\n    \
@@ -687,12 +753,22 @@ mod tests {
             ),
             (
                 *declaration_of::<Nothing>(),
+                Nothing::SIGNATURE,
                 "task Nothing{}",
                 "task Nothing {\n}\n",
             ),
         ];
-        for (declaration, signature, source) in cases {
-            assert_eq!(declaration.signature, signature);
+        for (declaration, text, signature, source) in cases {
+            assert_eq!(text, signature);
+            assert!(declaration.has_signature(text.as_bytes()));
+            // Any byte that is another, missing or too many makes it another signature.
+            for end in 0..text.len() {
+                assert!(!declaration.has_signature(&text.as_bytes()[..end]), "{end}");
+                let mut other = text.as_bytes().to_vec();
+                other[end] ^= 1;
+                assert!(!declaration.has_signature(&other), "{end}");
+            }
+            assert!(!declaration.has_signature(std::format!("{text};").as_bytes()));
             assert_eq!(declaration.signature_hash, signature_hash(signature));
             assert_eq!(declaration.source, source);
         }

@@ -20,11 +20,13 @@ use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use host_tools::world::World;
 use rt_firmware::body::Parts;
-use rt_firmware::drivers::{BatteryGauge, DcMotor, WheelEncoder};
-use rt_firmware::rover::{BATTERY_FULL_SCALE_V, CHASSIS, PinRover, PinRoverParts};
+use rt_firmware::drivers::{BatteryGauge, DcMotor, LineArray, WheelEncoder};
+use rt_firmware::rover::{
+    BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
+};
 use rt_firmware::tasks::{
-    Back, BatteryMonitor, Chassis, Cruise, FollowWall, Logger, Odometry, ProximityMonitor,
-    RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
+    Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, TaskBank};
 
@@ -562,6 +564,13 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         round_corner: Bank::new([RoundCorner]),
         stop: Bank::new(array::from_fn(|_| Stop)),
         logger: Bank::new([Logger]),
+        line_sensor: Bank::new([LineSensor::new(LineArray::new(
+            parts.line_sensors,
+            FLOOR_COUNTS,
+            LINE_COUNTS,
+        ))]),
+        line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
+        follow_line: Bank::new(array::from_fn(|_| FollowLine)),
     };
     run(&mut robot.banks());
 }

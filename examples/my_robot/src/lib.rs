@@ -35,6 +35,7 @@ impl<'a> MyRobot<'a> {
     pub fn new(parts: Parts<'a>) -> Self {
         let Parts { aux_outputs, .. } = parts;
         let [lamp_pin, ..] = aux_outputs;
+        let [battery, _, _, _, left, middle, right] = parts.analog;
         let hardware = RoverParts {
             left_pwm: parts.left_pwm,
             left_direction: parts.left_direction,
@@ -44,10 +45,8 @@ impl<'a> MyRobot<'a> {
             right_encoder: parts.right_encoder,
             sonar_triggers: parts.sonar_triggers,
             echo_timers: parts.echo_timers,
-            battery: {
-                let [battery, ..] = parts.analog;
-                battery
-            },
+            battery,
+            line_sensors: [left, middle, right],
         }
         .into_tasks();
         Self {

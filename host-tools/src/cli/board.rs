@@ -33,7 +33,7 @@ pub struct BoardArgs {
     #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
     pub board: String,
 
-    /// The world to drive in: a file, or the name of one that ships, `office` or `corridor` [default: office]
+    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor` or `track` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 

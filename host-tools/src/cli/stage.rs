@@ -17,7 +17,7 @@ use crate::run::mission::Mission;
 use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
-const SHIPPED_WORLDS: [(&str, &str); 2] = [
+const SHIPPED_WORLDS: [(&str, &str); 3] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -25,6 +25,10 @@ const SHIPPED_WORLDS: [(&str, &str); 2] = [
     (
         "corridor",
         include_str!("../../../missions/worlds/corridor.world"),
+    ),
+    (
+        "track",
+        include_str!("../../../missions/worlds/track.world"),
     ),
 ];
 
@@ -70,7 +74,7 @@ pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<Path
 /// # Errors
 /// If there is none, or the file cannot be read or has errors.
 pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, CommandError> {
-    let [(default, _), _] = SHIPPED_WORLDS;
+    let [(default, _), ..] = SHIPPED_WORLDS;
     let asked = asked.unwrap_or(Path::new(default));
     let beside_mission = mission.and_then(Path::parent).map(|folder| {
         folder
@@ -171,7 +175,7 @@ mod tests {
                 Some(Path::new("yard")),
                 None,
                 Err(
-                    "there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor",
+                    "there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor, track",
                 ),
             ),
             (

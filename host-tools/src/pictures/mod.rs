@@ -29,7 +29,7 @@ mod slots;
 mod svg;
 mod timeline;
 
-pub use path::{Leg, PathPicture, PathSample, Room};
+pub use path::{FloorLine, Leg, PathPicture, PathSample, Room};
 pub use png::PngError;
 pub use recorder::StatesRecorder;
 pub use slots::{SlotPicture, SlotRow};

@@ -17,6 +17,8 @@ pub struct PathPicture {
     pub walls: Vec<[[f32; 2]; 2]>,
     /// Rooms, to be tinted and labelled.
     pub rooms: Vec<Room>,
+    /// Lines on the floor.
+    pub lines: Vec<FloorLine>,
     /// The parts of the path, one for each mission, in the order of time.
     pub legs: Vec<Leg>,
     /// Where the robot touched a wall.
@@ -32,6 +34,15 @@ pub struct Room {
     pub name: String,
     /// Its corners.
     pub corners: Vec<[f32; 2]>,
+}
+
+/// A straight piece of a line on the floor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FloorLine {
+    /// Its ends.
+    pub ends: [[f32; 2]; 2],
+    /// From edge to edge, in metres.
+    pub width_m: f32,
 }
 
 /// The part of a path that one mission drove.
@@ -74,6 +85,10 @@ const QUIET_INK: Colour = Colour::opaque(0x5c6672);
 const WALL: Colour = Colour::opaque(0x343b45);
 const GRID: Colour = Colour::opaque(0xe6e9ed);
 const PAPER: Colour = Colour::opaque(0xffffff);
+/// Dark enough to be a line, light enough for a path to show on it.
+const FLOOR_LINE: Colour = Colour::opaque(0xb9bfc8);
+/// A line never gets too thin to be seen.
+const FLOOR_LINE_WIDTH_LEAST: f32 = 1.5;
 const ROOM: Colour = Colour::opaque(0xf4f6f9);
 const ROOM_NAME: Colour = Colour::opaque(0x93a0b0);
 const COLLISION: Colour = Colour::opaque(0xc81e2b);
@@ -103,6 +118,14 @@ impl PathPicture {
                 .map(|wall| [place(&wall.from), place(&wall.to)])
                 .collect(),
             rooms: world.rooms.iter().map(room).collect(),
+            lines: world
+                .lines
+                .iter()
+                .map(|line| FloorLine {
+                    ends: [place(&line.middle.from), place(&line.middle.to)],
+                    width_m: line.width_m as f32,
+                })
+                .collect(),
             ..PathPicture::default()
         }
     }
@@ -122,6 +145,7 @@ impl PathPicture {
         self.headings(&mut scene);
         self.floor(&map, &mut scene);
         map.axes(&mut scene);
+        self.floor_lines(&map, &mut scene);
         let mut taken = self.room_names(&map, &mut scene);
         for [from, to] in &self.walls {
             scene.line([map.place(*from), map.place(*to)], Stroke::solid(WALL, 2.6));
@@ -152,6 +176,7 @@ impl PathPicture {
     /// Everything that the map must hold: least and greatest x and y.
     fn extent(&self) -> [[f32; 2]; 2] {
         let walls = self.walls.iter().flatten().copied();
+        let lines = self.lines.iter().flat_map(|line| line.ends);
         let rooms = self
             .rooms
             .iter()
@@ -163,6 +188,7 @@ impl PathPicture {
             .map(|sample| [sample.x_m, sample.y_m]);
         let points = walls
             .chain(rooms)
+            .chain(lines)
             .chain(samples)
             .chain(self.collisions.iter().copied());
         let mut finite = points.filter(|point| point.iter().all(|value| value.is_finite()));
@@ -210,6 +236,16 @@ impl PathPicture {
                 fill: Some(ROOM),
                 stroke: None,
             });
+        }
+    }
+
+    fn floor_lines(&self, map: &Map, scene: &mut Scene) {
+        for line in &self.lines {
+            let width = (line.width_m * map.scale).max(FLOOR_LINE_WIDTH_LEAST);
+            scene.line(
+                line.ends.map(|end| map.place(end)),
+                Stroke::solid(FLOOR_LINE, width),
+            );
         }
     }
 

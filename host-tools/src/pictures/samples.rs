@@ -1,8 +1,8 @@
 //! Made-up runs that the tests draw.
 
 use super::{
-    Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, SlotPicture, SlotRow,
-    StateSpan, Timeline,
+    FloorLine, Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, SlotPicture,
+    SlotRow, StateSpan, Timeline,
 };
 
 /// Two missions in a flat of four rooms, with a collision.
@@ -41,6 +41,10 @@ pub(super) fn flat() -> PathPicture {
         ],
         walls,
         rooms,
+        lines: vec![FloorLine {
+            ends: [[0.5, 3.5], [9.5, 4.0]],
+            width_m: 0.02,
+        }],
         legs: vec![
             Leg {
                 name: "patrol".into(),

@@ -1,12 +1,13 @@
 //! The plant: a simulated robot's body in a [`World`], seen through its pins.
 //!
-//! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars, a sagging battery, walls that stop the body.
+//! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars, a sagging battery, walls that stop the body,
+//! sensors that tell a dark line from a light floor.
 //! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
 //!
 //! **Deterministic to the bit.** Time is an integer; integration steps begin at fixed instants whatever the calls; all functions come from
 //! `libm`; noise is a function of seed, source and index. What actuators a plant gets when, and its seed, decide all that it ever answers.
 //!
-//! Its inputs beyond the battery, for a user's own drivers:
+//! Its ADC inputs, of which 1 to 3 are for a user's own drivers:
 //!
 //! | ADC input | reads |
 //! |---|---|
@@ -14,8 +15,10 @@
 //! | 1 | a bumper: full scale while the body touches a wall, else 0 |
 //! | 2 | the current that the battery gives, full scale at 4 A |
 //! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
+//! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
 
 mod drive;
+mod floor;
 mod noise;
 mod parameters;
 mod sonar;
@@ -28,8 +31,8 @@ use rt_firmware::body::{
 pub use drive::BodyPose;
 pub use noise::{Noise, Source};
 pub use parameters::{
-    BatteryParameters, BodyParameters, GripParameters, MotorParameters, SLIP_WINDOW_MS,
-    SonarParameters,
+    BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
+    SLIP_WINDOW_MS, SonarParameters,
 };
 pub use statistics::{PathSample, Statistics};
 
@@ -177,11 +180,16 @@ impl Plant {
         let battery_counts =
             self.drive.battery_v / battery.full_scale_v * full_scale + noise_counts;
         let level = |high: bool| if high { full_scale } else { 0.0 };
+        let [left, middle, right] =
+            (self.body.floor).counts(self.drive.pose, &self.world.lines, &self.noise, self.now_us);
         [
             battery_counts,
             level(self.drive.in_contact),
             self.drive.current_a / CURRENT_FULL_SCALE_A * full_scale,
             level(self.aux_outputs & 1 != 0),
+            left,
+            middle,
+            right,
         ]
         .map(|counts| counts.clamp(0.0, full_scale) as u16)
     }

@@ -24,6 +24,11 @@ pub enum Source {
     },
     /// Noise of the battery's ADC input.
     Battery,
+    /// Noise of the ADC input of a sensor that looks at the floor.
+    Floor {
+        /// The sensor.
+        sensor: u8,
+    },
 }
 
 impl Source {
@@ -34,6 +39,7 @@ impl Source {
             Self::Battery => 3,
             Self::Range { sonar } => 0x100 + u64::from(sonar),
             Self::Miss { sonar } => 0x200 + u64::from(sonar),
+            Self::Floor { sensor } => 0x300 + u64::from(sensor),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The numbers that make a body: geometry, motors, battery, sonars.
+//! The numbers that make a body: geometry, motors, battery, sonars, line sensors.
 //!
 //! They are those of the real thing, so to speak: the firmware has its own, calibrated ones (`rt_firmware::rover`), and the two are
 //! equal only as far as a person with a ruler gets them equal.
@@ -22,6 +22,8 @@ pub struct BodyParameters {
     pub battery: BatteryParameters,
     /// The sonars, all alike.
     pub sonar: SonarParameters,
+    /// The sensors that look at the floor, all alike.
+    pub floor: FloorParameters,
 }
 
 /// A gear motor with its wheel.
@@ -91,6 +93,24 @@ pub struct SonarParameters {
     pub miss_probability: f64,
 }
 
+/// A row of sensors under the body's front: an infrared LED and a phototransistor each, with a resistor to the supply, so that less light reads as more
+/// counts. The numbers are estimates for parts a few millimetres above the floor and electrical tape on a light floor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FloorParameters {
+    /// Distance of the row ahead of the body's centre, in metres.
+    pub ahead_m: f64,
+    /// Distance between two sensors of the row, in metres.
+    pub pitch_m: f64,
+    /// Diameter of the spot that a sensor sees, in metres.
+    pub spot_m: f64,
+    /// ADC counts over bare floor.
+    pub floor_counts: f64,
+    /// ADC counts over a line.
+    pub line_counts: f64,
+    /// Standard deviation of a conversion, in counts.
+    pub noise_counts: f64,
+}
+
 impl Default for BodyParameters {
     /// The shipped rover: 24 cm across, 0.6 m/s at full duty, two lithium cells.
     fn default() -> Self {
@@ -128,6 +148,14 @@ impl Default for BodyParameters {
                 noise_m: 0.002,
                 noise_part: 0.004,
                 miss_probability: 0.02,
+            },
+            floor: FloorParameters {
+                ahead_m: 0.09,
+                pitch_m: 0.0121,
+                spot_m: 0.006,
+                floor_counts: 460.0,
+                line_counts: 3_400.0,
+                noise_counts: 12.0,
             },
         }
     }

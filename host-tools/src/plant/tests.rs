@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use rt_firmware::body::{BATTERY_CHANNEL, SONARS};
+use rt_firmware::body::{BATTERY_CHANNEL, LINE_CHANNEL, SONARS};
 
 use super::*;
 use crate::world::Point;
@@ -315,7 +315,7 @@ fn a_request_far_in_the_future_advances_by_the_limit() {
 /// What a minute of driving in circles through a yard looks like, down to the last bit. It changes only if the model does.
 #[test]
 fn a_minute_is_equal_to_the_bit_on_every_machine() {
-    const GOLDEN: u64 = 0xDFE3_C1F3_31B3_B866;
+    const GOLDEN: u64 = 0xCBE7_DFCE_74D8_16F1;
     let yard = "world yard\nstart 2,2 10\nwall 0,0 6,0 6.5,5 0,4.5 0,0\nwall 4,2 4.2,2 4.1,2.3 4,2";
     let mut plant = plant(World::parse(yard).unwrap());
     let mut hash = 0xCBF2_9CE4_8422_2325_u64; // FNV-1a
@@ -342,4 +342,45 @@ fn a_minute_is_equal_to_the_bit_on_every_machine() {
     }
     assert_eq!(plant.collisions(), 0, "a wall would hide differences");
     assert_eq!(hash, GOLDEN, "{hash:#018X}");
+}
+
+#[test]
+fn line_sensors_read_how_much_of_their_spot_lies_on_a_line() {
+    // The row of sensors is 0.09 m ahead of the centre; the line runs along the heading, `line_y_m` to the left of it, or across it at the row.
+    let counts = |line: &str| {
+        let world = format!("world cell\nstart 2,2 0\nwall 0,0 4,0 4,4 0,4 0,0\n{line}");
+        let readings = plant(World::parse(&world).unwrap()).sensors().adc_counts;
+        [LINE_CHANNEL, LINE_CHANNEL + 1, LINE_CHANNEL + 2].map(|channel| readings[channel])
+    };
+    for (line, expected) in [
+        ("", [460, 460, 460]),
+        ("line 0.019 1,2 3,2", [460 + 250, 3_400, 460 + 250]),
+        ("line 0.019 1,2.0121 3,2.0121", [3_400, 460 + 250, 460]),
+        ("line 0.019 1,1.9879 3,1.9879", [460, 460 + 250, 3_400]),
+        ("line 0.019 1,2.0095 3,2.0095", [3_400, 1_930, 460]),
+        ("line 0.019 2.09,1 2.09,3", [3_400, 3_400, 3_400]),
+        ("line 0.019 2.07,1 2.07,3", [460, 460, 460]),
+    ] {
+        let seen = counts(line);
+        for (seen, expected) in seen.into_iter().zip(expected) {
+            // The noise of a conversion, and a little for the two spots beside a line that is as good as centred.
+            assert!(
+                (i32::from(seen) - expected).abs() < 90,
+                "{line}: {seen} for {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn line_sensors_are_noisy_and_each_on_its_own() {
+    let mut plant = plant(cell());
+    let mut seen = std::collections::BTreeSet::new();
+    for time_us in (0..20).map(|tick| tick * 20_000) {
+        plant.advance_to(time_us);
+        let counts = plant.sensors().adc_counts;
+        seen.insert([counts[LINE_CHANNEL], counts[LINE_CHANNEL + 1]]);
+    }
+    assert!(seen.len() > 15, "{seen:?}");
+    assert!(seen.iter().any(|[left, middle]| left != middle), "{seen:?}");
 }

@@ -1,4 +1,4 @@
-//! Worlds: the walls around the robot, the rooms they make, and where the robot starts.
+//! Worlds: the walls around the robot, the rooms they make, the lines on their floors, and where the robot starts.
 //!
 //! A world is a text file, one entry a line; `#` starts a comment. Lengths are metres, x to the right and y to the top of the map; angles are
 //! degrees, counter-clockwise from x.
@@ -8,6 +8,7 @@
 //! start 1.0,1.5 90                  # where the robot's centre is and which way it looks, once
 //! wall 0,0 3,0 3,3 0,3 0,0          # a line of walls through two points or more
 //! room cell 0,0 3,0 3,3 0,3         # a named area, three corners or more; walls are not drawn by it
+//! line 0.02 1,1 2,1 2,2             # a dark line on the light floor: its width, then two points or more
 //! ```
 //!
 //! Rooms give names to places and count what the robot has visited; where two overlap, the first in the file counts.
@@ -24,6 +25,12 @@ pub const COORDINATE_LIMIT_M: f64 = 1_000.0;
 /// The most wall segments of a world: each ray of each ping looks at all of them.
 pub const WALL_LIMIT: usize = 4_096;
 
+/// The most pieces of lines of a world: each reading of each sensor looks at all of them.
+pub const LINE_LIMIT: usize = 4_096;
+
+/// How wide a line may be, in metres: wider than a hair, narrower than the robot.
+pub const LINE_WIDTH_M: core::ops::RangeInclusive<f64> = 0.001..=0.2;
+
 /// The most rooms of a world.
 pub const ROOM_LIMIT: usize = 256;
 
@@ -38,6 +45,17 @@ pub struct World {
     pub walls: Vec<Segment>,
     /// All rooms, in the order of the file.
     pub rooms: Vec<Room>,
+    /// All pieces of the lines on the floor.
+    pub lines: Vec<LinePiece>,
+}
+
+/// A straight piece of a dark line on the floor; its ends are round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinePiece {
+    /// The middle of the line.
+    pub middle: Segment,
+    /// From one edge to the other, in metres.
+    pub width_m: f64,
 }
 
 /// Where the robot's centre is at the start, and which way it looks.
@@ -97,8 +115,10 @@ pub enum WorldError {
 /// What is wrong with a line of a world file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
-    /// The line's first word is none of the four.
-    #[error("`{word}` starts no entry; a line starts with `world`, `start`, `wall` or `room`")]
+    /// The line's first word is none of the five.
+    #[error(
+        "`{word}` starts no entry; a line starts with `world`, `start`, `wall`, `room` or `line`"
+    )]
     UnknownEntry {
         /// The word.
         word: String,
@@ -129,16 +149,25 @@ pub enum LineError {
         /// The word.
         word: String,
     },
-    /// Two corners of a wall in a row are the same point.
-    #[error("a wall from a point to itself; remove one of the two points")]
-    NoLength,
+    /// A word is not a line's width.
+    #[error("`{word}` is no width of a line; write metres from 0.001 to 0.2")]
+    Width {
+        /// The word.
+        word: String,
+    },
+    /// Two points of a wall or line in a row are the same.
+    #[error("a {entry} from a point to itself; remove one of the two points")]
+    NoLength {
+        /// The word that starts the line of the file.
+        entry: &'static str,
+    },
     /// Two rooms have one name.
     #[error("a second room `{name}`; give it another name")]
     RoomRepeated {
         /// The name.
         name: String,
     },
-    /// More walls or rooms than a world may have.
+    /// More walls, rooms or pieces of lines than a world may have.
     #[error("more than {limit} of them in one world; make the world simpler")]
     TooMany {
         /// The limit.
@@ -150,6 +179,7 @@ const WORLD_FORM: &str = "world NAME";
 const START_FORM: &str = "start X,Y HEADING_DEG";
 const WALL_FORM: &str = "wall X,Y X,Y …";
 const ROOM_FORM: &str = "room NAME X,Y X,Y X,Y …";
+const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
 
 impl World {
     /// Reads and checks the world file at `path`.
@@ -191,9 +221,10 @@ impl World {
             .find(|room| is_inside(&room.outline, point))
     }
 
-    /// The rectangle around walls, rooms and start.
+    /// The rectangle around walls, rooms, lines and start.
     pub fn bounds(&self) -> Bounds {
-        let ends = self.walls.iter().flat_map(|wall| [wall.from, wall.to]);
+        let lines = self.lines.iter().map(|line| &line.middle);
+        let ends = (self.walls.iter().chain(lines)).flat_map(|piece| [piece.from, piece.to]);
         let corners = self
             .rooms
             .iter()
@@ -219,6 +250,7 @@ struct Draft {
     start: Option<StartPose>,
     walls: Vec<Segment>,
     rooms: Vec<Room>,
+    lines: Vec<LinePiece>,
 }
 
 impl Draft {
@@ -234,6 +266,7 @@ impl Draft {
             "start" => self.add_start(&words),
             "wall" => self.add_wall(&words),
             "room" => self.add_room(&words),
+            "line" => self.add_line(&words),
             _ => Err(LineError::UnknownEntry {
                 word: keyword.to_owned(),
             }),
@@ -265,20 +298,19 @@ impl Draft {
     }
 
     fn add_wall(&mut self, words: &[&str]) -> Result<(), LineError> {
-        let points = points(words)?;
-        if points.len() < 2 {
-            return Err(LineError::Form { form: WALL_FORM });
-        }
-        for (from, to) in points.iter().zip(points.iter().skip(1)) {
-            if from == to {
-                return Err(LineError::NoLength);
-            }
-            self.walls.push(Segment {
-                from: *from,
-                to: *to,
-            });
-        }
+        self.walls.extend(pieces("wall", WALL_FORM, words)?);
         limited(self.walls.len(), WALL_LIMIT)
+    }
+
+    fn add_line(&mut self, words: &[&str]) -> Result<(), LineError> {
+        let Some((width, words)) = words.split_first() else {
+            return Err(LineError::Form { form: LINE_FORM });
+        };
+        let width_m = width_m(width)?;
+        let pieces = pieces("line", LINE_FORM, words)?.into_iter();
+        self.lines
+            .extend(pieces.map(|middle| LinePiece { middle, width_m }));
+        limited(self.lines.len(), LINE_LIMIT)
     }
 
     fn add_room(&mut self, words: &[&str]) -> Result<(), LineError> {
@@ -311,6 +343,7 @@ impl Draft {
             start: self.start.ok_or(missing("start"))?,
             walls: self.walls,
             rooms: self.rooms,
+            lines: self.lines,
         })
     }
 }
@@ -320,6 +353,27 @@ fn limited(count: usize, limit: usize) -> Result<(), LineError> {
         return Err(LineError::TooMany { limit });
     }
     Ok(())
+}
+
+/// The straight pieces through the points that `words` are, two at least.
+fn pieces(
+    entry: &'static str,
+    form: &'static str,
+    words: &[&str],
+) -> Result<Vec<Segment>, LineError> {
+    let points = points(words)?;
+    if points.len() < 2 {
+        return Err(LineError::Form { form });
+    }
+    (points.iter().zip(points.iter().skip(1)))
+        .map(|(from, to)| match from == to {
+            true => Err(LineError::NoLength { entry }),
+            false => Ok(Segment {
+                from: *from,
+                to: *to,
+            }),
+        })
+        .collect()
 }
 
 fn points(words: &[&str]) -> Result<Vec<Point>, LineError> {
@@ -336,6 +390,15 @@ fn point(word: &str) -> Result<Point, LineError> {
         .ok_or_else(|| LineError::Point {
             word: word.to_owned(),
         })
+}
+
+fn width_m(word: &str) -> Result<f64, LineError> {
+    match word.parse::<f64>() {
+        Ok(width_m) if LINE_WIDTH_M.contains(&width_m) => Ok(width_m),
+        _ => Err(LineError::Width {
+            word: word.to_owned(),
+        }),
+    }
 }
 
 fn angle_deg(word: &str) -> Result<f64, LineError> {
@@ -359,6 +422,7 @@ wall 0,0 3,0 3,3 0,3 0,0
 wall 1,1 2,1
 room west 0,0 1.5,0 1.5,3 0,3
 room all 0,0 3,0 3,3 0,3
+line 0.02 1,2 2,2 2,3.5
 ";
 
     #[test]
@@ -369,6 +433,9 @@ room all 0,0 3,0 3,3 0,3
         assert_eq!(world.start.heading_deg, -90.0);
         assert_eq!(world.walls.len(), 5);
         assert_eq!(world.walls[3].to, Point::new(0.0, 0.0));
+        assert_eq!(world.lines.len(), 2);
+        assert_eq!(world.lines[1].middle.from, Point::new(2.0, 2.0));
+        assert_eq!(world.lines[1].width_m, 0.02);
         let rooms = [
             (0.5, 1.0, Some("west")),
             (2.5, 1.0, Some("all")),
@@ -382,7 +449,7 @@ room all 0,0 3,0 3,3 0,3
             world.bounds(),
             Bounds {
                 min: Point::new(0.0, 0.0),
-                max: Point::new(3.0, 3.0),
+                max: Point::new(3.0, 3.5),
             }
         );
     }
@@ -392,7 +459,7 @@ room all 0,0 3,0 3,3 0,3
         for (text, expected) in [
             (
                 "wal 0,0 1,1",
-                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall` or `room`",
+                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall`, `room` or `line`",
             ),
             ("world a b", "line 1: expected `world NAME`"),
             (
@@ -425,6 +492,20 @@ room all 0,0 3,0 3,3 0,3
                 "wall 0,0 inf,0",
                 "line 1: `inf,0` is no point; write `X,Y` in metres, without blanks, at most 1000 m from the origin",
             ),
+            ("line", "line 1: expected `line WIDTH X,Y X,Y …`"),
+            ("line 0.02 0,0", "line 1: expected `line WIDTH X,Y X,Y …`"),
+            (
+                "line 0,0 1,0",
+                "line 1: `0,0` is no width of a line; write metres from 0.001 to 0.2",
+            ),
+            (
+                "line 0.5 0,0 1,0",
+                "line 1: `0.5` is no width of a line; write metres from 0.001 to 0.2",
+            ),
+            (
+                "line 0.02 1,0 1,0",
+                "line 1: a line from a point to itself; remove one of the two points",
+            ),
             (
                 "room a 0,0 1,0",
                 "line 1: expected `room NAME X,Y X,Y X,Y …`",
@@ -452,12 +533,12 @@ room all 0,0 3,0 3,3 0,3
     }
 
     #[test]
-    fn a_world_has_at_most_so_many_walls() {
-        let corners: Vec<String> = (0..=WALL_LIMIT + 1)
-            .map(|i| format!("{},0", i % 2))
-            .collect();
-        let text = format!("wall {}", corners.join(" "));
-        let error = World::parse(&text).unwrap_err().to_string();
-        assert!(error.contains("more than 4096"), "{error}");
+    fn a_world_has_at_most_so_many_walls_and_pieces_of_lines() {
+        for (entry, limit) in [("wall", WALL_LIMIT), ("line 0.02", LINE_LIMIT)] {
+            let corners: Vec<String> = (0..=limit + 1).map(|i| format!("{},0", i % 2)).collect();
+            let text = format!("{entry} {}", corners.join(" "));
+            let error = World::parse(&text).unwrap_err().to_string();
+            assert!(error.contains("more than 4096"), "{error}");
+        }
     }
 }

@@ -10,7 +10,7 @@
 //! | sequence | 4 | | sequence of the request | 4 |
 //! | nominal start of this occurrence, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
 //! | nominal end of the occurrence before, in µs | 8 | | echo times in µs, 0 = no echo | 8 × 2 |
-//! | left, right duty (signed) | 2 + 2 | | ADC counts | 4 × 2 |
+//! | left, right duty (signed) | 2 + 2 | | ADC counts | 7 × 2 |
 //! | sonar trigger bits, auxiliary output bits | 1 + 1 | | | |
 
 use core::array;
@@ -21,7 +21,7 @@ use super::pins::{Actuators, DEADMAN_US, PinImage, Sensors};
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
-pub const REPLY_BYTES: usize = 32;
+pub const REPLY_BYTES: usize = 38;
 
 /// Stale frames in a row that a board bears; one more and it must go to its safe state.
 pub const STALE_FRAME_LIMIT: u8 = 5;

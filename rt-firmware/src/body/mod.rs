@@ -20,6 +20,6 @@ pub use exchange::{
 };
 pub use pins::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
-    BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, MotorPwm,
-    Parts, PinImage, SONARS, Sensors, TriggerPin,
+    BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, LINE_CHANNEL,
+    LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, TriggerPin,
 };

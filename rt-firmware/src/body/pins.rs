@@ -16,11 +16,17 @@ use crate::drivers::{AnalogIn, EchoTimer, EncoderCounter};
 /// Number of sonars in the ring.
 pub const SONARS: usize = 8;
 
-/// Number of analogue inputs: the battery and three for the user's own drivers.
-pub const ANALOG_CHANNELS: usize = 4;
+/// Number of analogue inputs: the battery, three for the user's own drivers, three that look at the floor.
+pub const ANALOG_CHANNELS: usize = 7;
 
 /// The analogue input that measures the battery.
 pub const BATTERY_CHANNEL: usize = 0;
+
+/// Number of reflectance sensors that look at the floor.
+pub const LINE_SENSORS: usize = 3;
+
+/// The first of the analogue inputs that measure the floor's reflectance: left, middle, right.
+pub const LINE_CHANNEL: usize = 4;
 
 /// Number of digital outputs for the user's own drivers.
 pub const AUX_OUTPUTS: usize = 4;
@@ -58,7 +64,7 @@ pub struct Sensors {
     pub right_count: u16,
     /// Time from trigger to echo of each sonar's last finished ping, in microseconds; 0 if there was no echo.
     pub echo_us: [u16; SONARS],
-    /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery.
+    /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
     pub adc_counts: [u16; ANALOG_CHANNELS],
 }
 
@@ -256,7 +262,7 @@ pub struct Parts<'a> {
     pub sonar_triggers: [TriggerPin<'a>; SONARS],
     /// Echo timers of the sonars, in the same order.
     pub echo_timers: [EchoCapture<'a>; SONARS],
-    /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery.
+    /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
     pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS],
     /// Digital outputs for the user's own drivers.
     pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],

@@ -5,11 +5,13 @@
 mod battery;
 mod encoder;
 mod hal;
+mod line;
 mod motor;
 mod sonar;
 
 pub use battery::BatteryGauge;
 pub use encoder::WheelEncoder;
 pub use hal::{AnalogIn, EchoTimer, EncoderCounter};
+pub use line::LineArray;
 pub use motor::{DcMotor, MotorError};
 pub use sonar::Sonar;

@@ -1,4 +1,5 @@
-//! The default robot: a round body on two driven wheels, a ring of eight sonars, a battery of two lithium cells.
+//! The default robot: a round body on two driven wheels, a ring of eight sonars, three sensors that look at
+//! the floor, a battery of two lithium cells.
 //!
 //! [`Rover`] is the registry of its tasks, generic over the HAL objects that a board gives it: see [`RoverParts`]. On boards whose pins are a
 //! [`PinImage`](crate::body::PinImage) it is a [`PinRover`]:
@@ -24,15 +25,17 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 use crate::body::{
-    ANALOG_CHANNELS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture,
-    EncoderCount, MotorPwm, Parts, SONARS, TriggerPin,
+    AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, LINE_SENSORS,
+    MotorPwm, Parts, SONARS, TriggerPin,
 };
-use crate::drivers::{AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, WheelEncoder};
+use crate::drivers::{
+    AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, LineArray, WheelEncoder,
+};
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryMonitor, Chassis, Cruise, FollowWall, Logger, Odometry, ProximityMonitor,
-    RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
+    Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -44,6 +47,11 @@ pub const COUNTS_PER_REVOLUTION: f32 = 1_440.0;
 /// Battery volts that read as the ADC's full scale: a reference of 3.3 V behind a divider by three.
 pub const BATTERY_FULL_SCALE_V: f32 = 9.9;
 
+/// ADC counts over bare floor and over a dark line.
+pub const FLOOR_COUNTS: u16 = 500;
+/// See [`FLOOR_COUNTS`].
+pub const LINE_COUNTS: u16 = 3_300;
+
 /// The rover's measures.
 pub const CHASSIS: Chassis = Chassis {
     wheel_base_m: 0.2,
@@ -53,7 +61,7 @@ pub const CHASSIS: Chassis = Chassis {
 };
 
 /// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is backwards), encoders, sonars (trigger, echo
-/// timer; counter-clockwise from the one that looks ahead), battery input.
+/// timer; counter-clockwise from the one that looks ahead), battery input, line sensors (left, middle, right).
 #[derive(Debug)]
 pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
     /// PWM of the left motor.
@@ -74,6 +82,8 @@ pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
     pub echo_timers: [E; SONARS],
     /// The battery's analogue input.
     pub battery: A,
+    /// The analogue inputs that measure how the floor reflects, from the left to the right.
+    pub line_sensors: [A; LINE_SENSORS],
 }
 
 /// [`RoverParts`] on a [`PinImage`](crate::body::PinImage).
@@ -105,15 +115,15 @@ pub type PinRover<'a> = Rover<
 /// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own drivers.
 #[derive(Debug)]
 pub struct SparePins<'a> {
-    /// Analogue inputs 1 to 3; input 0 is the battery.
-    pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS - 1],
+    /// Analogue inputs 1 to 3; input 0 is the battery, 4 to 6 look at the floor.
+    pub analog: [AnalogChannel<'a>; 3],
     /// Digital outputs.
     pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],
 }
 
 /// Divides the pins into those that the rover needs and those that it leaves.
 pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
-    let [battery, analog_1, analog_2, analog_3] = parts.analog;
+    let [battery, analog_1, analog_2, analog_3, left, middle, right] = parts.analog;
     let rover = RoverParts {
         left_pwm: parts.left_pwm,
         left_direction: parts.left_direction,
@@ -124,6 +134,7 @@ pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
         sonar_triggers: parts.sonar_triggers,
         echo_timers: parts.echo_timers,
         battery,
+        line_sensors: [left, middle, right],
     };
     let spare = SparePins {
         analog: [analog_1, analog_2, analog_3],
@@ -150,6 +161,8 @@ pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
     pub wheel_speed: WheelSpeed<LP, LD, RP, RD>,
     /// The battery.
     pub battery_monitor: BatteryMonitor<A>,
+    /// The sensors that look at the floor.
+    pub line_sensor: LineSensor<A>,
 }
 
 impl<LP, LD, RP, RD, LE, RE, T, E, A> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>
@@ -182,6 +195,11 @@ where
                 self.battery,
                 BATTERY_FULL_SCALE_V,
             )),
+            line_sensor: LineSensor::new(LineArray::new(
+                self.line_sensors,
+                FLOOR_COUNTS,
+                LINE_COUNTS,
+            )),
         }
     }
 }
@@ -204,6 +222,9 @@ registry! {
         round_corner: RoundCorner[1],
         stop: Stop[2],
         logger: Logger[1],
+        line_sensor: LineSensor<A>[1],
+        line_monitor: LineMonitor[4],
+        follow_line: FollowLine[2],
     }
 }
 
@@ -235,6 +256,9 @@ where
             round_corner: Bank::new([RoundCorner]),
             stop: Bank::new(array::from_fn(|_| Stop)),
             logger: Bank::new([Logger]),
+            line_sensor: Bank::new([hardware.line_sensor]),
+            line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
+            follow_line: Bank::new(array::from_fn(|_| FollowLine)),
         }
     }
 }

@@ -13,6 +13,9 @@
 //! | [`FollowWall`] | keeps a wall to the right at a distance | |
 //! | [`RoundCorner`] | drives around the end of a wall to the right | |
 //! | [`Stop`] | stands still | |
+//! | [`LineSensor`] | measures where a line on the floor is | reflectance sensors |
+//! | [`LineMonitor`] | watches for a line and for crossings | |
+//! | [`FollowLine`] | drives along a line | |
 //! | [`Logger`] | writes pose and battery to the log, in no hurry | |
 //!
 //! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they publish a [`Twist`], and the mission's
@@ -21,7 +24,10 @@
 mod back;
 mod battery_monitor;
 mod cruise;
+mod follow_line;
 mod follow_wall;
+mod line_monitor;
+mod line_sensor;
 mod logger;
 mod odometry;
 mod proximity_monitor;
@@ -35,7 +41,10 @@ mod wheel_speed;
 pub use back::Back;
 pub use battery_monitor::BatteryMonitor;
 pub use cruise::Cruise;
+pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
+pub use line_monitor::LineMonitor;
+pub use line_sensor::LineSensor;
 pub use logger::Logger;
 pub use odometry::Odometry;
 pub use proximity_monitor::ProximityMonitor;
@@ -43,5 +52,5 @@ pub use round_corner::RoundCorner;
 pub use sonar_ring::SonarRing;
 pub use stop::Stop;
 pub use turn::Turn;
-pub use values::{Battery, Chassis, Pose, Ranges, Twist, WheelSpeeds};
+pub use values::{Battery, Chassis, Line, Pose, Ranges, Twist, WheelSpeeds};
 pub use wheel_speed::WheelSpeed;

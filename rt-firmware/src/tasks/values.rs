@@ -1,6 +1,6 @@
 //! What travels over the nets between the shipped tasks, and the robot's measures that several of them need.
 
-use crate::body::SONARS;
+use crate::body::{LINE_SENSORS, SONARS};
 use crate::task::PortType;
 
 pub use crate::odometry::Pose;
@@ -116,6 +116,36 @@ pub struct Battery {
 impl PortType for Battery {
     const NAME: &'static str = "Battery";
     const INIT: Self = Self { voltage_v: 0.0 };
+}
+
+/// A dark line on the floor, as the sensors ahead of the wheels see it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Line {
+    /// How far to the left of the middle sensor the line is, in micrometres. As long as no sensor sees it: the distance of the outermost
+    /// sensor on the side where it went out of sight.
+    pub left_um: i16,
+    /// How many sensors see it.
+    pub dark_sensors: u8,
+}
+
+impl Line {
+    /// Whether a sensor sees it.
+    pub const fn is_seen(&self) -> bool {
+        self.dark_sensors > 0
+    }
+
+    /// Whether it goes across: all sensors see it, which are wider apart than a line is.
+    pub const fn is_crossing(&self) -> bool {
+        self.dark_sensors as usize == LINE_SENSORS
+    }
+}
+
+impl PortType for Line {
+    const NAME: &'static str = "Line";
+    const INIT: Self = Self {
+        left_um: 0,
+        dark_sensors: 0,
+    };
 }
 
 /// The measures of a robot with two driven wheels.

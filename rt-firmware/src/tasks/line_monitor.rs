@@ -1,0 +1,62 @@
+//! Watches for a line on the floor.
+
+use super::values::Line;
+use crate::ports::Io;
+use crate::task;
+use crate::task::{Step, Task};
+
+/// Sets `seen` while there is a line under the sensors, `crossing` while another one goes across it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LineMonitor;
+
+task! {
+    impl LineMonitor {
+        slot 2;
+        wcet 100 us;
+        data {
+            in line: Line;
+        }
+        flags {
+            out seen;
+            out crossing;
+        }
+    }
+}
+
+impl Task for LineMonitor {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let line = io.read(Self::LINE);
+        io.set(Self::SEEN, line.is_seen());
+        io.set(Self::CROSSING, line.is_crossing());
+        Step::Run
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TaskBench;
+
+    #[test]
+    fn a_line_is_seen_by_one_sensor_and_a_crossing_by_all() {
+        let mut bench = TaskBench::new(LineMonitor);
+        for (dark_sensors, seen, crossing) in [
+            (0, false, false),
+            (1, true, false),
+            (2, true, false),
+            (3, true, true),
+        ] {
+            let line = Line {
+                left_um: 0,
+                dark_sensors,
+            };
+            bench.give(LineMonitor::LINE, line).step();
+            assert_eq!(bench.flag(LineMonitor::SEEN), seen, "{dark_sensors}");
+            assert_eq!(
+                bench.flag(LineMonitor::CROSSING),
+                crossing,
+                "{dark_sensors}"
+            );
+        }
+    }
+}
