@@ -12,20 +12,17 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let mut limit = (word.len() / 3).max(1);
     for candidate in candidates {
         let letters: Vec<char> = candidate.chars().collect();
+        if letters == word {
+            return Some(candidate);
+        }
         if letters.len().abs_diff(word.len()) > limit {
             continue;
         }
         let distance = alignment_distance(&word, &letters);
         // A word all of whose letters are wrong is another word, however short.
         if distance <= limit && distance < word.len().max(letters.len()) {
-            if distance == 0 {
-                return Some(candidate);
-            }
             best = Some(candidate);
             limit = distance - 1;
-            if limit == 0 {
-                break;
-            }
         }
     }
     best
@@ -82,6 +79,7 @@ mod tests {
     fn only_near_names_are_proposed() {
         let names = ["Cruise", "Escape", "turn", "Back", "A"];
         let cases = [
+            ("Back", Some("Back")),
             ("Curise", Some("Cruise")),
             ("cruise", Some("Cruise")),
             ("Escaep", Some("Escape")),
@@ -101,6 +99,10 @@ mod tests {
         assert_eq!(
             nearest("state1", ["state22", "state2", "state3"]),
             Some("state2")
+        );
+        assert_eq!(
+            nearest("state1", ["state2", "state3", "state1"]),
+            Some("state1")
         );
     }
 }

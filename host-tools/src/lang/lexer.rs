@@ -163,6 +163,11 @@ impl TokenKind {
     pub fn is_reserved(self) -> bool {
         (self as u8) <= TokenKind::KeptForLater as u8
     }
+
+    /// Whether this is a word that cannot be a name: a reserved one, or one with letters that names do not have.
+    pub fn is_no_name(self) -> bool {
+        self.is_reserved() || self == TokenKind::ForeignWord
+    }
 }
 
 /// A token: its kind and its byte range.

@@ -130,8 +130,9 @@ pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Se
         let identity = store.identity(&path);
         match indices.get(&identity) {
             Some(index) if way.iter().any(|open| open.file == *index) => {
+                let message = told_circle(&set, &way, *index, &path);
                 sink.push(
-                    Diagnostic::new(Code::E013, used.span, format!("`{path}` uses itself")).hint(
+                    Diagnostic::new(Code::E013, used.span, message).hint(
                         "remove this `use`: everything in a set of files sees everything else",
                     ),
                 );
@@ -206,6 +207,38 @@ impl Set {
 
 /// What some editors put before the first character of a UTF-8 file.
 const BYTE_ORDER_MARK: &str = "\u{FEFF}";
+
+/// A file that uses itself, by way of those that are open behind it.
+fn told_circle(set: &Set, way: &[Open], file: usize, path: &str) -> String {
+    /// More files of a circle than this help nobody.
+    const MAX_TOLD: usize = 5;
+    let mut behind = way
+        .iter()
+        .skip_while(|open| open.file != file)
+        .skip(1)
+        .filter_map(|open| set.files.get(open.file))
+        .map(|file| file_name(&file.path));
+    let told: Vec<&str> = behind.by_ref().take(MAX_TOLD).collect();
+    let rest = if behind.next().is_some() {
+        " and more"
+    } else {
+        ""
+    };
+    if told.is_empty() {
+        format!("`{}` uses itself", file_name(path))
+    } else {
+        format!(
+            "`{}` uses itself by way of {}{rest}",
+            file_name(path),
+            told.join(", ")
+        )
+    }
+}
+
+/// The last part of a path.
+fn file_name(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
+}
 
 /// A path without `.` and without `name/..`, with `/` between its parts.
 fn plain(path: &Path) -> String {

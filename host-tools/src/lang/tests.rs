@@ -166,7 +166,7 @@ fn syntax_errors_are_placed_at_the_token_found() {
         ("queue;", &["E001 1:6"]),
         ("task T { out flag near }", &["E001 1:24"]),
         ("task T { flag near; }", &["E001 1:10"]),
-        ("task T { inout flag near; }", &["E001 1:10"]),
+        ("task T { inout flag near; }", &["E001 1:16"]),
         ("task T { in data x Ranges; }", &["E001 1:20"]),
         (
             "task T { in data on: Ranges; out data on: Ranges; param on: u32 = 1; }",

@@ -115,6 +115,11 @@ impl<'t> Parser<'t, '_> {
 
     /// A state or transition between the regions: it is taken for one of the region before, so that its names are known.
     pub(super) fn outside_of_region(&mut self, container: &mut Container, expected: &str) {
+        if self.loose_closes > 0 {
+            // It is in the region that was left before.
+            self.loose_closes -= 1;
+            self.report_nothing_here();
+        }
         self.corrected(
             expected,
             Some(
@@ -123,7 +128,11 @@ impl<'t> Parser<'t, '_> {
             ),
         );
         match container.regions.last_mut() {
-            Some(region) => self.region_body(region),
+            Some(region) => {
+                // Whether the next `}` is the region's or the container's nobody knows: one more may follow.
+                self.loose_closes += 1;
+                self.region_items(region);
+            }
             None => self.skip_foreign_item(&mut container.skipped),
         }
     }
@@ -273,6 +282,7 @@ impl<'t> Parser<'t, '_> {
                 .then_some(PathEnd::State(first, second));
         }
         let third = self.name("the name of a port")?;
-        Some(PathEnd::Region(first, second, third))
+        self.at_end_of_path_end()
+            .then_some(PathEnd::Region(first, second, third))
     }
 }

@@ -95,6 +95,11 @@ impl Parser<'_, '_> {
                     closed = Closed::Container;
                     continue;
                 }
+                T::BraceClose if self.loose_closes > 0 => {
+                    self.loose_closes -= 1;
+                    self.bump();
+                    continue;
+                }
                 T::BraceClose => {
                     self.corrected(
                         "a declaration",
@@ -113,6 +118,11 @@ impl Parser<'_, '_> {
                 | T::State
                 | T::Super
                 | T::Initial => {
+                    if self.loose_closes > 0 {
+                        // The `}` before it was one of those.
+                        self.loose_closes -= 1;
+                        self.report_nothing_here();
+                    }
                     self.expected_with(
                         "a declaration of the file",
                         Some("this belongs into a body: is there a `}` too many before it?".into()),
@@ -172,6 +182,11 @@ impl Parser<'_, '_> {
                     span: self.since(start),
                     path: None,
                 };
+            }
+            T::Identifier => {
+                let hint = "the path of the file stands in quotes";
+                self.expected_with("a path such as `\"tasks.esm\"`", Some(hint.into()));
+                None
             }
             _ => {
                 self.expected("a path such as `\"tasks.esm\"`");

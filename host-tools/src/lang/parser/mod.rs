@@ -66,6 +66,9 @@ struct Parser<'t, 's> {
     stays_lost: bool,
     /// Whether a comment that is never closed hides the rest of the file.
     is_cut: bool,
+    /// How many `}` may stand where nothing is open, because of what has been reported: a body that was left without its own, or one
+    /// that something outside of it was taken into.
+    loose_closes: usize,
     /// Words that were used as names and cannot be.
     no_names: HashSet<&'t str>,
     sink: &'s mut Sink,
@@ -93,6 +96,7 @@ impl<'t, 's> Parser<'t, 's> {
             is_lost: false,
             stays_lost: false,
             is_cut: false,
+            loose_closes: 0,
             no_names: HashSet::new(),
             sink,
         };
@@ -194,7 +198,19 @@ impl<'t, 's> Parser<'t, 's> {
             (T::EndOfFile, _) => Some("the file stops in the middle of a declaration"),
             _ => None,
         };
-        self.expected_with(what, hint.map(str::to_owned));
+        let hint = hint.map_or_else(|| self.meant_of(what), |hint| Some(hint.to_owned()));
+        self.expected_with(what, hint);
+    }
+
+    /// The word that was probably meant, of those that `what` has between backticks.
+    fn meant_of(&self, what: &str) -> Option<String> {
+        if !self.at(T::Identifier) {
+            return None;
+        }
+        let quoted = what.split('`').skip(1).step_by(2);
+        let words = quoted.filter(|text| text.chars().all(|letter| letter.is_ascii_alphanumeric()));
+        let meant = nearest(self.text_of(self.token), words)?;
+        Some(format!("did you mean `{meant}`?"))
     }
 
     fn expected_with(&mut self, what: &str, hint: Option<String>) {

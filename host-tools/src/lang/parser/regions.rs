@@ -9,6 +9,9 @@ use crate::lang::tree::{Given, Literal, Name, Region, State, StateKind};
 use super::values::excerpt;
 use super::{Body, Parser, set_if_absent};
 
+/// What stands in a region.
+const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
+
 impl Parser<'_, '_> {
     pub(super) fn region(&mut self) -> Region {
         let start = self.here();
@@ -34,17 +37,27 @@ impl Parser<'_, '_> {
         region
     }
 
-    pub(super) fn region_body(&mut self, region: &mut Region) {
-        const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
+    /// The inside of a region and its `}`.
+    fn region_body(&mut self, region: &mut Region) {
+        self.region_items(region);
+        if self.at(T::BraceClose) {
+            self.bump();
+        } else {
+            self.missing_close(EXPECTED);
+        }
+    }
+
+    /// States and transitions, up to what is neither.
+    pub(super) fn region_items(&mut self, region: &mut Region) {
         loop {
             region.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
             self.body = Body::Region;
             let kind = self.token.kind;
             match kind {
-                T::BraceClose => return self.bump(),
+                T::BraceClose => return,
                 T::State | T::Super => region.states.push(self.state(kind)),
-                T::Task if self.at_task_declaration() => return self.missing_close(EXPECTED),
+                T::Task if self.at_task_declaration() => return,
                 T::Task => region.states.push(self.state(kind)),
                 T::Identifier if matches!(self.next.kind, T::Identifier | T::ForeignWord) => {
                     self.misspelt_in_region(region);
@@ -71,7 +84,7 @@ impl Parser<'_, '_> {
                     region.is_cut = self.is_cut;
                     region.has_gaps |= self.is_cut || self.at(T::EndOfFile);
                     region.may_have_initial |= self.at(T::EndOfFile);
-                    return self.missing_close(EXPECTED);
+                    return;
                 }
                 _ => {
                     self.expected(EXPECTED);
@@ -270,6 +283,10 @@ impl Parser<'_, '_> {
         }
         if !self.expect(T::BraceClose, "`,` or `}`") {
             is_whole = false;
+            if self.at(T::Semicolon) && self.next.kind == T::Identifier {
+                // A `;` for a `,`: the braces are not over.
+                self.bump();
+            }
             while !matches!(self.token.kind, T::BraceClose | T::Semicolon | T::EndOfFile)
                 && !self.at_start_of_item()
             {

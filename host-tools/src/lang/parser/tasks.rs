@@ -3,7 +3,6 @@
 use crate::model::{Direction, ParamType, Span};
 use crate::nearest::nearest;
 
-use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{DataPort, Flag, Given, Name, Number, Param, Task};
 
@@ -15,7 +14,11 @@ impl Parser<'_, '_> {
         match self.next.kind {
             T::Slot => {
                 let mut behind = self.lexer_behind_next();
-                behind.next_token().kind == T::Integer && behind.next_token().kind != T::Semicolon
+                behind.next_token().kind == T::Integer
+                    && match behind.next_token() {
+                        token if token.kind == T::BraceOpen => true,
+                        token => ["wcet", "exclusive"].contains(&self.text_of(token)),
+                    }
             }
             T::Identifier => ["wcet", "exclusive"].contains(&self.text_of(self.next)),
             _ => false,
@@ -123,6 +126,12 @@ impl Parser<'_, '_> {
                     match self.token.kind {
                         T::Flag => task.flags.push(self.flag(start, kind)),
                         T::Data => task.data.push(self.data_port(start, kind)),
+                        T::Event => {
+                            let hint = "events are sent and received by containers: a task reports with flags";
+                            self.expected_with("`data` or `flag`", Some(hint.into()));
+                            self.bump();
+                            self.skip_item(&mut task.skipped);
+                        }
                         _ => {
                             self.expected("`data` or `flag`");
                             self.skip_item(&mut task.skipped);
@@ -164,6 +173,7 @@ impl Parser<'_, '_> {
             T::EndOfFile => "a `}` is missing before the end of the file",
             _ => "is a `}` missing before it?",
         };
+        self.loose_closes += 1;
         self.expected_with(expected, Some(hint.into()));
     }
 
@@ -178,13 +188,8 @@ impl Parser<'_, '_> {
     /// A flag, behind its direction.
     pub(super) fn flag(&mut self, start: Span, direction: T) -> Flag {
         if direction == T::InOut {
-            let diagnostic = Diagnostic::new(
-                Code::E001,
-                start,
-                "expected `in` or `out` before `flag`, found the reserved word `inout`",
-            )
-            .hint("a flag is written from one side only: `in flag` or `out flag`");
-            self.sink.push(diagnostic);
+            let hint = "a flag is written from one side only: `in flag` or `out flag`";
+            self.corrected("`data`", Some(hint.into()));
         }
         self.bump();
         let name = self.name("the name of the flag");

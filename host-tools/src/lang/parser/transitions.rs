@@ -245,7 +245,9 @@ impl Parser<'_, '_> {
                 });
             }
             T::Identifier => {
-                self.expected_with("a guard", Some(self.how_to_write_a_flag()));
+                let meant = self.meant_of("`exit`, `timeout`, `busy`, `not`");
+                let hint = meant.unwrap_or_else(|| self.how_to_write_a_flag());
+                self.expected_with("a guard", Some(hint));
                 return Err(BrokenGuard);
             }
             _ => {

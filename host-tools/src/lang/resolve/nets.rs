@@ -463,22 +463,21 @@ impl<'f> Wiring<'_, 'f> {
             return Some(*place);
         }
         unresolved.ports.insert(names.text(port.0));
-        if let Some(&(first, _)) = places.first() {
-            let region = self
-                .container
-                .regions
-                .get(first)
-                .map_or("", |region| &region.name);
+        if !places.is_empty() {
+            let port = names.text(port.0);
+            let regions = places
+                .iter()
+                .filter_map(|&(region, _)| self.container.regions.get(region));
+            let full: Vec<String> = regions
+                .map(|region| format!("`{}.{text}.{port}`", region.name))
+                .collect();
             names.report(
                 Diagnostic::new(
                     Code::E002,
                     state.0,
                     format!("`{text}` is a state of several regions"),
                 )
-                .hint(format!(
-                    "say which one is meant: `{region}.{text}.{}`",
-                    names.text(port.0)
-                )),
+                .hint(format!("say which one is meant: {}", full.join(" or "))),
             );
         } else if !self.states.is_incomplete {
             let is_region = self.regions.find(text) != Found::Nothing;

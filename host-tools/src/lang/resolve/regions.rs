@@ -58,6 +58,17 @@ enum Use {
     WriteParent,
 }
 
+impl Use {
+    /// The direction against which this is; none where both will do.
+    fn against(self) -> Option<Direction> {
+        match self {
+            Use::ReadOwn | Use::WriteParent => Some(Direction::In),
+            Use::WriteOwn => Some(Direction::Out),
+            Use::ReadParent => None,
+        }
+    }
+}
+
 impl<'f> Resolver<'_, 'f> {
     /// Resolves the regions of the container with an index.
     pub(super) fn regions(
@@ -183,7 +194,8 @@ impl<'f> Resolver<'_, 'f> {
                 StateKind::Simple
             }
             tree::StateKind::Super { container } => {
-                let container = container.and_then(|reference| self.container(reference, names));
+                let container =
+                    container.and_then(|reference| self.container(reference, name, names));
                 facts.kind = container.map_or(Kind::Unknown, Kind::Super);
                 StateKind::Super {
                     container: container.unwrap_or(0),
@@ -197,6 +209,9 @@ impl<'f> Resolver<'_, 'f> {
             } => {
                 let task = task.and_then(|reference| {
                     names.resolve(&self.tasks.names, reference, "task", |task| {
+                        if matches!(self.containers.find(task), Found::Index(_)) {
+                            return format!("it is a container: write `super {name}: {task}`");
+                        }
                         format!("declare it (`task {task} {{ … }}`) or `use` the file that does")
                     })
                 });
@@ -221,8 +236,12 @@ impl<'f> Resolver<'_, 'f> {
         (state, facts)
     }
 
-    fn container(&self, reference: Name, names: &mut Names<'f, '_>) -> Option<usize> {
+    /// The container of the superstate `state`.
+    fn container(&self, reference: Name, state: &str, names: &mut Names<'f, '_>) -> Option<usize> {
         names.resolve(self.containers, reference, "container", |container| {
+            if matches!(self.tasks.names.find(container), Found::Index(_)) {
+                return format!("it is a task: write `task {state}: {container}`");
+            }
             format!("declare it (`container {container} {{ … }}`) or `use` the file that does")
         })
     }
@@ -588,7 +607,7 @@ impl<'f> Context<'_, 'f> {
                 .own_flag(*name, source, Use::ReadOwn, names)
                 .map(Guard::Own),
             GuardKind::Parent(name) => self
-                .parent_flag(*name, Use::ReadParent, names)
+                .parent_flag(*name, source, Use::ReadParent, names)
                 .map(Guard::Parent),
         }
     }
@@ -686,42 +705,59 @@ impl<'f> Context<'_, 'f> {
             }
             End::State(state, kind) => (state, kind),
         };
-        let (owner, scope, directions) = match kind {
-            Kind::Unknown => return None,
-            Kind::Simple => {
-                let message = format!("the simple state `{state}` has no flag `{flag}`");
-                let hint = "only task states and superstates have flags";
-                names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
-                return None;
-            }
-            Kind::Task(task) => {
-                let facts = self.resolver.tasks.facts(task)?;
-                let owner = self.resolver.model.tasks.get(task)?.name.as_str();
-                (
-                    format!("task `{owner}`"),
-                    &facts.flags,
-                    &facts.flag_directions,
-                )
-            }
+        if kind == Kind::Simple {
+            let message = format!("the simple state `{state}` has no flag `{flag}`");
+            let hint = "only task states and superstates have flags";
+            names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
+            return None;
+        }
+        let flags = self.flags_of(end)?;
+        let owner = match kind {
+            Kind::Task(task) => format!("task `{}`", self.resolver.model.tasks.get(task)?.name),
             Kind::Super(container) => {
-                let facts = self.resolver.facts.get(container)?;
-                (
-                    format!("the container of `{state}`"),
-                    &facts.flags,
-                    &facts.flag_directions,
-                )
+                let container = self.resolver.model.containers.get(container)?;
+                format!("container `{}`", container.name)
             }
+            Kind::Unknown | Kind::Simple => return None,
         };
         let word = if usage == Use::ReadOwn { "out" } else { "in" };
-        let index = names.resolve(scope, name, "flag", |flag| {
-            format!("declare it in {owner}: `{word} flag {flag};`")
+        let index = names.resolve_or(flags.names, name, "flag", |flag, names| {
+            if let Some(hint) = flags.meant(flag, usage, names) {
+                hint
+            } else if matches!(self.around.facts.flags.find(flag), Found::Index(_)) {
+                format!("`^{flag}` is the flag of container `{}`", self.around.name)
+            } else {
+                format!("declare it in {owner}: `{word} flag {flag};`")
+            }
         })?;
-        check_direction(directions, index, usage, name, names);
+        check_direction(flags.directions, index, usage, name, names);
         Some(index)
     }
 
-    /// A flag of the container around.
-    fn parent_flag(&self, name: Name, usage: Use, names: &mut Names<'f, '_>) -> Option<usize> {
+    /// The flags of a state, where it has some and they are known.
+    fn flags_of(&self, end: End<'f>) -> Option<Flags<'_, 'f>> {
+        let (names, directions) = match end {
+            End::State(_, Kind::Task(task)) => {
+                let facts = self.resolver.tasks.facts(task)?;
+                (&facts.flags, &facts.flag_directions)
+            }
+            End::State(_, Kind::Super(container)) => {
+                let facts = self.resolver.facts.get(container)?;
+                (&facts.flags, &facts.flag_directions)
+            }
+            End::State(..) | End::Pseudo(_) | End::Unknown => return None,
+        };
+        Some(Flags { names, directions })
+    }
+
+    /// A flag of the container around. `end` is the state whose own flag may have been meant.
+    fn parent_flag(
+        &self,
+        name: Name,
+        end: End<'f>,
+        usage: Use,
+        names: &mut Names<'f, '_>,
+    ) -> Option<usize> {
         if self.around.is_machine {
             names.report(
                 Diagnostic::new(
@@ -733,17 +769,29 @@ impl<'f> Context<'_, 'f> {
             );
             return None;
         }
-        let container = self.around.name;
-        let index = names.resolve(&self.around.facts.flags, name, "flag", |flag| {
-            format!("declare it in container `{container}`: `out flag {flag};`")
+        let flags = Flags {
+            names: &self.around.facts.flags,
+            directions: &self.around.facts.flag_directions,
+        };
+        let index = names.resolve_or(flags.names, name, "flag", |flag, names| {
+            let own = self.flags_of(end);
+            if let Some(hint) = flags.meant(flag, usage, names) {
+                hint
+            } else if let (End::State(state, _), Some(Found::Index(_))) =
+                (end, own.map(|own| own.names.find(flag)))
+            {
+                format!("`.{flag}` is the flag of state `{state}`")
+            } else {
+                let word = if usage == Use::ReadParent {
+                    "in"
+                } else {
+                    "out"
+                };
+                let container = self.around.name;
+                format!("declare it in container `{container}`: `{word} flag {flag};`")
+            }
         })?;
-        check_direction(
-            &self.around.facts.flag_directions,
-            index,
-            usage,
-            name,
-            names,
-        );
+        check_direction(flags.directions, index, usage, name, names);
         Some(index)
     }
 
@@ -759,9 +807,34 @@ impl<'f> Context<'_, 'f> {
                 .own_flag(name, target, Use::WriteOwn, names)
                 .map(|flag| Action::Own(flag, value)),
             tree::Action::Parent(name, value) => self
-                .parent_flag(name, Use::WriteParent, names)
+                .parent_flag(name, target, Use::WriteParent, names)
                 .map(|flag| Action::Parent(flag, value)),
         }
+    }
+}
+
+/// The flags of a task or container.
+#[derive(Clone, Copy)]
+struct Flags<'r, 'f> {
+    names: &'r Scope<'f>,
+    /// Of each; `None` where it could not be read.
+    directions: &'r [Option<Direction>],
+}
+
+impl<'f> Flags<'_, 'f> {
+    /// Proposes the flag that was probably meant: one that can be used like this, else any.
+    fn meant(self, text: &str, usage: Use, names: &mut Names<'f, '_>) -> Option<String> {
+        let fits = |name: &&&str| {
+            let Found::Index(index) = self.names.find(name) else {
+                return false;
+            };
+            self.directions.get(index).copied().flatten() != usage.against()
+        };
+        let fitting: Vec<&str> = self.names.names().iter().filter(fits).copied().collect();
+        names
+            .meant(text, &fitting)
+            .or_else(|| names.meant(text, self.names.names()))
+            .map(|meant| format!("did you mean `{meant}`?"))
     }
 }
 
@@ -776,25 +849,22 @@ fn check_direction(
     let Some(Some(direction)) = directions.get(index) else {
         return;
     };
-    let (wrong, message, hint) = match usage {
+    let (message, hint) = match usage {
         Use::ReadParent => return,
         Use::ReadOwn => (
-            Direction::In,
             "is an `in` flag: a transition cannot read it from its state",
             "`in` flags are set on the way into a state; declare it `out` to read it on the way out",
         ),
         Use::WriteOwn => (
-            Direction::Out,
             "is an `out` flag: a transition cannot write it from outside",
             "`out` flags are set by the task or container itself; declare it `in` to set it on the way in",
         ),
         Use::WriteParent => (
-            Direction::In,
             "is an `in` flag: it cannot be written inside its container",
             "`in` flags are set from outside; declare it `out` to set it here",
         ),
     };
-    if *direction == wrong {
+    if Some(*direction) == usage.against() {
         let message = format!("`{}` {message}", names.text(name.0));
         names.report(Diagnostic::new(Code::E005, name.0, message).hint(hint));
     }

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::lexer::Lexer;
 use crate::lang::tree::Name;
 use crate::model::{SourceFile, Span};
 use crate::nearest::nearest;
@@ -147,24 +148,40 @@ impl<'f, 's> Names<'f, 's> {
         what: &str,
         otherwise: impl FnOnce(&str) -> String,
     ) -> Option<usize> {
+        self.resolve_or(scope, name, what, |text, names| {
+            names.meant(text, scope.names()).map_or_else(
+                || otherwise(text),
+                |meant| format!("did you mean `{meant}`?"),
+            )
+        })
+    }
+
+    /// The index of a name that must be in a scope. An unknown one is reported with the hint that is given for it.
+    pub(super) fn resolve_or(
+        &mut self,
+        scope: &Scope<'f>,
+        name: Name,
+        what: &str,
+        hint: impl FnOnce(&str, &mut Self) -> String,
+    ) -> Option<usize> {
         let text = self.text(name.0);
         match scope.find(text) {
             Found::Index(index) => Some(index),
             Found::Perhaps => None,
             Found::Nothing => {
-                let hint = self.meant(text, scope.names()).map_or_else(
-                    || otherwise(text),
-                    |meant| format!("did you mean `{meant}`?"),
-                );
+                let hint = hint(text, self);
                 self.unknown(name, what, hint);
                 None
             }
         }
     }
 
-    /// Reports an unknown name.
+    /// Reports an unknown name. Of a word that cannot be a name that is reported already.
     pub(super) fn unknown(&mut self, name: Name, what: &str, hint: String) {
         let text = self.text(name.0);
+        if Lexer::new(text).next_token().kind.is_no_name() {
+            return;
+        }
         self.report(
             Diagnostic::new(Code::E002, name.0, format!("unknown {what} `{text}`")).hint(hint),
         );

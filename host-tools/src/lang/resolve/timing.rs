@@ -44,11 +44,16 @@ fn check_utilisation(slots: &SlotTable, model: &Model, names: &mut Names<'_, '_>
     };
     if crate::schedule::exceeds_one(times.iter().copied()) {
         let percent = crate::schedule::utilisation(times.iter().copied()) * 100.0;
+        let share = if percent < 100.01 {
+            "a little more than 100".to_owned()
+        } else {
+            format!("{percent:.2}")
+        };
         names.report(
             Diagnostic::new(
                 Code::E010,
                 first.span,
-                format!("the slots together ask for {percent:.2} % of the time"),
+                format!("the slots together ask for {share} % of the time"),
             )
             .hint("shorten durations or lengthen periods until they ask for at most 100 %"),
         );
