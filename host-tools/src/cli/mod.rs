@@ -9,6 +9,7 @@
 //! | [`console`] | standard output and error as a person or a program sees them: colour, progress, broken pipes |
 //! | [`file`](mod@file) | files read and written, whole or not at all |
 //! | [`mission`] | from a source file to a verified blob |
+//! | [`difference`] | where two texts differ first |
 //! | [`argument`] | values that several commands take: times, ports |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
@@ -18,8 +19,10 @@ pub mod board;
 pub mod build;
 pub mod check;
 pub mod console;
+pub mod difference;
 pub mod exit;
 pub mod file;
+pub mod fmt;
 pub mod inspect;
 pub mod log;
 pub mod mission;
@@ -54,6 +57,7 @@ use crate::host_board::{self, RobotMaker};
     after_help = "\
 A first tour:
   esm check missions/patrol.esm                  what is wrong with a mission, if anything
+  esm fmt missions/patrol.esm                    one layout for every file
   esm sim patrol.esm patrol.scenario             step through the machine alone, no robot needed
   esm run missions/patrol.esm --until '60 s'     drive it: an emulated board, a simulated robot body
   esm upload missions/patrol.esm --port /dev/ttyUSB0
@@ -75,6 +79,7 @@ pub struct Cli {
 )]
 pub enum Command {
     Check(check::CheckArgs),
+    Fmt(fmt::FmtArgs),
     Build(build::BuildArgs),
     Inspect(inspect::InspectArgs),
     Schedule(schedule::ScheduleArgs),
@@ -142,6 +147,7 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     match command {
         Command::Check(args) => check::execute(args, console),
+        Command::Fmt(args) => fmt::execute(args, console),
         Command::Build(args) => build::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),

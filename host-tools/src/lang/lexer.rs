@@ -170,6 +170,48 @@ impl TokenKind {
     }
 }
 
+/// The reserved words, those that are kept for later among them.
+pub const RESERVED_WORDS: [&str; 38] = [
+    "use",
+    "interpreter",
+    "queue",
+    "slot",
+    "task",
+    "container",
+    "machine",
+    "event",
+    "in",
+    "out",
+    "inout",
+    "flag",
+    "data",
+    "param",
+    "region",
+    "state",
+    "super",
+    "initial",
+    "final",
+    "on",
+    "pulse",
+    "send",
+    "set",
+    "clear",
+    "and",
+    "or",
+    "not",
+    "exit",
+    "timeout",
+    "busy",
+    "path",
+    "with",
+    "true",
+    "false",
+    "link",
+    "frame",
+    "assert",
+    "history",
+];
+
 /// A token: its kind and its byte range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token {
@@ -239,6 +281,77 @@ impl<'t> Lexer<'t> {
             kind,
             start: range.start as u32,
             end: range.end as u32,
+        })
+    }
+}
+
+/// A comment between two tokens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Comment<'t> {
+    /// The comment with its marks; of a line comment without the end of the line.
+    pub text: &'t str,
+    /// Whether it starts with `//`, so that nothing can follow on its line.
+    pub is_line: bool,
+    /// How many lines end between what stands before it (a token, a comment, or the start of the text) and it.
+    pub breaks_before: usize,
+    /// First byte of the comment in the gap.
+    pub start: usize,
+}
+
+/// The comments in a gap between two tokens. Reading tokens alone costs nothing for them: who wants them asks gap by gap.
+#[derive(Clone, Debug)]
+pub struct Comments<'t> {
+    gap: &'t str,
+    at: usize,
+    breaks: usize,
+}
+
+impl<'t> Comments<'t> {
+    /// The comments in `gap`, the text from the end of a token to the start of the next one.
+    pub fn new(gap: &'t str) -> Self {
+        Comments {
+            gap,
+            at: 0,
+            breaks: 0,
+        }
+    }
+
+    /// How many lines end behind the last comment that was given.
+    pub fn breaks(&self) -> usize {
+        self.breaks
+    }
+}
+
+impl<'t> Iterator for Comments<'t> {
+    type Item = Comment<'t>;
+
+    fn next(&mut self) -> Option<Comment<'t>> {
+        let rest = self.gap.get(self.at..).unwrap_or("");
+        // A gap is made of blanks and comments, so the next slash starts one.
+        let blank = rest.find('/').unwrap_or(rest.len());
+        let (blanks, rest) = rest.split_at(blank);
+        self.breaks += blanks.bytes().filter(|&byte| byte == b'\n').count();
+        self.at += blank;
+        if rest.is_empty() {
+            return None;
+        }
+        let is_line = rest.starts_with("//");
+        let end = if is_line {
+            rest.find('\n')
+        } else {
+            // Behind the opening mark: `/*/` closes nothing.
+            rest.get(2..)
+                .and_then(|inside| inside.find("*/"))
+                .map(|end| end + 4)
+        };
+        let text = rest.get(..end.unwrap_or(rest.len())).unwrap_or(rest);
+        let start = self.at;
+        self.at += text.len();
+        Some(Comment {
+            text,
+            is_line,
+            breaks_before: std::mem::take(&mut self.breaks),
+            start,
         })
     }
 }
@@ -365,6 +478,50 @@ mod tests {
                 reserved,
                 "{text}"
             );
+        }
+    }
+
+    #[test]
+    fn the_reserved_words_are_the_tokens_that_are_reserved() {
+        let mut kinds: Vec<TokenKind> = Vec::new();
+        for word in RESERVED_WORDS {
+            let token = Lexer::new(word).next_token();
+            assert!(token.kind.is_reserved(), "{word}");
+            assert_eq!(token.end as usize, word.len(), "{word}");
+            if !kinds.contains(&token.kind) {
+                kinds.push(token.kind);
+            }
+        }
+        assert_eq!(kinds.len(), T::KeptForLater as usize + 1);
+    }
+
+    #[test]
+    fn gaps_and_their_comments() {
+        type Found<'t> = (&'t str, bool, usize);
+        let cases: &[(&str, &[Found<'_>], usize)] = &[
+            ("", &[], 0),
+            (" \r\n\t\n", &[], 2),
+            (" // a\r\n", &[("// a\r", true, 0)], 1),
+            ("\n\n// a", &[("// a", true, 2)], 0),
+            (
+                "/*/ */\n/**/ /* a\nb */// c\n",
+                &[
+                    ("/*/ */", false, 0),
+                    ("/**/", false, 1),
+                    ("/* a\nb */", false, 0),
+                    ("// c", true, 0),
+                ],
+                1,
+            ),
+        ];
+        for (gap, expected, breaks) in cases {
+            let mut comments = Comments::new(gap);
+            let found: Vec<Found<'_>> = comments
+                .by_ref()
+                .map(|comment| (comment.text, comment.is_line, comment.breaks_before))
+                .collect();
+            assert_eq!(&found, expected, "{gap:?}");
+            assert_eq!(comments.breaks(), *breaks, "{gap:?}");
         }
     }
 }

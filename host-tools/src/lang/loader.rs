@@ -163,7 +163,7 @@ pub(super) fn load(path: &str, store: &impl Store, sink: &mut Sink) -> Result<Se
 
 impl Set {
     /// Parses one more file.
-    fn add(&mut self, path: String, bytes: &[u8], sink: &mut Sink) {
+    pub(super) fn add(&mut self, path: String, bytes: &[u8], sink: &mut Sink) {
         let index = self.files.len() as u32;
         let bytes = bytes
             .strip_prefix(BYTE_ORDER_MARK.as_bytes())

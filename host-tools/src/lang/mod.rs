@@ -16,6 +16,7 @@
 
 pub mod analysis;
 mod diagnostic;
+pub mod format;
 mod lexer;
 mod loader;
 mod parser;
@@ -28,7 +29,8 @@ use std::path::Path;
 use std::time::Duration;
 
 pub use diagnostic::{Code, Diagnostic, Severity};
-pub use source::{LoadError, Position, Positions};
+pub use lexer::RESERVED_WORDS;
+pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
 
 use crate::model::{Model, SourceFile, Span};
 use crate::schedule::{self, Outcome, Schedule, SlotSpec};
@@ -60,6 +62,14 @@ pub struct Checked {
 /// The file itself cannot be read. A file that it uses and that cannot be read is a diagnostic.
 pub fn load(path: &Path) -> Result<Checked, LoadError> {
     check(&path.to_string_lossy(), &Disk)
+}
+
+/// Reads one source file as it is, and nothing that it uses.
+///
+/// # Errors
+/// It cannot be read, is no file, or is too long.
+pub fn read_source(path: &Path) -> Result<Vec<u8>, LoadError> {
+    Disk.read(&path.to_string_lossy())
 }
 
 /// Checks one text that uses no other. `name` stands for its path in messages.
