@@ -9,7 +9,7 @@ use rt_firmware::check::{Need, needs};
 use rt_firmware::link::message::Capacity;
 
 use crate::boards::Board;
-use crate::compile::{self, CompileError};
+use crate::compile::{self, CompileError, NameTable};
 use crate::lang::{Checked, Code, Diagnostic};
 use crate::model::{Model, PathEnd, Span, StateKind};
 use crate::schedule::Schedule;
@@ -23,12 +23,13 @@ pub fn compile_to_fit(
     checked: &mut Checked,
     schedule: &Schedule,
     board: Option<&Board>,
+    names: NameTable,
 ) -> Result<Option<Verified<Vec<u8>>>, CompileError> {
     let Some(model) = checked.model.as_ref() else {
         return Ok(None);
     };
     let whole = machine_span(model);
-    let compiled = compile::compile(model, &schedule.starts_us).and_then(|blob| {
+    let compiled = compile::compile_with(model, &schedule.starts_us, names).and_then(|blob| {
         esm_core::verify(blob).map_err(|(_, refusal)| CompileError::Refused(refusal))
     });
     let verified = match compiled {

@@ -10,6 +10,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use crate::boards;
+use crate::compile::NameTable;
 use crate::inspect::Counts;
 
 /// Compiles a mission to the blob that a robot takes
@@ -22,6 +23,7 @@ Examples:
   esm build missions/patrol.esm -o patrol.blob
   esm build missions/patrol.esm -o patrol.blob --board host
   esm build missions/patrol.esm -o patrol.blob --json | jq .bytes
+  esm build missions/patrol.esm -o patrol.blob --strip
 
 With --json: bytes, states, transitions, containers, instances, events, flags, ram_bytes.")]
 pub struct BuildArgs {
@@ -40,6 +42,10 @@ pub struct BuildArgs {
     /// What was built as one JSON object, for programs
     #[arg(long)]
     pub json: bool,
+
+    /// Leaves out all names but those of tasks: a smaller blob, of which traces and status cannot say what it does
+    #[arg(long)]
+    pub strip: bool,
 }
 
 /// Runs the command.
@@ -53,7 +59,12 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
         Audience::Person
     };
     let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
-    let verified = mission::compiled(&args.file, Some(board), audience, console)?;
+    let names = if args.strip {
+        NameTable::LeftOut
+    } else {
+        NameTable::Kept
+    };
+    let verified = mission::compiled(&args.file, Some(board), names, audience, console)?;
     file::write_whole(&args.output, verified.bytes(), "blob")?;
     let counts = Counts::of(&verified);
     if args.json {

@@ -9,6 +9,7 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::mission::{self, Audience};
 use crate::boards;
+use crate::compile::NameTable;
 use crate::lang::Severity;
 
 /// Says what is wrong with a mission: every error and warning at once
@@ -45,7 +46,7 @@ pub struct CheckArgs {
 pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandError> {
     let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
     let mut checked = mission::read(&args.file)?;
-    mission::lay_out_and_compile(&mut checked, Some(board))?;
+    mission::lay_out_and_compile(&mut checked, Some(board), NameTable::Kept)?;
     let audience = if args.json {
         Audience::Program
     } else {

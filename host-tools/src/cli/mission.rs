@@ -11,6 +11,7 @@ use esm_core::Verified;
 use super::console::Console;
 use super::exit::CommandError;
 use crate::boards::Board;
+use crate::compile::NameTable;
 use crate::fit;
 use crate::lang::{self, Checked};
 use crate::trace::directory::Directory;
@@ -81,12 +82,13 @@ pub fn tell(
 pub fn compiled(
     path: &Path,
     board: Option<&Board>,
+    names: NameTable,
     audience: Audience,
     console: &mut Console,
 ) -> Result<Verified<Vec<u8>>, CommandError> {
     let mut checked = read(path)?;
     checked.require_machine();
-    let blob = lay_out_and_compile(&mut checked, board)?;
+    let blob = lay_out_and_compile(&mut checked, board, names)?;
     // What a program reads from a command that succeeds is the command's answer alone.
     tell(
         &checked,
@@ -108,6 +110,7 @@ pub fn compiled(
 pub fn lay_out_and_compile(
     checked: &mut Checked,
     board: Option<&Board>,
+    names: NameTable,
 ) -> Result<Option<Verified<Vec<u8>>>, CommandError> {
     let Some(schedule) = checked.lay_out(LAY_OUT_LIMIT) else {
         return Ok(None);
@@ -119,7 +122,7 @@ pub fn lay_out_and_compile(
     {
         return Ok(None);
     }
-    fit::compile_to_fit(checked, &schedule, board).map_err(|defect| {
+    fit::compile_to_fit(checked, &schedule, board, names).map_err(|defect| {
         CommandError::Input(anyhow!(
             "no blob could be made of files without errors, which is a defect of esm itself: please report them and this reason: {defect}"
         ))

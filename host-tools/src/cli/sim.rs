@@ -11,6 +11,7 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::compile::NameTable;
 use crate::scenario::{self, Mistake, Place};
 use crate::sim::{self, Outcome, SimError, milliseconds};
 
@@ -51,7 +52,7 @@ pub struct SimArgs {
 /// # Errors
 /// If the mission or the scenario has errors, an expectation fails, the machine faults, or the trace cannot be written.
 pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError> {
-    let verified = mission::compiled(&args.file, None, Audience::Person, console)?;
+    let verified = mission::compiled(&args.file, None, NameTable::Kept, Audience::Person, console)?;
     let directory = Arc::new(mission::names(&verified)?);
     let text = file::read_text(&args.scenario, "scenario")?;
     let bound =

@@ -9,6 +9,7 @@ use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience, BLOB_MARK};
+use crate::compile::NameTable;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::qemu::firmware::{self, FirmwareError};
@@ -124,7 +125,7 @@ pub fn mission(path: &Path, console: &mut Console) -> Result<Mission, CommandErr
         verified(path, bytes)?
     } else {
         // The robot itself says what it has room for.
-        mission::compiled(path, None, Audience::Person, console)?
+        mission::compiled(path, None, NameTable::Kept, Audience::Person, console)?
     };
     Mission::new(path, verified).map_err(|error| CommandError::Input(error.into()))
 }
@@ -134,13 +135,17 @@ pub fn mission(path: &Path, console: &mut Console) -> Result<Mission, CommandErr
 /// # Errors
 /// If it is none.
 pub fn verified(path: &Path, blob: Vec<u8>) -> Result<Verified<Vec<u8>>, CommandError> {
-    esm_core::verify(blob).map_err(|(_, refusal)| {
+    let refused = |refusal| {
         CommandError::Input(anyhow!(
             "{} is no valid blob: {}",
             path.display(),
             Explained(refusal)
         ))
-    })
+    };
+    let verified = esm_core::verify(blob).map_err(|(_, refusal)| refused(refusal))?;
+    // A firmware compares texts with those of its own tasks; here there are none to compare with.
+    esm_core::texts::check(&verified.tables()).map_err(refused)?;
+    Ok(verified)
 }
 
 #[cfg(test)]

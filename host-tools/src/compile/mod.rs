@@ -208,12 +208,33 @@ impl Table {
     }
 }
 
+/// Whether a blob gets its table of names. The firmware runs it with and without; traces, status and scenarios need the names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NameTable {
+    /// Names are in the blob.
+    Kept,
+    /// Only what signatures of tasks name is.
+    LeftOut,
+}
+
+/// [`compile_with`] all names.
+///
+/// # Errors
+/// See [`CompileError`].
+pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError> {
+    compile_with(model, starts_us, NameTable::Kept)
+}
+
 /// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in microseconds, in the order of
 /// [`Model::slots`].
 ///
 /// # Errors
 /// See [`CompileError`].
-pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError> {
+pub fn compile_with(
+    model: &Model,
+    starts_us: &[u32],
+    name_table: NameTable,
+) -> Result<Vec<u8>, CompileError> {
     let machine = model.machine.ok_or(CompileError::NoMachine)?;
     let interpreter_slot = model
         .interpreter_slot
@@ -240,7 +261,10 @@ pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError
     let templates = templates::write(model, &layout, &tree)?;
     let channels = channels::write(model, &layout, &tree)?;
     let nets = nets::write(model, &layout, &tree)?;
-    let names = names::write(model, &layout, &templates.groups);
+    let names = match name_table {
+        NameTable::Kept => names::write(model, &layout, &templates.groups),
+        NameTable::LeftOut => Vec::new(),
+    };
     let instances = tree.write(&layout);
 
     let mut mission = Table::default();

@@ -210,7 +210,7 @@ fn with_name_of(length: usize) -> String {
 fn blob_of(text: &str) -> Vec<u8> {
     let mut checked = load_text("t.esm", text);
     let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
-    let blob = compile_to_fit(&mut checked, &schedule, None).unwrap();
+    let blob = compile_to_fit(&mut checked, &schedule, None, NameTable::Kept).unwrap();
     blob.unwrap_or_else(|| panic!("{}", checked.render(false)))
         .into_bytes()
 }
@@ -219,7 +219,7 @@ fn blob_of(text: &str) -> Vec<u8> {
 fn told(text: &str) -> Vec<(u32, String)> {
     let mut checked = load_text("t.esm", text);
     let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
-    let blob = compile_to_fit(&mut checked, &schedule, Some(&SMALL)).unwrap();
+    let blob = compile_to_fit(&mut checked, &schedule, Some(&SMALL), NameTable::Kept).unwrap();
     assert_eq!(blob.is_none(), checked.has_errors());
     let errors = checked
         .diagnostics
@@ -363,7 +363,7 @@ fn what_no_blob_can_hold_is_told_for_every_board_and_for_none() {
             let mut checked = load_text("t.esm", &text);
             let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
             assert!(
-                compile_to_fit(&mut checked, &schedule, board)
+                compile_to_fit(&mut checked, &schedule, board, NameTable::Kept)
                     .unwrap()
                     .is_none(),
                 "{what}"
@@ -390,7 +390,7 @@ fn files_with_other_errors_are_not_compared() {
     assert!(checked.has_errors());
     let before = checked.diagnostics.clone();
     let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
-    let blob = compile_to_fit(&mut checked, &schedule, Some(&SMALL)).unwrap();
+    let blob = compile_to_fit(&mut checked, &schedule, Some(&SMALL), NameTable::Kept).unwrap();
     assert!(blob.is_none());
     assert_eq!(checked.diagnostics, before);
 }

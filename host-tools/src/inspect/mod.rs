@@ -3,23 +3,26 @@
 //! [`Report::of`] takes a verified blob apart; its [`Display`](std::fmt::Display) is for people, its serde form for programs. Names come from the
 //! blob's name table; where that was left out, they are made up.
 
+mod flags;
 mod guard;
 mod names;
 pub mod refusal;
+mod source;
 #[cfg(test)]
 mod tests;
 mod text;
 
 use esm_core::Verified;
-use esm_core::format::{
-    CONTAINER_CONTROL_FLAGS, FLAG_BUSY, FLAG_EXIT, FLAG_TIMEOUT, PULSE, TASK_CONTROL_FLAGS,
-};
+use esm_core::format::PULSE;
 use esm_core::signature::{Port, Signature};
-use esm_core::tables::{Code, State, StateKind, Tables};
+use esm_core::tables::{Code, Container, Region, State, StateKind, Tables};
 use serde::Serialize;
 
+use flags::Flag;
 use guard::{Expression, Test};
 use names::Names;
+
+pub use source::{NoSource, source};
 
 /// How much of everything a mission has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -267,28 +270,40 @@ impl Reader<'_> {
 
     fn containers(&self) -> Vec<ContainerTable> {
         let tables = &self.tables;
-        let instances = |index| {
-            (0..tables.instance_count())
-                .filter_map(|instance| tables.instance(instance))
-                .filter(|instance| instance.container == index)
-                .count()
-        };
-        let regions = |index| {
-            let all = tables.regions().enumerate();
-            all.filter(move |(_, region)| region.container == index)
-        };
+        let mut instances = vec![0; tables.containers().len()];
+        for instance in (0..tables.instance_count()).filter_map(|index| tables.instance(index)) {
+            if let Some(count) = instances.get_mut(instance.container) {
+                *count += 1;
+            }
+        }
         tables
             .containers()
             .enumerate()
-            .map(|(index, _)| ContainerTable {
+            .zip(instances)
+            .map(|((index, container), instances)| ContainerTable {
                 name: Names::get(&self.names.containers, index).to_owned(),
-                instances: instances(index),
+                instances,
                 flags: self.names.flags.get(index).cloned().unwrap_or_default(),
-                regions: regions(index)
+                regions: self
+                    .regions_of(index, &container)
                     .map(|(number, region)| self.region(number, region.first_state))
                     .collect(),
             })
             .collect()
+    }
+
+    /// The regions of the container with an index, with their own.
+    fn regions_of(
+        &self,
+        index: usize,
+        container: &Container,
+    ) -> impl Iterator<Item = (usize, Region)> {
+        let from_its_first = self
+            .tables
+            .regions()
+            .enumerate()
+            .skip(container.first_region);
+        from_its_first.take_while(move |(_, region)| region.container == index)
     }
 
     fn region(&self, number: usize, first_state: usize) -> RegionTable {
@@ -389,6 +404,31 @@ impl Reader<'_> {
 
     fn transition(&self, from: usize, source: &State, index: usize) -> Option<TransitionRow> {
         let transition = self.tables.transition(index)?;
+        let (tests, actions) = self.tests_and_actions(from, source, index)?;
+        let guard = if tests.is_empty() {
+            None
+        } else {
+            let listing = guard::listing(&tests);
+            Some(guard::fold(tests).map_or(listing, |expression| expression.to_string()))
+        };
+        let name = |state| Names::get(&self.names.states, state).to_owned();
+        Some(TransitionRow {
+            from: name(from),
+            to: name(transition.target),
+            event: Names::get(&self.names.events, usize::from(transition.event)).to_owned(),
+            guard,
+            actions,
+        })
+    }
+
+    /// What a transition tests and does.
+    fn tests_and_actions(
+        &self,
+        from: usize,
+        source: &State,
+        index: usize,
+    ) -> Option<(Vec<Test>, Vec<String>)> {
+        let transition = self.tables.transition(index)?;
         let target = self.tables.state(transition.target)?;
         let container = self.container_of(from)?;
         let mut tests = Vec::new();
@@ -423,14 +463,7 @@ impl Reader<'_> {
                 }
             }
         }
-        let name = |state| Names::get(&self.names.states, state).to_owned();
-        Some(TransitionRow {
-            from: name(from),
-            to: name(transition.target),
-            event: Names::get(&self.names.events, usize::from(transition.event)).to_owned(),
-            guard: (!tests.is_empty()).then(|| guard::text(&tests)),
-            actions,
-        })
+        Some((tests, actions))
     }
 
     /// The event of a channel of a container.
@@ -444,45 +477,36 @@ impl Reader<'_> {
         Names::get(&self.names.events, usize::from(event))
     }
 
-    /// A flag as a transition that leaves or enters `state` writes it.
-    fn flag(&self, container: usize, (index, state): (usize, &State), flag: usize) -> String {
-        let offset = flag.wrapping_sub(state.first_flag);
-        if offset < state.flags {
-            return self.flag_of_state(index, state, offset);
-        }
-        let control = flag.wrapping_sub(CONTAINER_CONTROL_FLAGS);
-        let of_container = self.names.flags.get(container);
-        match of_container.and_then(|flags| flags.get(control)) {
-            Some(name) => format!("^{name}"),
-            // Nothing that this compiler makes, but a verified blob may do it.
-            None => format!("bit {flag}"),
+    /// A flag as a transition that leaves or enters the state with an index writes it.
+    fn flag(&self, container: usize, (index, state): (usize, &State), bit: usize) -> String {
+        let of_container = self
+            .names
+            .flags
+            .get(container)
+            .map_or(&[][..], Vec::as_slice);
+        match Flag::of(state, of_container.len(), bit) {
+            Flag::Exit => "exit".to_owned(),
+            Flag::Timeout => "timeout".to_owned(),
+            Flag::Busy => "busy".to_owned(),
+            Flag::Own(flag) => format!(".{}", self.own_flag(index, state, flag)),
+            Flag::Parent(flag) => format!("^{}", Names::get(of_container, flag)),
+            Flag::Nameless => format!("bit {bit}"),
         }
     }
 
-    fn flag_of_state(&self, index: usize, state: &State, offset: usize) -> String {
-        let first_control = match state.kind {
-            StateKind::Task { .. } => TASK_CONTROL_FLAGS,
-            StateKind::Super { .. } => CONTAINER_CONTROL_FLAGS,
-            _ => return "timeout".to_owned(),
-        };
-        if offset < first_control {
-            let names = ["exit", "timeout", "busy"];
-            let places = [FLAG_EXIT, FLAG_TIMEOUT, FLAG_BUSY];
-            let place = places.iter().position(|place| *place == offset);
-            return place.map_or("", |place| names[place]).to_owned();
-        }
-        let control = offset - first_control;
+    /// The name of a control flag of a state.
+    fn own_flag(&self, index: usize, state: &State, flag: usize) -> String {
         let name = match state.kind {
             StateKind::Task { task_state, .. } => self
                 .tables
                 .task_state(task_state)
                 .and_then(|task_state| self.tables.task(task_state.task))
-                .and_then(|task| flag_names(task.signature).nth(control)),
+                .and_then(|task| flag_names(task.signature).nth(flag)),
             _ => self
                 .container_inside(index)
-                .and_then(|inside| self.names.flags.get(inside)?.get(control).cloned()),
+                .and_then(|inside| self.names.flags.get(inside)?.get(flag).cloned()),
         };
-        format!(".{}", name.unwrap_or_default())
+        name.unwrap_or_default()
     }
 
     /// The path of a state of a region instance.

@@ -1,5 +1,7 @@
 //! The name of everything in a blob, from its name table, or made up where that was left out.
 
+use std::collections::HashMap;
+
 use esm_core::Verified;
 use esm_core::tables::{StateKind, Tables};
 
@@ -23,12 +25,14 @@ impl Names {
         let tables = blob.tables();
         let mut table = tables.names();
         let are_original = table.is_some();
-        let mut made_up = 0;
-        let mut next = |kind: &str| match table.as_mut().and_then(Iterator::next) {
+        // A number behind the word for its kind: no two are the same, and none is a reserved word.
+        let mut made_up: HashMap<&'static str, usize> = HashMap::new();
+        let mut next = |kind| match table.as_mut().and_then(Iterator::next) {
             Some(name) => String::from_utf8_lossy(name).into_owned(),
             None => {
-                made_up += 1;
-                format!("{kind}{made_up}")
+                let number = made_up.entry(kind).or_default();
+                *number += 1;
+                format!("{kind}{number}")
             }
         };
         let mut names = Self {
@@ -44,7 +48,9 @@ impl Names {
             .events
             .extend((0..tables.event_count()).map(|_| next("Event")));
         for (index, container) in tables.containers().enumerate() {
-            names.containers.push(next("Container"));
+            names
+                .containers
+                .push(next(if index == 0 { "Machine" } else { "Container" }));
             let flags = (0..container.flags).map(|_| next("flag")).collect();
             names.flags.push(flags);
             let inside = tables.regions().skip(container.first_region);
@@ -63,7 +69,7 @@ impl Names {
         &mut self,
         tables: &Tables<'_>,
         first: usize,
-        next: &mut impl FnMut(&str) -> String,
+        next: &mut impl FnMut(&'static str) -> String,
     ) {
         for state in (first..tables.state_count()).filter_map(|index| tables.state(index)) {
             match state.kind {

@@ -84,6 +84,15 @@ pub fn load_texts(files: &[(&str, &str)]) -> Checked {
     check(path, &Memory::new(files)).unwrap_or_else(|_| load_texts(&[("", "")]))
 }
 
+/// Whether a text can be the name of something: an identifier that is not reserved.
+pub fn is_name(text: &str) -> bool {
+    let mut lexer = lexer::Lexer::new(text);
+    let token = lexer.next_token();
+    token.kind == lexer::TokenKind::Identifier
+        && token.end as usize == text.len()
+        && token.start == 0
+}
+
 fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     let mut sink = Sink::default();
     let set = loader::load(path, store, &mut sink)?;
