@@ -15,6 +15,11 @@
 //! ```
 
 mod bounds;
+mod chain;
+mod clock;
+mod ejection;
+mod random;
+mod relax;
 mod search;
 
 use std::fmt;
@@ -101,6 +106,15 @@ pub enum Infeasibility {
         /// Sum of their durations in microseconds.
         sum_us: u64,
     },
+    /// Slots that cannot be packed into frames as long as the shortest period among them: every way was tried or ruled out by counting.
+    Packing {
+        /// Their numbers: none of them can be left out.
+        slots: Vec<u32>,
+        /// Length of a frame in microseconds.
+        frame_us: u64,
+        /// Number of the longest of them.
+        longest: u32,
+    },
     /// Slots whose starts are given clash.
     FixedStarts {
         /// Number of a slot.
@@ -130,6 +144,9 @@ impl Infeasibility {
             } => format!(
                 "shorten them by {} us together, or give them periods with a greater common divisor than {window_us} us",
                 sum_us.saturating_sub(*window_us)
+            ),
+            Infeasibility::Packing { longest, .. } => format!(
+                "shorten one of them, slot {longest} first, or let one of them occur less often: without any one of them the others can be packed"
             ),
             Infeasibility::FixedStarts { first, second } => {
                 format!("let slot {first} or slot {second} start at another time")
@@ -162,6 +179,13 @@ impl fmt::Display for Infeasibility {
             } => write!(
                 f,
                 "slots {} meet in every {window_us} us and last {sum_us} us together",
+                Numbers(slots)
+            ),
+            Infeasibility::Packing {
+                slots, frame_us, ..
+            } => write!(
+                f,
+                "slots {} cannot be packed into frames of {frame_us} us",
                 Numbers(slots)
             ),
             Infeasibility::FixedStarts { first, second } => {
@@ -197,7 +221,7 @@ impl fmt::Display for Numbers<'_> {
 
 /// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
 pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
-    let mut clock = search::Clock::new(limit);
+    let mut clock = clock::Clock::new(limit);
     if let Some(reason) = bounds::single_slots(slots) {
         return Outcome::Infeasible(reason);
     }

@@ -1,8 +1,11 @@
-//! The search for start times.
+//! The search for start times: which method has its turn when.
 //!
 //! First a quick constructive one: slots are placed one after another, each at its first start that clashes with none placed before,
-//! jumping from clash to clash. A slot that finds no place is moved to the front, and all begins anew (squeaky wheel). Then, for as
-//! long as the limit allows, an exhaustive search that also proves that there is no schedule.
+//! jumping from clash to clash. A slot that finds no place is moved to the front, and all begins anew (squeaky wheel). That is enough for most
+//! tables. Then proofs: chains of periods that the slots are or imply, searched exactly. Then those searches take turns that
+//! find schedules where little time is left, and for a few slots of odd periods an exhaustive one.
+//!
+//! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
 //!
 //! The exhaustive search rests on pushing left: in any schedule, all slots that do not rest against the first one, directly or through
 //! others, can be moved earlier together until one does. So if there is a schedule, there is one in which each slot but the first
@@ -10,12 +13,15 @@
 //! time at such a place, whichever slot it is, misses none.
 
 use std::cmp::Reverse;
-use std::time::{Duration, Instant};
 
-use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd};
+use super::chain::{self, Chain, End as ChainEnd, Member};
+use super::clock::Clock;
+use super::ejection::Ejection;
+use super::random::Random;
+use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, relax};
 
 /// How often the constructive search begins anew.
-const MAX_RESTARTS: usize = 400;
+const MAX_RESTARTS: usize = 8;
 
 /// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
 /// the depth of the recursion.
@@ -23,36 +29,6 @@ const MAX_EXHAUSTIVE: usize = 24;
 
 /// As many places are looked at in one step of the exhaustive search; more are beyond exhausting.
 const MAX_PLACES: usize = 100_000;
-
-/// Looks at the time now and then.
-#[derive(Debug)]
-pub(super) struct Clock {
-    end: Option<Instant>,
-    ticks: u32,
-    is_over: bool,
-}
-
-impl Clock {
-    /// A clock that runs out after `limit`, and never, where that is beyond what can be told.
-    pub(super) fn new(limit: Duration) -> Self {
-        Clock {
-            end: Instant::now().checked_add(limit),
-            ticks: 0,
-            is_over: false,
-        }
-    }
-
-    /// Counts a small piece of work. Gives whether the time has run out.
-    fn tick(&mut self) -> bool {
-        const TICKS_PER_LOOK: u32 = 4_096;
-        self.ticks += 1;
-        if self.ticks == TICKS_PER_LOOK {
-            self.ticks = 0;
-            self.is_over |= self.end.is_some_and(|end| Instant::now() >= end);
-        }
-        self.is_over
-    }
-}
 
 /// A slot with its start.
 #[derive(Clone, Copy, Debug)]
@@ -102,10 +78,160 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
     if let Some(layout) = construct(&fixed, free.clone(), clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
-    if free.len() > MAX_EXHAUSTIVE {
-        return Outcome::Undecided;
+    // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
+    let is_plain = slots.iter().all(|slot| slot.duration_us > 0);
+    let members = chain::of_slots(slots).filter(|_| is_plain && fixed.len() <= 1);
+    if is_plain && fixed.len() <= 1 {
+        let implied = if members.is_some() {
+            Vec::new()
+        } else {
+            relax::chains(slots)
+        };
+        for members in members.iter().chain(&implied) {
+            let end = Chain::new(members).search(PROOF_STEPS, None, clock);
+            match end {
+                ChainEnd::Found(starts_us) if implied.is_empty() => {
+                    return Outcome::Feasible(turned(slots, members, &starts_us));
+                }
+                ChainEnd::Exhausted => {
+                    return Outcome::Infeasible(smallest_core(slots, members.clone(), clock));
+                }
+                ChainEnd::Found(_) | ChainEnd::GivenUp => {}
+            }
+        }
+    }
+    let outcome = take_turns(slots, members.as_deref(), is_plain, free.len(), clock);
+    if outcome != Outcome::Undecided || free.len() > MAX_EXHAUSTIVE || members.is_some() {
+        return outcome;
     }
     exhaust(slots, fixed, free, clock)
+}
+
+/// Steps of an exact search of a chain that is only to prove something.
+const PROOF_STEPS: u64 = 20_000;
+
+/// Steps of one turn of the ejection search.
+const EJECTION_STEPS: u64 = 1_000;
+
+/// Turns before the exhaustive search of a few slots begins.
+const TURNS_OF_FEW: u64 = 16;
+
+/// Lets the searches that need luck take turns until one has it, or the clock has run out.
+fn take_turns(
+    slots: &[SlotSpec],
+    members: Option<&[Member]>,
+    is_plain: bool,
+    free: usize,
+    clock: &mut Clock,
+) -> Outcome {
+    let chain = members.map(|members| (Chain::new(members), members));
+    let mut ejection = if is_plain { Ejection::new(slots) } else { None };
+    let mut random = Random::new(1);
+    let mut exact_steps = PROOF_STEPS;
+    let mut turn = 0;
+    while !clock.is_over() && (chain.is_some() || ejection.is_some()) {
+        turn += 1;
+        if let Some((chain, members)) = &chain {
+            // Short attempts often, long ones seldom (Luby, Sinclair, Zuckerman 1993).
+            for attempt in (turn - 1) * CHAIN_ATTEMPTS + 1..=turn * CHAIN_ATTEMPTS {
+                let steps = (2 * slots.len() as u64 + 100) * luby(attempt);
+                match chain.search(steps, Some(&mut random), clock) {
+                    ChainEnd::Found(starts_us) => {
+                        return Outcome::Feasible(turned(slots, members, &starts_us));
+                    }
+                    ChainEnd::Exhausted => {
+                        return Outcome::Infeasible(smallest_core(slots, members.to_vec(), clock));
+                    }
+                    ChainEnd::GivenUp => {}
+                }
+            }
+            if turn.is_multiple_of(8) {
+                exact_steps *= 2;
+                if chain.search(exact_steps, None, clock) == ChainEnd::Exhausted {
+                    return Outcome::Infeasible(smallest_core(slots, members.to_vec(), clock));
+                }
+            }
+        }
+        if let Some(ejection) = &mut ejection
+            && (chain.is_none() || turn.is_multiple_of(8))
+            && let Some(starts_us) = ejection.search(EJECTION_STEPS, clock)
+        {
+            return Outcome::Feasible(Schedule { starts_us });
+        }
+        if chain.is_none() && free <= MAX_EXHAUSTIVE && turn == TURNS_OF_FEW {
+            break;
+        }
+    }
+    Outcome::Undecided
+}
+
+/// Attempts at a chain in one turn.
+const CHAIN_ATTEMPTS: u64 = 16;
+
+/// 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8, …: the sequence of Luby, Sinclair and Zuckerman, from 1.
+fn luby(mut index: u64) -> u64 {
+    loop {
+        let power = (index + 1).next_power_of_two();
+        if power == index + 1 {
+            return power / 2;
+        }
+        index -= power / 2 - 1;
+    }
+}
+
+/// The starts of a chain of all slots, turned so that the slot with a given start has it.
+fn turned(slots: &[SlotSpec], members: &[Member], starts_us: &[u64]) -> Schedule {
+    let given = members
+        .iter()
+        .zip(starts_us)
+        .find_map(|(member, &start_us)| {
+            let given_us = slots.get(member.index)?.fixed_start_us?;
+            Some((u64::from(given_us), start_us))
+        });
+    let (to_us, from_us) = given.unwrap_or((0, 0));
+    let mut turned = vec![0; slots.len()];
+    for (member, &start_us) in members.iter().zip(starts_us) {
+        let period_us = member.period_us.max(1);
+        let since = (start_us % period_us + period_us - from_us % period_us + to_us) % period_us;
+        if let (Some(turned), Ok(since)) = (turned.get_mut(member.index), u32::try_from(since)) {
+            *turned = since;
+        }
+    }
+    Schedule { starts_us: turned }
+}
+
+/// As few slots as do not fit together already: one after another is left out, where the rest still has no schedule.
+fn smallest_core(slots: &[SlotSpec], mut members: Vec<Member>, clock: &mut Clock) -> Infeasibility {
+    /// Each of the smaller sets gets this many steps to prove itself.
+    const STEPS: u64 = 2_000;
+    // What repeats seldom and is short is the likeliest to matter least.
+    members.sort_by_key(|member| (Reverse(member.period_us), member.duration_us, member.index));
+    let mut at = 0;
+    while at < members.len() && members.len() > 1 && !clock.is_over() {
+        let member = members.remove(at);
+        if Chain::new(&members).search(STEPS, None, clock) != ChainEnd::Exhausted {
+            members.insert(at, member);
+            at += 1;
+        }
+    }
+    let mut numbers: Vec<u32> = members
+        .iter()
+        .filter_map(|member| Some(slots.get(member.index)?.number))
+        .collect();
+    numbers.sort_unstable();
+    Infeasibility::Packing {
+        slots: numbers,
+        frame_us: members
+            .iter()
+            .map(|member| member.period_us)
+            .min()
+            .unwrap_or(0),
+        longest: members
+            .iter()
+            .max_by_key(|member| (member.duration_us, Reverse(member.index)))
+            .and_then(|member| Some(slots.get(member.index)?.number))
+            .unwrap_or(0),
+    }
 }
 
 /// Slots whose starts are given must fit each other and start within their periods.
@@ -185,7 +311,7 @@ fn construct(
         let Some(stuck) = stuck else {
             return Some(layout);
         };
-        if clock.is_over {
+        if clock.is_over() {
             return None;
         }
         // Half the way to the front: straight to it, those that squeak take turns for ever.
@@ -262,7 +388,7 @@ impl Exhaustive<'_> {
         }
         for (_, slot) in rest {
             let has_place = first_fit(layout, slot, self.clock).is_some();
-            if self.clock.is_over {
+            if self.clock.is_over() {
                 return End::GivenUp;
             }
             if !has_place {

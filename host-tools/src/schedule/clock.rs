@@ -1,0 +1,43 @@
+//! How long a search may go on.
+
+use std::time::{Duration, Instant};
+
+/// Looks at the time now and then.
+#[derive(Debug)]
+pub(super) struct Clock {
+    end: Option<Instant>,
+    ticks: u32,
+    is_over: bool,
+}
+
+impl Clock {
+    /// A clock that runs out after `limit`, and never, where that is beyond what can be told.
+    pub(super) fn new(limit: Duration) -> Self {
+        Clock {
+            end: Instant::now().checked_add(limit),
+            ticks: 0,
+            is_over: false,
+        }
+    }
+
+    /// Whether the time had run out when it was last looked at.
+    pub(super) fn is_over(&self) -> bool {
+        self.is_over
+    }
+
+    /// Counts a small piece of work. Gives whether the time has run out.
+    pub(super) fn tick(&mut self) -> bool {
+        self.tick_many(1)
+    }
+
+    /// Counts work worth as many small pieces.
+    pub(super) fn tick_many(&mut self, pieces: u32) -> bool {
+        const TICKS_PER_LOOK: u32 = 4_096;
+        self.ticks = self.ticks.saturating_add(pieces);
+        if self.ticks >= TICKS_PER_LOOK {
+            self.ticks = 0;
+            self.is_over |= self.end.is_some_and(|end| Instant::now() >= end);
+        }
+        self.is_over
+    }
+}
