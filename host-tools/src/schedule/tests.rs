@@ -142,8 +142,23 @@ fn tables_of_robots_are_decided_at_once() {
             true,
         ),
         (
+            include_str!("instances/plant_robot_n100_u095_s0.esm"),
+            100,
+            true,
+        ),
+        (
             include_str!("instances/rand_auto_n010_u080_s0.esm"),
             10,
+            false,
+        ),
+        (
+            include_str!("instances/rand_harm_n020_u095_s1.esm"),
+            20,
+            false,
+        ),
+        (
+            include_str!("instances/rand_robot_n020_u095_s2.esm"),
+            20,
             false,
         ),
     ];
@@ -266,6 +281,55 @@ fn the_report_has_the_form_that_programs_read() {
     assert_eq!(
         json,
         r#"{"feasible":true,"hyperperiod_us":4,"utilisation":0.75,"slots":[{"slot":1,"start_us":2,"period_us":4,"duration_us":1},{"slot":2,"start_us":0,"period_us":4,"duration_us":2}]}"#
+    );
+}
+
+/// Full tables with harmonic periods, made by cutting time up: there is a schedule, and nothing is left over in it.
+#[test]
+fn full_harmonic_tables_are_laid_out() {
+    for seed in 0..8 {
+        let mut random = random::Random::new(seed);
+        // Pieces of (period, length): each is cut in two, or every second occurrence goes to another slot.
+        let mut pieces = vec![(4_000_u32, 4_000_u32)];
+        while pieces.len() < 40 {
+            let at = random.index(pieces.len());
+            let (period_us, length_us) = pieces[at];
+            if length_us > 500 || (random.once_in(2) && length_us >= 40) {
+                let cut_us = 10
+                    * (1 + u32::try_from(random.below(u64::from(length_us / 10 - 1)))
+                        .expect("small"));
+                pieces[at].1 = cut_us;
+                pieces.push((period_us, length_us - cut_us));
+            } else if period_us < 64_000 {
+                pieces[at].0 = 2 * period_us;
+                pieces.push(pieces[at]);
+            }
+        }
+        let slots = slots(&pieces);
+        let Outcome::Feasible(schedule) = solve(&slots, LIMIT) else {
+            panic!("seed {seed} has a schedule");
+        };
+        assert_eq!(check(&slots, &schedule.starts_us), Ok(()));
+    }
+}
+
+#[test]
+fn a_proof_names_as_few_slots_as_prove_it() {
+    // Slot 1 leaves 6 us of each frame of 10 us, twice in 20 us. Of slots 3, 4 and 5 no two fit into one of these.
+    let slots = slots(&[(10, 4), (80, 1), (20, 4), (20, 4), (20, 3), (40, 1)]);
+    let Outcome::Infeasible(reason) = solve(&slots, LIMIT) else {
+        panic!("there is no schedule");
+    };
+    assert_eq!(
+        reason.to_string(),
+        "slots 1, 3, 4 and 5 cannot be packed into frames of 10 us"
+    );
+    assert!(
+        reason
+            .cure()
+            .starts_with("shorten one of them, slot 1 first"),
+        "{}",
+        reason.cure()
     );
 }
 
