@@ -1,6 +1,8 @@
-//! What happens to a machine from outside, as data: the reference takes it as it is, `esm sim` as the text it prints.
+//! What happens to a machine from outside, as data: the reference takes it as it is, `esm sim` as the text it prints. Files are read
+//! here a second time, so that the reference depends on no other reader.
 
 use std::fmt;
+use std::str::FromStr;
 
 /// A scenario: timed changes and expectations, in any order of their times.
 #[derive(Clone, Debug, Default)]
@@ -86,4 +88,82 @@ impl fmt::Display for Scenario {
         }
         writeln!(f, "until {} us", self.until_us)
     }
+}
+
+impl FromStr for Scenario {
+    type Err = String;
+
+    /// Reads a file that is known to be right. What is wrong with one that is not is said in a few words.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut scenario = Scenario::default();
+        let mut has_end = false;
+        for (line, number) in text.lines().zip(1..) {
+            let line = line.split('#').next().unwrap_or_default();
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let wrong = |cause: &str| format!("line {number}: {cause}: {line}");
+            match words[..] {
+                [] => {}
+                ["period", count, unit] => {
+                    scenario.period_us =
+                        Some(time_us(count, unit).ok_or_else(|| wrong("no time"))?);
+                }
+                ["until", count, unit] => {
+                    scenario.until_us = time_us(count, unit).ok_or_else(|| wrong("no time"))?;
+                    has_end = true;
+                }
+                ["at", count, unit, ref what @ ..] => scenario.entries.push(Entry {
+                    at_us: time_us(count, unit).ok_or_else(|| wrong("no time"))?,
+                    action: action(what).ok_or_else(|| wrong("no action"))?,
+                }),
+                _ => return Err(wrong("no entry")),
+            }
+        }
+        if has_end {
+            Ok(scenario)
+        } else {
+            Err("there is no `until`".to_owned())
+        }
+    }
+}
+
+/// A time in microseconds.
+pub fn time_us(count: &str, unit: &str) -> Option<u64> {
+    let unit_us = match unit {
+        "us" => 1,
+        "ms" => 1_000,
+        "s" => 1_000_000,
+        _ => return None,
+    };
+    count.parse::<u64>().ok()?.checked_mul(unit_us)
+}
+
+/// The words behind the time.
+fn action(words: &[&str]) -> Option<Action> {
+    let state_and_flag = |name: &str| {
+        name.split_once('.')
+            .map(|(state, flag)| (state.to_owned(), flag.to_owned()))
+    };
+    Some(match *words {
+        [word @ ("set" | "clear"), name] => {
+            let (state, flag) = state_and_flag(name)?;
+            let value = word == "set";
+            Action::Write { state, flag, value }
+        }
+        ["exit", state] => Action::Exit {
+            state: state.to_owned(),
+        },
+        [word @ ("busy" | "free"), state] => Action::Busy {
+            state: state.to_owned(),
+            value: word == "busy",
+        },
+        ["expect", name] | ["expect", "not", name] => {
+            let (state, flag) = match state_and_flag(name) {
+                Some((state, flag)) => (state, Some(flag)),
+                None => (name.to_owned(), None),
+            };
+            let value = words.len() == 2;
+            Action::Expect { state, flag, value }
+        }
+        _ => return None,
+    })
 }

@@ -1,9 +1,11 @@
 //! What is tested: the way from text to a blob to a trace, as `esm build` and `esm sim` go it.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use esm_core::Verified;
+use host_tools::lang::Checked;
 use host_tools::model::Model;
 use host_tools::trace::directory::Directory;
 use host_tools::{compile, lang, scenario, sim};
@@ -27,7 +29,18 @@ pub struct Built {
 /// # Errors
 /// Says what stood in the way, for a person.
 pub fn build(text: &str) -> Result<Built, String> {
-    let mut checked = lang::load_text("machine.esm", text);
+    compiled(lang::load_text("machine.esm", text))
+}
+
+/// Checks, lays out and compiles a file with all that it uses.
+///
+/// # Errors
+/// Says what stood in the way, for a person.
+pub fn build_file(path: &Path) -> Result<Built, String> {
+    compiled(lang::load(path).map_err(|error| error.to_string())?)
+}
+
+fn compiled(mut checked: Checked) -> Result<Built, String> {
     checked.require_machine();
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
     if checked.has_errors() {
