@@ -124,7 +124,7 @@ fn beyond(model: &Model, tables: &Tables<'_>, what: Capacity, available: usize) 
             let place = task_instances(model).nth(available)?;
             let container = model.containers.get(place.container)?;
             let state = container.regions.get(place.region)?.states.get(place.state);
-            state.map(|state| state.span)
+            state.map(|state| state.declaration)
         }
         Capacity::Nets => net_path(model, tables, available),
         Capacity::ExclusiveGroups => {

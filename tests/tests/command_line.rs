@@ -301,8 +301,25 @@ fn the_missions_that_ship_are_without_errors_and_warnings() {
     for entry in std::fs::read_dir(missions).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|extension| extension == "esm") {
-            let done = esm(&["check", path.to_str().unwrap(), "--json"]).good();
-            assert_eq!(done.out, "", "{}", path.display());
+            let path = path.to_str().unwrap();
+            let done = esm(&["check", path, "--json"]).good();
+            let told: Vec<serde_json::Value> = done
+                .out
+                .lines()
+                .map(|line| serde_json::from_str(line).unwrap())
+                .filter(|found: &serde_json::Value| {
+                    // No mission uses all that the rover can do.
+                    !(found["code"] == "W107" && found["file"] != path)
+                })
+                .collect();
+            assert_eq!(told, [] as [serde_json::Value; 0], "{path}");
+            // A person sees no more than how much of the library is unused.
+            let done = esm(&["check", path]).good();
+            assert!(
+                done.out.ends_with(": no errors, no warnings\n"),
+                "{done:#?}"
+            );
+            assert!(!done.err.contains("warning"), "{done:#?}");
             checked += 1;
         }
     }
@@ -340,6 +357,70 @@ fn a_mission_that_is_too_large_for_one_board_is_built_for_another() {
     // A machine alone has no board.
     let scenario = Files::new(&[("large.esm", &mission), ("s.scenario", "until 100 ms\n")]);
     scenario.esm("sim {}/large.esm {}/s.scenario").good();
+}
+
+#[test]
+fn what_a_mission_leaves_unused_of_a_library_is_counted_unless_it_is_asked_for() {
+    let library =
+        "task Blink slot 1 { out flag lit; }\ntask Fade slot 1 { }\ntask Glow slot 1 { }\n";
+    let mission = "use \"library.esm\";\ninterpreter slot 1;\nslot 1 period 10 ms duration 1 ms;\nslot 2 period 10 ms duration 1 ms;\n\
+        machine M { region r { task A: Blink; initial -> A; A -> A [.lit]; } }\n";
+    let files = Files::new(&[("library.esm", library), ("mission.esm", mission)]);
+    let counted = files.esm("check {}/mission.esm").good();
+    for (part, is_there) in [
+        ("slot 2 is not used", true),
+        ("library.esm: 2 declarations not used by this mission", true),
+        ("`Fade`", false),
+        ("esm explain W107", true),
+    ] {
+        assert_eq!(counted.err.contains(part), is_there, "{part}: {counted:#?}");
+    }
+    assert!(
+        counted.out.ends_with("no errors, 1 warning\n"),
+        "{counted:#?}"
+    );
+    let all = files.esm("check {}/mission.esm --all").good();
+    for part in ["slot 2 is not used", "`Fade`", "`Glow`"] {
+        assert!(all.err.contains(part), "{part}: {all:#?}");
+    }
+    assert!(all.out.ends_with("no errors, 3 warnings\n"), "{all:#?}");
+    assert_eq!(all.err.matches("esm explain").count(), 1, "{all:#?}");
+    let lines = files.esm("check {}/mission.esm --json").good().out;
+    assert_eq!(lines.lines().count(), 3, "{lines}");
+    for line in lines.lines() {
+        let found: serde_json::Value = serde_json::from_str(line).unwrap();
+        let keys: Vec<&str> = found
+            .as_object()
+            .unwrap()
+            .keys()
+            .map(String::as_str)
+            .collect();
+        let mut expected = ["code", "severity", "file", "line", "col", "message"];
+        expected.sort_unstable();
+        assert_eq!(keys, expected);
+    }
+}
+
+#[test]
+fn a_code_is_explained_and_an_unknown_one_is_wrong_usage() {
+    let page = esm(&["explain", "e008"]).good().out;
+    for part in [
+        "E008: a data path",
+        "`esm check` says:",
+        "error[E008]",
+        "Right",
+    ] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    let list = esm(&["explain"]).good().out;
+    assert_eq!(
+        list.lines().count(),
+        host_tools::lang::Code::ALL.len(),
+        "{list}"
+    );
+    let done = esm(&["explain", "E0O8"]);
+    assert_eq!(done.status, Some(2), "{done:#?}");
+    assert!(done.err.contains("did you mean `E008`"), "{done:#?}");
 }
 
 /// Commands of fenced `sh` blocks in a Markdown file.

@@ -15,13 +15,14 @@ use crate::lang::Severity;
 /// Says what is wrong with a mission: every error and warning at once
 ///
 /// Reads FILE and all that it uses, and reports each mistake with its code, its place, the source line and, where there is one,
-/// the likely fix. A mission without other errors is also compared with what the board has room for. The exit status is 1 if there is
+/// the likely fix. Of the files that FILE takes in, what is unused is only counted. A mission without other errors is also compared with what the board has room for. The exit status is 1 if there is
 /// an error; warnings alone leave it 0.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm check missions/patrol.esm
   esm check missions/patrol.esm --board host
+  esm check missions/patrol.esm --all
   esm check missions/patrol.esm --json | jq -r 'select(.severity == \"error\") | .line'
 
 With --json, one object a line on standard output: code, severity (error, warning), file, line, col (from 1), message.")]
@@ -33,6 +34,10 @@ pub struct CheckArgs {
     /// One JSON object a line, for programs
     #[arg(long)]
     pub json: bool,
+
+    /// Show also what is unused in the files that FILE takes in, as --json does
+    #[arg(long)]
+    pub all: bool,
 
     /// The board that it is for, whose capacities it must not exceed
     #[arg(long, value_name = "BOARD", default_value = boards::DEFAULT)]
@@ -52,7 +57,11 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     } else {
         Audience::Person
     };
-    mission::tell(&checked, audience, console)?;
+    if args.all && !args.json {
+        mission::tell_all(&checked, console);
+    } else {
+        mission::tell(&checked, audience, console)?;
+    }
     let of_severity = |severity| {
         checked
             .diagnostics
@@ -62,6 +71,13 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     };
     let (errors, warnings) = (of_severity(Severity::Error), of_severity(Severity::Warning));
     if !args.json {
+        let folded: usize = if args.all {
+            0
+        } else {
+            let unused = checked.render_folded(false).unused;
+            unused.iter().map(|(_, count)| count).sum()
+        };
+        let warnings = warnings.saturating_sub(folded as u64);
         let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
         writeln!(
             console.out(),

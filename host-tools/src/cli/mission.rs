@@ -8,12 +8,12 @@ use std::time::Duration;
 use anyhow::anyhow;
 use esm_core::Verified;
 
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use crate::boards::Board;
 use crate::compile::NameTable;
 use crate::fit;
-use crate::lang::{self, Checked};
+use crate::lang::{self, Checked, Code, Folded};
 use crate::trace::directory::Directory;
 
 /// How a blob begins, so that it is told from a source.
@@ -55,7 +55,7 @@ pub enum Audience {
     Program,
 }
 
-/// Tells all diagnostics.
+/// Tells all diagnostics. For a person, what is unused in other files than the one asked for is only counted.
 ///
 /// # Errors
 /// If standard output cannot be written to.
@@ -66,12 +66,36 @@ pub fn tell(
 ) -> Result<(), CommandError> {
     match audience {
         Audience::Program => console.text(&checked.json_lines()),
-        Audience::Person if checked.diagnostics.is_empty() => Ok(()),
         Audience::Person => {
-            let rendered = checked.render(console.colour_error());
-            console.note(rendered.trim_end());
+            let Folded {
+                text,
+                first_code,
+                unused,
+            } = checked.render_folded(console.colour_error());
+            tell_person(&text, first_code, console);
+            for (path, count) in unused {
+                let declarations = counted(count as u64, "declaration");
+                console.note(&format!(
+                    "{path}: {declarations} not used by this mission (W107; `esm check --all` shows them)"
+                ));
+            }
             Ok(())
         }
+    }
+}
+
+/// Tells a person all diagnostics, those of libraries included.
+pub fn tell_all(checked: &Checked, console: &mut Console) {
+    let text = checked.render(console.colour_error());
+    let first_code = checked.diagnostics.iter().map(|found| found.code).min();
+    tell_person(&text, first_code, console);
+}
+
+/// Tells messages, and once where more is said: of a code that was just seen.
+fn tell_person(messages: &str, first_code: Option<Code>, console: &mut Console) {
+    if let Some(code) = first_code {
+        console.note(messages.trim_end());
+        console.note(&format!("\n`esm explain {code}` says more about a code."));
     }
 }
 

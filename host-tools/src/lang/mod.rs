@@ -16,8 +16,10 @@
 
 pub mod analysis;
 mod diagnostic;
+mod forest;
 pub mod format;
 mod lexer;
+mod lints;
 mod loader;
 mod parser;
 mod render;
@@ -104,6 +106,7 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     let resolved = resolve::resolve(&trees, &mut sink);
     let model = resolved.model;
     analysis::check(&model, &resolved.holes, &mut sink);
+    lints::check(&trees, &model, &resolved.holes, &mut sink);
     let has_errors = sink.has_errors();
     let diagnostics = sink.into_sorted();
     Ok(Checked {
@@ -123,6 +126,17 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
         diagnostics,
         model: (!has_errors).then_some(model),
     })
+}
+
+/// Diagnostics for people, with what is unused in libraries only counted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Folded<'c> {
+    /// All other diagnostics.
+    pub text: String,
+    /// The first code among them, errors before warnings.
+    pub first_code: Option<Code>,
+    /// Files, by path, and the number of unused declarations in each.
+    pub unused: Vec<(&'c str, usize)>,
 }
 
 impl Checked {
@@ -211,6 +225,33 @@ impl Checked {
     /// The diagnostics for people: the source line with the place marked, the cause, the fix.
     pub fn render(&self, colour: bool) -> String {
         render::for_people(&self.files, &self.diagnostics, colour)
+    }
+
+    /// The same without what is unused (W107) in other files than the one that was asked for: a mission seldom uses all of a library.
+    /// How many of these each file has stands beside it.
+    pub fn render_folded(&self, colour: bool) -> Folded<'_> {
+        let (folded, shown): (Vec<_>, Vec<_>) = self
+            .diagnostics
+            .iter()
+            .cloned()
+            .partition(|found| found.code == Code::W107 && found.span.file != 0);
+        let mut unused: Vec<(&str, usize)> = Vec::new();
+        // Sorted by file, as the diagnostics are.
+        for found in &folded {
+            let path = self
+                .files
+                .get(found.span.file as usize)
+                .map_or("", |file| file.path.as_str());
+            match unused.last_mut() {
+                Some((last, count)) if *last == path => *count += 1,
+                _ => unused.push((path, 1)),
+            }
+        }
+        Folded {
+            text: render::for_people(&self.files, &shown, colour),
+            first_code: shown.iter().map(|found| found.code).min(),
+            unused,
+        }
     }
 
     /// The diagnostics for programs: one JSON object a line with `code`, `severity`, `file`, `line`, `col`, `message`.
