@@ -73,7 +73,7 @@ fn too_much(model: &Model, tables: &Tables<'_>, board: &str, need: Need) -> Diag
     let (what, hint) = match need.what {
         Capacity::BlobBytes => (
             "bytes of blob",
-            "shorten names, and use one container several times where there are copies of it",
+            "leave the names out (`esm build --strip`), and use one container several times where there are copies of it",
         ),
         Capacity::ArenaWords => (
             "words for the interpreter",

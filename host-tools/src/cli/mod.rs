@@ -21,6 +21,7 @@ pub mod check;
 pub mod console;
 pub mod difference;
 pub mod exit;
+pub mod explain;
 pub mod file;
 pub mod fmt;
 pub mod inspect;
@@ -79,6 +80,7 @@ pub struct Cli {
 )]
 pub enum Command {
     Check(check::CheckArgs),
+    Explain(explain::ExplainArgs),
     Fmt(fmt::FmtArgs),
     Build(build::BuildArgs),
     Inspect(inspect::InspectArgs),
@@ -147,6 +149,7 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     match command {
         Command::Check(args) => check::execute(args, console),
+        Command::Explain(args) => explain::execute(args, console),
         Command::Fmt(args) => fmt::execute(args, console),
         Command::Build(args) => build::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
