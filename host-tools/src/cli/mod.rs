@@ -36,6 +36,7 @@ pub mod start;
 pub mod status;
 pub mod stop;
 pub mod tasks;
+pub mod test;
 pub mod upload;
 
 use std::process::ExitCode;
@@ -60,6 +61,7 @@ A first tour:
   esm check missions/patrol.esm                  what is wrong with a mission, if anything
   esm fmt missions/patrol.esm                    one layout for every file
   esm sim patrol.esm patrol.scenario             step through the machine alone, no robot needed
+  esm test missions                              run the scenarios of all missions in a folder
   esm run missions/patrol.esm --until '60 s'     drive it: an emulated board, a simulated robot body
   esm upload missions/patrol.esm --port /dev/ttyUSB0
 
@@ -86,6 +88,7 @@ pub enum Command {
     Inspect(inspect::InspectArgs),
     Schedule(schedule::ScheduleArgs),
     Sim(sim::SimArgs),
+    Test(test::TestArgs),
     Run(run::RunArgs),
     Board(board::BoardArgs),
     Upload(upload::UploadArgs),
@@ -155,6 +158,7 @@ pub fn execute(
         Command::Inspect(args) => inspect::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),
         Command::Sim(args) => sim::execute(args, console),
+        Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Upload(args) => upload::execute(args, console),

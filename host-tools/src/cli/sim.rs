@@ -55,8 +55,7 @@ pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError
     let verified = mission::compiled(&args.file, None, NameTable::Kept, Audience::Person, console)?;
     let directory = Arc::new(mission::names(&verified)?);
     let text = file::read_text(&args.scenario, "scenario")?;
-    let bound =
-        scenario::parse(&text).and_then(|scenario| scenario::bind::bind(&scenario, &directory));
+    let bound = scenario::bind::read(&text, &directory);
     let bound = bound.map_err(|mistakes| tell_mistakes(&args.scenario, &mistakes, console))?;
     let outcome = match args.trace.as_deref() {
         None => sim::run(verified, &directory, &bound, std::io::sink())?,
@@ -71,6 +70,9 @@ pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError
             "{}:{line}:{col}: {failure}",
             args.scenario.display()
         ));
+        for taken in &failure.before {
+            console.note(&format!("    before: {taken}"));
+        }
     }
     tell_outcome(&outcome, args, console)
 }

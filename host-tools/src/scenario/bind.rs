@@ -3,7 +3,7 @@
 use crate::nearest::nearest;
 use crate::trace::directory::{Directory, RegionEntry, StateEntry, StateId, StateKind};
 
-use super::{Command, Entry, Mistake, MistakeCause, Name, Place, Scenario};
+use super::{Command, Entry, MAX_MACRO_STEPS, Mistake, MistakeCause, Name, Place, Scenario};
 
 /// A scenario whose names are indices of one machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -80,10 +80,25 @@ pub enum FlagKind {
     Control(usize),
 }
 
+/// Reads a scenario for a machine.
+///
+/// # Errors
+/// Every mistake, in the order of the file: lines that cannot be read, and names that do not exist or do not fit.
+pub fn read(text: &str, directory: &Directory) -> Result<BoundScenario, Vec<Mistake>> {
+    let (scenario, mut mistakes) = super::read(text);
+    match bind(&scenario, directory) {
+        Ok(bound) if mistakes.is_empty() => return Ok(bound),
+        Ok(_) => {}
+        Err(more) => mistakes.extend(more),
+    }
+    mistakes.sort_by_key(|mistake| mistake.place);
+    Err(mistakes)
+}
+
 /// Finds a scenario's names in a machine.
 ///
 /// # Errors
-/// Every name that does not exist or does not fit, in the order of the file.
+/// Every name that does not exist or does not fit, in the order of the file; and an end that is too far away.
 pub fn bind(scenario: &Scenario, directory: &Directory) -> Result<BoundScenario, Vec<Mistake>> {
     let (mut inputs, mut expectations, mut mistakes) = (Vec::new(), Vec::new(), Vec::new());
     for entry in &scenario.entries {
@@ -92,6 +107,16 @@ pub fn bind(scenario: &Scenario, directory: &Directory) -> Result<BoundScenario,
             Ok(Bound::Expectation(expectation)) => expectations.push(expectation),
             Err(mistake) => mistakes.push(mistake),
         }
+    }
+    let period_us = scenario
+        .period_us
+        .unwrap_or(directory.interpreter_period_us());
+    let steps = scenario.until_us / u64::from(period_us.max(1));
+    if steps > MAX_MACRO_STEPS {
+        mistakes.push(Mistake {
+            place: scenario.until_place,
+            cause: MistakeCause::TooManySteps { steps },
+        });
     }
     if !mistakes.is_empty() {
         return Err(mistakes);

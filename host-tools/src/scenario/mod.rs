@@ -14,6 +14,7 @@
 //! ```
 
 pub mod bind;
+pub mod suite;
 pub mod time;
 
 use std::fmt;
@@ -49,7 +50,12 @@ pub struct Scenario {
     pub entries: Vec<Entry>,
     /// Time of the last macro step that may run, in microseconds.
     pub until_us: u64,
+    /// Where that is said.
+    pub until_place: Place,
 }
+
+/// The most macro steps that a scenario can ask for: a day of robot time at a period of 1 ms, and more than a minute of work.
+pub const MAX_MACRO_STEPS: u64 = 100_000_000;
 
 /// A line that starts with `at`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -146,6 +152,14 @@ pub enum MistakeCause {
         word: &'static str,
         /// Line of the first.
         first_line: usize,
+    },
+    /// More macro steps than are ever run.
+    #[error(
+        "that is {steps} macro steps, and at most {MAX_MACRO_STEPS} are run: end earlier, or give a longer `period`"
+    )]
+    TooManySteps {
+        /// Up to `until`, at the period of the scenario or the slot.
+        steps: u64,
     },
     /// No `until` line.
     #[error("the scenario does not say when it ends: add a line such as `until 200 ms`")]
@@ -256,45 +270,52 @@ const COMMANDS: [(&str, Command); 6] = [
 /// # Errors
 /// Every mistake that can be seen without a machine, in the order of the file.
 pub fn parse(text: &str) -> Result<Scenario, Vec<Mistake>> {
+    let (scenario, mistakes) = read(text);
+    if mistakes.is_empty() {
+        Ok(scenario)
+    } else {
+        Err(mistakes)
+    }
+}
+
+/// Reads a scenario as far as it goes, with all mistakes: so that those in its names can be told together with them.
+fn read(text: &str) -> (Scenario, Vec<Mistake>) {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut reading = Reading::default();
-    let mut mistakes = Vec::new();
     for (index, line) in text.lines().enumerate() {
         if let Err(mistake) = reading.line(Cursor::new(line, index + 1)) {
-            mistakes.push(mistake);
+            reading.mistakes.push(mistake);
         }
     }
-    match reading.until {
-        Some((until_us, _)) if mistakes.is_empty() => Ok(Scenario {
-            period_us: reading.period.map(|(us, _)| us),
-            entries: reading.entries,
-            until_us,
-        }),
-        // An `until` line that is wrong in itself has been told already.
-        None if !reading.until_seen => {
-            let place = Place {
-                line: text.lines().count().max(1),
-                col: 1,
-            };
-            mistakes.push(Mistake {
-                place,
-                cause: MistakeCause::NoUntil,
-            });
-            Err(mistakes)
-        }
-        _ => Err(mistakes),
+    // An `until` line that is wrong in itself has been told already.
+    if reading.until.is_none() && !reading.until_seen {
+        let place = Place {
+            line: text.lines().count().max(1),
+            col: 1,
+        };
+        reading.mistakes.push(Mistake {
+            place,
+            cause: MistakeCause::NoUntil,
+        });
     }
+    let (until_us, until_place) = reading.until.unwrap_or((0, Place { line: 1, col: 1 }));
+    let scenario = Scenario {
+        period_us: reading.period.map(|(us, _)| us),
+        entries: reading.entries,
+        until_us,
+        until_place,
+    };
+    (scenario, reading.mistakes)
 }
 
 /// What the lines so far have said.
 #[derive(Default)]
 struct Reading {
-    /// Value and line.
-    period: Option<(u32, usize)>,
-    /// Value and line.
-    until: Option<(u64, usize)>,
+    period: Option<(u32, Place)>,
+    until: Option<(u64, Place)>,
     until_seen: bool,
     entries: Vec<Entry>,
+    mistakes: Vec<Mistake>,
 }
 
 impl Reading {
@@ -325,11 +346,20 @@ impl Reading {
                 once("until", &mut self.until, time.us, place)
             }
             "at" => {
-                let at_us = cursor.time()?.us;
-                let entry = cursor.entry(at_us)?;
-                cursor.end()?;
+                let at_us = match cursor.time() {
+                    Ok(time) => time.us,
+                    Err(mistake) => {
+                        // What follows can be wrong as well, and it is clear where it starts.
+                        if !cursor.back_to_command(place) {
+                            return Err(mistake);
+                        }
+                        self.mistakes.push(mistake);
+                        0
+                    }
+                };
+                let entry = cursor.entry(at_us, &mut self.mistakes)?;
                 self.entries.push(entry);
-                Ok(())
+                cursor.end()
             }
             _ => {
                 let meant = nearest(word, LINE_WORDS);
@@ -348,17 +378,20 @@ impl Reading {
 /// Keeps a value that may be given once.
 fn once<V>(
     word: &'static str,
-    kept: &mut Option<(V, usize)>,
+    kept: &mut Option<(V, Place)>,
     value: V,
     place: Place,
 ) -> Result<(), Mistake> {
     match kept {
-        &mut Some((_, first_line)) => Err(Mistake {
+        &mut Some((_, first)) => Err(Mistake {
             place,
-            cause: MistakeCause::Twice { word, first_line },
+            cause: MistakeCause::Twice {
+                word,
+                first_line: first.line,
+            },
         }),
         None => {
-            *kept = Some((value, place.line));
+            *kept = Some((value, place));
             Ok(())
         }
     }
@@ -366,6 +399,7 @@ fn once<V>(
 
 /// A place in a line, its comment cut off.
 struct Cursor<'a> {
+    line: &'a str,
     rest: &'a str,
     place: Place,
 }
@@ -373,8 +407,10 @@ struct Cursor<'a> {
 impl<'a> Cursor<'a> {
     fn new(line: &'a str, number: usize) -> Self {
         let content = line.split_once('#').map_or(line, |(content, _)| content);
+        let content = content.trim_end();
         Cursor {
-            rest: content.trim_end(),
+            line: content,
+            rest: content,
             place: Place {
                 line: number,
                 col: 1,
@@ -437,20 +473,48 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    fn entry(&mut self, at_us: u64) -> Result<Entry, Mistake> {
+    /// Goes back to the first word behind the first that is a command. Gives whether there is one.
+    fn back_to_command(&mut self, first: Place) -> bool {
+        self.rest = self.line;
+        self.place = Place { col: 1, ..first };
+        self.word();
+        loop {
+            self.next_place();
+            let (rest, place) = (self.rest, self.place);
+            match self.word() {
+                None => return false,
+                Some((_, word)) if COMMANDS.iter().any(|(name, _)| *name == word) => {
+                    (self.rest, self.place) = (rest, place);
+                    return true;
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    fn entry(&mut self, at_us: u64, mistakes: &mut Vec<Mistake>) -> Result<Entry, Mistake> {
         let (place, word) =
             self.need_word("what happens: `set`, `clear`, `exit`, `busy`, `free` or `expect`")?;
         let mut command = match COMMANDS.iter().find(|(name, _)| *name == word) {
             Some((_, command)) => *command,
             None => {
-                let meant = nearest(word, COMMANDS.map(|(name, _)| name)).map(String::from);
-                return Err(Mistake {
+                let meant = nearest(word, COMMANDS.map(|(name, _)| name));
+                let mistake = Mistake {
                     place,
                     cause: MistakeCause::UnknownCommand {
                         found: word.into(),
-                        meant,
+                        meant: meant.map(String::from),
                     },
-                });
+                };
+                // Where it is clear what was meant, the name behind it is looked at too.
+                let command = COMMANDS.iter().find(|(name, _)| Some(*name) == meant);
+                match command {
+                    Some((_, command)) if !self.rest.trim_start().is_empty() => {
+                        mistakes.push(mistake);
+                        *command
+                    }
+                    _ => return Err(mistake),
+                }
             }
         };
         let expected = "a path such as `motion/Cruise`";
@@ -567,5 +631,28 @@ mod tests {
         let mistakes = parse("at 1 ms\nfoo\nperiod 1 ms\nperiod 2 ms\n").unwrap_err();
         let lines: Vec<_> = mistakes.iter().map(|mistake| mistake.place.line).collect();
         assert_eq!(lines, [1, 2, 4, 4]);
+    }
+
+    #[test]
+    fn a_line_is_read_on_where_it_is_clear_how() {
+        // What is read of a line with a mistake, and how many mistakes.
+        let cases = [
+            ("at soon set a/B.c", Some(Command::Set), 1),
+            ("at 10 exit a/B", Some(Command::Exit), 1),
+            ("at 1 ms expekt not a/B", Some(Command::ExpectNot), 1),
+            ("at 1 ms exit a/B c", Some(Command::Exit), 1),
+            ("at 1 ms nothing a/B", None, 1),
+            ("at 1 ms sett", None, 1),
+            ("at soon", None, 1),
+        ];
+        for (line, command, count) in cases {
+            let (scenario, mistakes) = read(&format!("{line}\nuntil 1 ms"));
+            let read = scenario.entries.first().map(|entry| entry.command);
+            assert_eq!(
+                (read, mistakes.len()),
+                (command, count),
+                "{line}: {mistakes:?}"
+            );
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! is looked at after the first macro step at or after its. No flag changes by itself: what a robot's dispatchers would
 //! work out, such as busy flags, the scenario has to say.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -53,6 +54,37 @@ pub struct Failure {
     pub expected: bool,
     /// What was there instead.
     pub cause: FailureCause,
+    /// The last transitions before it was looked at, at most [`LAST_TRANSITIONS`].
+    pub before: Vec<Taken>,
+}
+
+/// How many transitions are told of before an expectation that was not met.
+pub const LAST_TRANSITIONS: usize = 5;
+
+/// A transition that was taken. `Display` says it in one line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Taken {
+    /// Start of its macro step.
+    pub t_us: u64,
+    /// Name of its event.
+    pub event: String,
+    /// Path of its source.
+    pub from: String,
+    /// Path of its target.
+    pub to: String,
+}
+
+impl fmt::Display for Taken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            event, from, to, ..
+        } = self;
+        write!(
+            f,
+            "{} ms: {from} -> {to} on {event}",
+            milliseconds(self.t_us)
+        )
+    }
 }
 
 /// Why an expectation was not met.
@@ -180,6 +212,7 @@ pub fn run<B: std::ops::Deref<Target = [u8]>>(
         machine,
         directory,
         writer,
+        recent: VecDeque::with_capacity(LAST_TRANSITIONS),
         outcome: Outcome::default(),
     };
     simulation.run(scenario, period_us.into())?;
@@ -191,6 +224,8 @@ struct Simulation<'m, B, W> {
     machine: Interpreter<'m, B>,
     directory: &'m Directory,
     writer: TraceWriter<W>,
+    /// Macro step's start, region instance and index of the last transitions.
+    recent: VecDeque<(u64, usize, usize)>,
     outcome: Outcome,
 }
 
@@ -237,6 +272,7 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
     fn macro_step(&mut self, at: Step) -> io::Result<Result<(), Fault>> {
         let mut watcher = Watcher {
             writer: &mut self.writer,
+            recent: &mut self.recent,
             at,
             transitions: 0,
             written: Ok(()),
@@ -296,7 +332,22 @@ impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
             name: name.clone(),
             expected,
             cause,
+            before: self.before(),
         });
+    }
+
+    /// The last transitions in words.
+    fn before(&self) -> Vec<Taken> {
+        let in_words = |&(t_us, region, transition): &(u64, usize, usize)| {
+            let words = self.directory.transition(region, transition)?;
+            Some(Taken {
+                t_us,
+                event: words.event.to_owned(),
+                from: words.from.to_owned(),
+                to: words.to.to_owned(),
+            })
+        };
+        self.recent.iter().filter_map(in_words).collect()
     }
 
     fn active(&self) -> Vec<String> {
@@ -375,6 +426,7 @@ impl<B: std::ops::Deref<Target = [u8]>> Snapshot for Interpreter<'_, B> {
 /// Writes the transitions of a macro step. The first line that cannot be written ends the run.
 struct Watcher<'w, W> {
     writer: &'w mut TraceWriter<W>,
+    recent: &'w mut VecDeque<(u64, usize, usize)>,
     at: Step,
     transitions: u64,
     written: io::Result<()>,
@@ -383,8 +435,12 @@ struct Watcher<'w, W> {
 impl<W: Write> Observer for Watcher<'_, W> {
     fn transition(&mut self, taken: TransitionTaken) {
         self.transitions += 1;
+        if self.recent.len() == LAST_TRANSITIONS {
+            self.recent.pop_front();
+        }
+        let (region, transition) = (taken.region_instance.into(), taken.transition.into());
+        self.recent.push_back((self.at.t_us, region, transition));
         if self.written.is_ok() {
-            let (region, transition) = (taken.region_instance.into(), taken.transition.into());
             self.written = self
                 .writer
                 .transition(self.at, taken.micro.into(), region, transition);

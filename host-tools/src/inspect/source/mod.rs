@@ -27,6 +27,9 @@ use crate::lang::{self, MAX_FILE_BYTES, Severity};
 /// How long start times of the slots are searched for: as long as `esm build` searches.
 const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
 
+/// What a source is called while it is compiled.
+const SOURCE_NAME: &str = "inspected.esm";
+
 /// Why a blob cannot be given back as source. None of these happens to a blob that `esm build` made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoSource {
@@ -153,6 +156,8 @@ pub fn source(blob: &Verified<Vec<u8>>) -> Result<String, NoSource> {
         containers: ports::children_first(&reader, tables.containers().len()),
     };
     let source = text::write(&reader, blob, &parts)?;
+    // One that has syntax errors, since a task of the blob is called `set` for instance, is refused below.
+    let source = lang::format::format(SOURCE_NAME, source.as_bytes()).unwrap_or(source);
     compiles_to(&source, blob)?;
     Ok(source)
 }
@@ -165,7 +170,7 @@ fn compiles_to(source: &str, blob: &Verified<Vec<u8>>) -> Result<(), NoSource> {
             limit: usize::try_from(MAX_FILE_BYTES).unwrap_or(usize::MAX),
         });
     }
-    let mut checked = lang::load_text("inspected.esm", source);
+    let mut checked = lang::load_text(SOURCE_NAME, source);
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
     let (Some(model), Some(schedule)) = (&checked.model, schedule) else {
         let is_error = |found: &&lang::Diagnostic| found.severity() == Severity::Error;
