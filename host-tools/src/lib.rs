@@ -3,7 +3,9 @@
 pub mod boards;
 pub mod cli;
 pub mod compile;
+pub mod diagram;
 pub mod fit;
+
 pub mod host_board;
 pub mod inspect;
 pub mod lang;

@@ -115,8 +115,8 @@ fn exit_statuses_are_those_of_the_manual() {
 fn every_subcommand_has_help_worth_reading() {
     let overview = esm(&["--help"]).good().out;
     for subcommand in [
-        "check", "build", "inspect", "schedule", "sim", "run", "board", "upload", "log", "status",
-        "stop", "start", "tasks",
+        "check", "build", "draw", "inspect", "schedule", "sim", "run", "board", "upload", "log",
+        "status", "stop", "start", "tasks",
     ] {
         assert!(overview.contains(subcommand), "{subcommand}: {overview}");
         let help = esm(&[subcommand, "--help"]).good().out;

@@ -20,6 +20,7 @@ pub mod build;
 pub mod check;
 pub mod console;
 pub mod difference;
+pub mod draw;
 pub mod exit;
 pub mod explain;
 pub mod file;
@@ -85,6 +86,7 @@ pub enum Command {
     Explain(explain::ExplainArgs),
     Fmt(fmt::FmtArgs),
     Build(build::BuildArgs),
+    Draw(draw::DrawArgs),
     Inspect(inspect::InspectArgs),
     Schedule(schedule::ScheduleArgs),
     Sim(sim::SimArgs),
@@ -155,6 +157,7 @@ pub fn execute(
         Command::Explain(args) => explain::execute(args, console),
         Command::Fmt(args) => fmt::execute(args, console),
         Command::Build(args) => build::execute(args, console),
+        Command::Draw(args) => draw::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),
         Command::Sim(args) => sim::execute(args, console),

@@ -7,7 +7,7 @@ use tiny_skia::{
 use ttf_parser::OutlineBuilder;
 
 use super::font;
-use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
+use super::scene::{self, Anchor, Colour, Leg, Point, Scene, Shape, Stroke, Text};
 
 /// Dots for each unit of a scene: sharp on today's screens and fit to print.
 const DOTS_PER_UNIT: f32 = 2.0;
@@ -59,6 +59,26 @@ fn draw(pixmap: &mut Pixmap, shape: &Shape) {
         } => {
             if let Some(path) = polyline(corners, true) {
                 paint(pixmap, &path, *fill, *stroke);
+            }
+        }
+        Shape::Rounded {
+            corner,
+            size,
+            radius,
+            fill,
+            stroke,
+        } => {
+            if let Some(path) = rounded(*corner, *size, *radius) {
+                paint(pixmap, &path, *fill, *stroke);
+            }
+        }
+        Shape::Track {
+            points,
+            radius,
+            stroke,
+        } => {
+            if let Some(path) = track(points, *radius) {
+                paint(pixmap, &path, None, Some(*stroke));
             }
         }
         Shape::Line { points, stroke } => {
@@ -113,6 +133,54 @@ fn polyline(points: &[Point], closed: bool) -> Option<Path> {
     }
     if closed {
         builder.close();
+    }
+    builder.finish()
+}
+
+/// A rectangle with round corners, as SVG has it: no radius is more than half a side. `None` where a number is not finite.
+fn rounded([left, top]: Point, [width, height]: [f32; 2], radius: f32) -> Option<Path> {
+    /// Length of the control arm of a cubic curve that is a quarter of a circle, in radii.
+    const QUARTER: f32 = 0.552_284_8;
+    let radius = radius.min(width / 2.0).min(height / 2.0).max(0.0);
+    let (right, bottom) = (left + width, top + height);
+    let arm = radius * (1.0 - QUARTER);
+    let mut builder = PathBuilder::new();
+    builder.move_to(left + radius, top);
+    builder.line_to(right - radius, top);
+    builder.cubic_to(right - arm, top, right, top + arm, right, top + radius);
+    builder.line_to(right, bottom - radius);
+    builder.cubic_to(
+        right,
+        bottom - arm,
+        right - arm,
+        bottom,
+        right - radius,
+        bottom,
+    );
+    builder.line_to(left + radius, bottom);
+    builder.cubic_to(
+        left + arm,
+        bottom,
+        left,
+        bottom - arm,
+        left,
+        bottom - radius,
+    );
+    builder.line_to(left, top + radius);
+    builder.cubic_to(left, top + arm, left + arm, top, left + radius, top);
+    builder.close();
+    builder.finish()
+}
+
+fn track(points: &[Point], radius: f32) -> Option<Path> {
+    let ([x, y], legs) = scene::legs(points, radius)?;
+    let mut builder = PathBuilder::new();
+    builder.move_to(x, y);
+    for leg in legs {
+        match leg {
+            Leg::Line([x, y]) => builder.line_to(x, y),
+            Leg::Curve([cx, cy], [x, y]) => builder.quad_to(cx, cy, x, y),
+        }
     }
     builder.finish()
 }

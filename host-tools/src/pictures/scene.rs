@@ -114,6 +114,28 @@ pub enum Shape {
         /// Its outline.
         stroke: Option<Stroke>,
     },
+    /// A rectangle with round corners.
+    Rounded {
+        /// Its upper left corner, before that is rounded.
+        corner: Point,
+        /// Width and height.
+        size: [f32; 2],
+        /// Radius of the corners.
+        radius: f32,
+        /// What it is filled with.
+        fill: Option<Colour>,
+        /// Its outline.
+        stroke: Option<Stroke>,
+    },
+    /// Lines through points, open, with round bends.
+    Track {
+        /// The points.
+        points: Vec<Point>,
+        /// Radius of the bends; where lines are short it is less.
+        radius: f32,
+        /// How it is drawn; ends are flat.
+        stroke: Stroke,
+    },
     /// Lines through points, open.
     Line {
         /// The points.
@@ -188,6 +210,33 @@ impl Scene {
         });
     }
 
+    /// Adds a rectangle with round corners.
+    pub fn rounded(
+        &mut self,
+        corner: Point,
+        size: [f32; 2],
+        radius: f32,
+        fill: Option<Colour>,
+        stroke: Option<Stroke>,
+    ) {
+        self.shapes.push(Shape::Rounded {
+            corner,
+            size,
+            radius,
+            fill,
+            stroke,
+        });
+    }
+
+    /// Adds a line through points, with round bends.
+    pub fn track(&mut self, points: Vec<Point>, radius: f32, stroke: Stroke) {
+        self.shapes.push(Shape::Track {
+            points,
+            radius,
+            stroke,
+        });
+    }
+
     /// Adds a circle.
     pub fn circle(
         &mut self,
@@ -213,4 +262,45 @@ impl Scene {
     pub fn tooltip(&mut self, words: impl Into<String>) {
         self.shapes.push(Shape::Tooltip(words.into()));
     }
+}
+
+/// A part of a path that is made of lines and curves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Leg {
+    /// A line to a point.
+    Line(Point),
+    /// A quadratic curve: its control point, and the point that it leads to.
+    Curve(Point, Point),
+}
+
+/// The path of a [`Shape::Track`]: where it begins, and how it goes on. `None` for fewer than two points.
+pub(super) fn legs(points: &[Point], radius: f32) -> Option<(Point, Vec<Leg>)> {
+    let (first, rest) = points.split_first()?;
+    let last = rest.last()?;
+    let mut legs = Vec::with_capacity(2 * rest.len());
+    for [before, bend, after] in points.array_windows() {
+        let room = distance(*before, *bend).min(distance(*bend, *after)) / 2.0;
+        let radius = radius.min(room);
+        if radius > 0.0 {
+            legs.push(Leg::Line(towards(*bend, *before, radius)));
+            legs.push(Leg::Curve(*bend, towards(*bend, *after, radius)));
+        } else {
+            legs.push(Leg::Line(*bend));
+        }
+    }
+    legs.push(Leg::Line(*last));
+    Some((*first, legs))
+}
+
+fn distance(from: Point, to: Point) -> f32 {
+    libm::hypotf(to[0] - from[0], to[1] - from[1])
+}
+
+/// The point at a distance from another one in the direction of a third, which is elsewhere.
+fn towards(from: Point, to: Point, length: f32) -> Point {
+    let share = length / distance(from, to);
+    [
+        from[0] + (to[0] - from[0]) * share,
+        from[1] + (to[1] - from[1]) * share,
+    ]
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::font::{self, Weight};
-use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
+use super::scene::{self, Anchor, Colour, Leg, Point, Scene, Shape, Stroke, Text};
 
 /// The embedded font first, then what readers have that is of about the same width.
 const FONT_FAMILY: &str = "'Noto Sans','Open Sans','DejaVu Sans',Verdana,sans-serif";
@@ -63,6 +63,49 @@ fn write_shape(svg: &mut String, shape: &Shape) -> std::fmt::Result {
             write!(svg, "\"")?;
             write_fill(svg, *fill)?;
             write_stroke(svg, *stroke)?;
+            write!(svg, "/>")
+        }
+        Shape::Rounded {
+            corner: [x, y],
+            size: [width, height],
+            radius,
+            fill,
+            stroke,
+        } => {
+            write!(
+                svg,
+                "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" rx=\"{}\"",
+                Number(*x),
+                Number(*y),
+                Number(*width),
+                Number(*height),
+                Number(*radius)
+            )?;
+            write_fill(svg, *fill)?;
+            write_stroke(svg, *stroke)?;
+            write!(svg, "/>")
+        }
+        Shape::Track {
+            points,
+            radius,
+            stroke,
+        } => {
+            let Some(([x, y], legs)) = scene::legs(points, *radius) else {
+                return Ok(());
+            };
+            write!(svg, "<path d=\"M{},{}", Number(x), Number(y))?;
+            for leg in legs {
+                match leg {
+                    Leg::Line([x, y]) => write!(svg, "L{},{}", Number(x), Number(y))?,
+                    Leg::Curve([cx, cy], [x, y]) => {
+                        let (cx, cy) = (Number(cx), Number(cy));
+                        write!(svg, "Q{cx},{cy} {},{}", Number(x), Number(y))?;
+                    }
+                }
+            }
+            write!(svg, "\"")?;
+            write_fill(svg, None)?;
+            write_stroke(svg, Some(*stroke))?;
             write!(svg, "/>")
         }
         Shape::Line { points, stroke } => {
