@@ -116,6 +116,23 @@ pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Done {
     run(command)
 }
 
+/// [`esm`] with at most so much memory: a command that wants more ends with a signal.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+#[track_caller]
+pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> Done {
+    let mut command = Command::new("sh");
+    // The shell counts in KiB.
+    let limit = memory_mb * 1_024;
+    command
+        .args(["-c", &format!("ulimit -v {limit} && exec \"$0\" \"$@\"")])
+        .arg(esm_binary())
+        .args(arguments.iter().map(AsRef::as_ref))
+        .current_dir(root());
+    run(command)
+}
+
 /// Runs a command to its end, with its output kept.
 #[track_caller]
 fn run(mut command: Command) -> Done {

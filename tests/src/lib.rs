@@ -6,6 +6,7 @@
 //! drives the project from outside, as a person at a terminal does.
 
 pub mod command;
+pub mod fuzzing;
 pub mod random;
 pub mod random_machine;
 pub mod reference;

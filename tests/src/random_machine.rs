@@ -51,8 +51,13 @@ enum Kind {
 
 /// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
 pub fn machine(seed: u64) -> String {
+    machine_of(&mut Random::new(seed))
+}
+
+/// The text of the machine that a source of random numbers decides on.
+pub fn machine_of(random: &mut Random) -> String {
     Writer {
-        random: Random::new(seed),
+        random,
         text: String::new(),
         tasks: Vec::new(),
         containers: Vec::new(),
@@ -61,8 +66,8 @@ pub fn machine(seed: u64) -> String {
     .write()
 }
 
-struct Writer {
-    random: Random,
+struct Writer<'r> {
+    random: &'r mut Random,
     text: String,
     tasks: Vec<Task>,
     /// In the order of the file; each uses only those before it.
@@ -70,7 +75,7 @@ struct Writer {
     with_data: bool,
 }
 
-impl Writer {
+impl Writer<'_> {
     fn write(mut self) -> String {
         self.with_data = self.random.chance(25);
         self.line(format_args!("interpreter slot 1;"));
@@ -476,7 +481,11 @@ impl Writer {
 
 /// A random scenario for a machine: up to 60 macro steps, changes at and between them, in no order of time.
 pub fn scenario(seed: u64, model: &Model) -> Scenario {
-    let mut random = Random::new(seed ^ 0x5ce0_a210);
+    scenario_of(&mut Random::new(seed ^ 0x5ce0_a210), model)
+}
+
+/// The scenario for a machine that a source of random numbers decides on.
+pub fn scenario_of(random: &mut Random, model: &Model) -> Scenario {
     let slot_period_us = model
         .interpreter_slot
         .map_or(10_000, |slot| u64::from(model.slots[slot].period_us));
@@ -537,7 +546,7 @@ pub fn scenario(seed: u64, model: &Model) -> Scenario {
         scenario.entries.push(Entry { at_us, action });
     }
     for _ in 0..random.below(8) {
-        if let Some(action) = expectation(&mut random, &states, model) {
+        if let Some(action) = expectation(random, &states, model) {
             let at_us = random.below((steps as usize + 3) * step_us as usize) as u64;
             let place = random.below(scenario.entries.len() + 1);
             scenario.entries.insert(place, Entry { at_us, action });

@@ -32,6 +32,14 @@ pub fn build(text: &str) -> Result<Built, String> {
     compiled(lang::load_text("machine.esm", text))
 }
 
+/// [`build`] for a set of files, by path and content, of which the first is the mission.
+///
+/// # Errors
+/// Says what stood in the way, for a person.
+pub fn build_files(files: &[(&str, &[u8])]) -> Result<Built, String> {
+    compiled(lang::load_files(files))
+}
+
 /// Checks, lays out and compiles a file with all that it uses.
 ///
 /// # Errors

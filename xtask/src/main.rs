@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask demo`, `test`, `firmware`, `size`, `setup`.
+//! The project's own commands: `cargo xtask demo`, `test`, `fuzz`, `firmware`, `size`, `setup`.
 //!
 //! What needs the network, root or minutes is told before it is done. What cannot be done ends with the exact command that would.
 //! There are no dependencies, so that the first command on a fresh machine starts at once.
@@ -6,6 +6,7 @@
 mod demo;
 mod elf;
 mod firmware;
+mod fuzz;
 mod process;
 mod setup;
 mod size;
@@ -20,11 +21,12 @@ use setup::Choice;
 const HELP: &str = "\
 The project's own commands.
 
-Usage: cargo xtask <COMMAND> [OPTIONS]
+Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
+  fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
@@ -35,6 +37,7 @@ Options:
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
   --example                          firmware: build examples/my_robot instead
   --quick                            test: leave out what takes minutes (emulator, my_robot)
+  --minutes <N>                      fuzz: how long each target runs [default: 5]
   --write                            size: keep the sizes as the expected ones
   -h, --help                         This text
 ";
@@ -47,6 +50,8 @@ struct Options {
     example: bool,
     quick: bool,
     write: bool,
+    minutes: Option<u32>,
+    targets: Vec<String>,
 }
 
 fn main() -> ExitCode {
@@ -91,9 +96,18 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--example" => options.example = true,
             "--quick" => options.quick = true,
             "--write" => options.write = true,
+            "--minutes" => {
+                let minutes = value()?;
+                let right = minutes.parse().ok().filter(|minutes| *minutes >= 1);
+                let wrong = || Failure::Usage(format!("--minutes {minutes}: a number from 1 on"));
+                options.minutes = Some(right.ok_or_else(wrong)?);
+            }
             "-h" | "--help" => {
                 print!("{HELP}");
                 std::process::exit(0);
+            }
+            target if !target.starts_with('-') => {
+                options.targets.push(target.to_owned());
             }
             _ => return Err(Failure::Usage(format!("unknown option {name}"))),
         }
@@ -103,6 +117,9 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
 
 fn run(command: &str, options: &Options) -> Result<(), Failure> {
     let root = root();
+    if let Some(surplus) = options.targets.first().filter(|_| command != "fuzz") {
+        return Err(Failure::Usage(format!("{command} takes no {surplus}")));
+    }
     let choice = match options.toolchain {
         Some(choice) => choice,
         None => match std::env::var("ESM_TOOLCHAIN") {
@@ -135,6 +152,10 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
         "test" => test::command(&root, choice, options.quick),
         "demo" => demo::command(&root, choice),
+        "fuzz" => {
+            let minutes = options.minutes.unwrap_or(fuzz::DEFAULT_MINUTES);
+            fuzz::command_line(&root, &options.targets, minutes)
+        }
         unknown => Err(Failure::Usage(format!("unknown command {unknown}"))),
     }
 }

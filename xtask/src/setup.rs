@@ -281,7 +281,10 @@ fn linker_package() -> String {
 }
 
 /// Installs packages with apt, as root or through sudo.
-fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that does it.
+pub fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
     let by_hand = format!("sudo apt-get install {}", packages.join(" "));
     let missing = || Failure::Missing {
         what: format!("{what} ({})", packages.join(", ")),

@@ -9,6 +9,7 @@ use crate::demo;
 use crate::firmware::{
     self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
 };
+use crate::fuzz;
 use crate::process::{self, Failure, shown};
 use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
 use crate::size;
@@ -158,7 +159,13 @@ fn host_checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in ["", BOARD_FOLDER, EXAMPLE_FOLDER, EXAMPLE_FIRMWARE_FOLDER] {
+        for folder in [
+            "",
+            BOARD_FOLDER,
+            EXAMPLE_FOLDER,
+            EXAMPLE_FIRMWARE_FOLDER,
+            fuzz::PACKAGE_FOLDER,
+        ] {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {

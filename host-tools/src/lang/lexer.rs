@@ -164,7 +164,7 @@ impl TokenKind {
         (self as u8) <= TokenKind::KeptForLater as u8
     }
 
-    /// Whether this is a word that cannot be a name: a reserved one, or one with letters that names do not have.
+    /// Whether this is a word that cannot be a name: a reserved one, or one with letters that names do not have, or a very long one.
     pub fn is_no_name(self) -> bool {
         self.is_reserved() || self == TokenKind::ForeignWord
     }
@@ -211,6 +211,9 @@ pub const RESERVED_WORDS: [&str; 38] = [
     "assert",
     "history",
 ];
+
+/// The longest name. Longer ones are no names, so that ten thousand messages about one stay readable, and in memory.
+pub const MAX_NAME_BYTES: usize = 1_000;
 
 /// A token: its kind and its byte range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -277,8 +280,13 @@ impl<'t> Lexer<'t> {
     fn raw_token(&mut self) -> Option<Token> {
         let kind = self.logos.next()?.unwrap_or(TokenKind::Unknown);
         let range = self.logos.span();
+        let is_too_long = kind == TokenKind::Identifier && range.len() > MAX_NAME_BYTES;
         Some(Token {
-            kind,
+            kind: if is_too_long {
+                TokenKind::ForeignWord
+            } else {
+                kind
+            },
             start: range.start as u32,
             end: range.end as u32,
         })

@@ -49,17 +49,17 @@ impl Store for Disk {
     }
 }
 
-/// Texts in memory, by path.
+/// Files in memory, by path.
 pub(super) struct Memory<'t> {
-    texts: HashMap<String, &'t str>,
+    files: HashMap<String, &'t [u8]>,
 }
 
 impl<'t> Memory<'t> {
-    pub(super) fn new(files: &[(&str, &'t str)]) -> Self {
+    pub(super) fn new(files: &[(&str, &'t [u8])]) -> Self {
         Memory {
-            texts: files
+            files: files
                 .iter()
-                .map(|&(path, text)| (plain(Path::new(path)), text))
+                .map(|&(path, bytes)| (plain(Path::new(path)), bytes))
                 .collect(),
         }
     }
@@ -71,8 +71,8 @@ impl Store for Memory<'_> {
     }
 
     fn read(&self, path: &str) -> Result<Vec<u8>, LoadError> {
-        match self.texts.get(&plain(Path::new(path))) {
-            Some(text) => Ok(text.as_bytes().to_vec()),
+        match self.files.get(&plain(Path::new(path))) {
+            Some(bytes) => Ok(bytes.to_vec()),
             None => Err(LoadError::Read {
                 path: PathBuf::from(path),
                 cause: std::io::ErrorKind::NotFound.into(),

@@ -81,9 +81,18 @@ pub fn load_text(name: &str, text: &str) -> Checked {
 
 /// Checks a set of texts by path and content, as if they were files; the first is the one asked for. Paths separate with `/`.
 pub fn load_texts(files: &[(&str, &str)]) -> Checked {
+    let files: Vec<(&str, &[u8])> = files
+        .iter()
+        .map(|&(path, text)| (path, text.as_bytes()))
+        .collect();
+    load_files(&files)
+}
+
+/// [`load_texts`] for files that may be no text: what is not UTF-8 is reported, as it is for a file on disk.
+pub fn load_files(files: &[(&str, &[u8])]) -> Checked {
     let path = files.first().map_or("", |file| file.0);
     // Only an empty list has no first file; it is checked as an empty text.
-    check(path, &Memory::new(files)).unwrap_or_else(|_| load_texts(&[("", "")]))
+    check(path, &Memory::new(files)).unwrap_or_else(|_| load_files(&[("", b"")]))
 }
 
 /// Whether a text can be the name of something: an identifier that is not reserved.

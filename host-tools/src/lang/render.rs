@@ -105,16 +105,17 @@ fn snippet<'d>(
 ) -> Option<Snippet<'d, Annotation<'d>>> {
     let text = files.get(span.file as usize)?.text.as_str();
     let start = (span.start as usize).min(text.len());
-    let line_start = text.get(..start)?.rfind('\n').map_or(0, |at| at + 1);
-    let line_end = text
-        .get(start..)?
+    // No more is looked at than is shown: a line can be megabytes long, and hold thousands of mistakes.
+    let near_start = floor_boundary(text, start.saturating_sub(MAX_CONTEXT_BYTES));
+    let near_end = floor_boundary(text, (start + MAX_CONTEXT_BYTES).min(text.len()));
+    let shown_start = text
+        .get(near_start..start)?
+        .rfind('\n')
+        .map_or(near_start, |at| near_start + at + 1);
+    let shown_end = text
+        .get(start..near_end)?
         .find('\n')
-        .map_or(text.len(), |length| start + length);
-    let shown_start = floor_boundary(
-        text,
-        line_start.max(start.saturating_sub(MAX_CONTEXT_BYTES)),
-    );
-    let shown_end = floor_boundary(text, line_end.min(start.saturating_add(MAX_CONTEXT_BYTES)));
+        .map_or(near_end, |length| start + length);
     let shown = text.get(shown_start..shown_end)?.trim_end_matches('\r');
     let marked_start = (start - shown_start).min(shown.len());
     let marked_end = (span.end as usize)

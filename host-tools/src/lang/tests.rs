@@ -1404,3 +1404,28 @@ proptest! {
         prop_assert!(std::str::from_utf8(&bytes).is_ok() || checked.has_errors());
     }
 }
+
+#[test]
+fn a_name_has_an_end() {
+    let long = "x".repeat(1_000);
+    let text = |name: &str| format!("task {name} {{ out flag a; out flag {name}; }}");
+    assert_eq!(load_text("t.esm", &text(&long)).diagnostics, []);
+    let checked = load_text("t.esm", &text(&(long + "x")));
+    let [found] = &checked.diagnostics[..] else {
+        panic!("{}", checked.render(false));
+    };
+    assert_eq!((found.code, found.span.start), (Code::E001, 5));
+    assert!(found.text().ends_with("a name has at most 1000 characters"));
+}
+
+#[test]
+fn of_a_long_line_what_is_near_is_shown() {
+    let text = format!(
+        "{}task T {{ flag }} {}",
+        "/* ä */".repeat(1_000),
+        "; ".repeat(1_000)
+    );
+    let rendered = load_text("t.esm", &text).render(false);
+    assert!(rendered.contains("task T { flag }"), "{rendered}");
+    assert!(rendered.lines().all(|line| line.len() < 400), "{rendered}");
+}

@@ -12,7 +12,12 @@ use crate::lang::resolve::{self, Trees};
 /// What could not be read or resolved of a text.
 fn holes_of(text: &str) -> Holes {
     let mut sink = Sink::default();
-    let set = loader::load("case.esm", &Memory::new(&[("case.esm", text)]), &mut sink).unwrap();
+    let set = loader::load(
+        "case.esm",
+        &Memory::new(&[("case.esm", text.as_bytes())]),
+        &mut sink,
+    )
+    .unwrap();
     let trees = Trees {
         files: &set.files,
         trees: &set.trees,

@@ -174,9 +174,14 @@ impl<'t, 's> Parser<'t, 's> {
 
     // ─── Reports ──────────────────────────────────────────────────────────────────────────────────────────────────
 
-    /// Reports something at the current token, unless something has been reported there or the statement is lost already.
+    /// Whether something has been reported at the current token, or the statement is lost already: no more is said then.
+    fn is_told(&self) -> bool {
+        self.reported_at == Some(self.token.start) || self.is_lost
+    }
+
+    /// Reports something at the current token, unless that [is told](Self::is_told).
     fn report(&mut self, diagnostic: Diagnostic) {
-        if self.reported_at != Some(self.token.start) && !self.is_lost {
+        if !self.is_told() {
             self.reported_at = Some(self.token.start);
             self.sink.push(diagnostic);
         }
@@ -189,6 +194,10 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// Reports that something else was expected here.
     fn expected(&mut self, what: &str) {
+        if self.is_told() {
+            self.is_lost = true;
+            return;
+        }
         let hint = match (self.token.kind, self.text_of(self.token)) {
             (T::Unknown, "&&" | "&") => Some("write `and`"),
             (T::Unknown, "||" | "|") => Some("write `or`"),
@@ -220,6 +229,9 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// Reports that something else was expected here, where it is clear what is meant: the statement goes on.
     fn corrected(&mut self, what: &str, hint: Option<String>) {
+        if self.is_told() {
+            return;
+        }
         let mut diagnostic = Diagnostic::new(
             Code::E001,
             self.here(),

@@ -3,7 +3,7 @@
 use crate::nearest::nearest;
 
 use crate::lang::diagnostic::{Code, Diagnostic};
-use crate::lang::lexer::{Token, TokenKind as T};
+use crate::lang::lexer::{MAX_NAME_BYTES, Token, TokenKind as T};
 use crate::lang::tree::{Literal, LiteralKind, Name, Number};
 
 use super::{MAX_TIME_US, Parser};
@@ -16,6 +16,11 @@ impl Parser<'_, '_> {
             T::Identifier => {
                 self.bump();
                 Some(Name(span))
+            }
+            T::ForeignWord if self.text_of(self.token).len() > MAX_NAME_BYTES => {
+                let hint = format!("a name has at most {MAX_NAME_BYTES} characters");
+                self.no_name(what, &hint);
+                None
             }
             T::ForeignWord => {
                 let hint = "names are made of the letters A to Z and a to z, digits and `_`";

@@ -1,0 +1,159 @@
+//! Any bytes as a set of `.esm` files.
+
+use std::time::Duration;
+
+use host_tools::compile::{self, CompileError};
+use host_tools::lang::{self, Checked, Severity};
+use host_tools::model::Span;
+use host_tools::schedule;
+
+/// A line that starts with this begins the next file of the set; the rest of the line is its path. Files without it are one file.
+pub const FILE_MARK: &str = "//// ";
+
+/// Path of the first file.
+const FIRST_PATH: &str = "main.esm";
+
+/// How long start times are searched for. Found or not, nothing else depends on it.
+const LAY_OUT_LIMIT: Duration = Duration::from_millis(20);
+
+/// Checks the bytes, renders what was found, and compiles what is right.
+///
+/// # Panics
+/// Where a law does not hold.
+pub fn front_end(bytes: &[u8]) {
+    let files = split(bytes);
+    let mut checked = lang::load_files(&files);
+    let again = lang::load_files(&files);
+    assert_eq!(
+        checked.diagnostics, again.diagnostics,
+        "one answer to one question"
+    );
+    check_diagnostics(&checked);
+    check_rendering(&checked, &again);
+
+    checked.require_machine();
+    let schedule = checked.lay_out(LAY_OUT_LIMIT);
+    check_diagnostics(&checked);
+    let Some(model) = &checked.model else {
+        return;
+    };
+    let Some(schedule) = schedule else {
+        panic!("no error, and yet no schedule");
+    };
+    assert_eq!(
+        schedule::check(checked.slots(), &schedule.starts_us),
+        Ok(())
+    );
+    let blob = compile::compile(model, &schedule.starts_us);
+    assert_eq!(blob, compile::compile(model, &schedule.starts_us));
+    match blob {
+        Ok(blob) => assert!(esm_core::verify(blob).is_ok()),
+        Err(CompileError::Limit {
+            found,
+            limit,
+            capacity,
+            ..
+        }) => assert!(found > limit, "{found} {capacity} are not above {limit}"),
+        Err(error) => panic!("files without errors do not compile: {error}"),
+    }
+}
+
+/// The files of a set, the first one first. A path that comes twice is the last one's.
+pub fn split(bytes: &[u8]) -> Vec<(&str, &[u8])> {
+    let mut files = vec![(FIRST_PATH, 0, bytes.len())];
+    let mut start = 0;
+    for line in bytes.split_inclusive(|&byte| byte == b'\n') {
+        let end = start + line.len();
+        let path = line.strip_prefix(FILE_MARK.as_bytes());
+        if let Some(path) = path.and_then(|path| std::str::from_utf8(path).ok()) {
+            if let Some(last) = files.last_mut() {
+                last.2 = start;
+            }
+            files.push((path.trim(), end, bytes.len()));
+        }
+        start = end;
+    }
+    files
+        .into_iter()
+        .map(|(path, start, end)| (path, &bytes[start..end]))
+        .collect()
+}
+
+/// Each has a place that exists, and they come in order.
+fn check_diagnostics(checked: &Checked) {
+    let errors = checked
+        .diagnostics
+        .iter()
+        .any(|found| found.severity() == Severity::Error);
+    assert_eq!(checked.has_errors(), errors);
+    assert_eq!(checked.model.is_none(), errors, "a model, or an error");
+    assert!(
+        checked
+            .diagnostics
+            .is_sorted_by_key(|found| (found.span, found.code)),
+        "by file, place and code"
+    );
+    for found in &checked.diagnostics {
+        check_place(checked, found.span);
+        for (span, _) in &found.related {
+            check_place(checked, *span);
+        }
+        let text = found.text();
+        assert!(!found.message.is_empty());
+        assert!(
+            !text.contains(char::is_control),
+            "{text:?} would move the cursor"
+        );
+    }
+}
+
+fn check_place(checked: &Checked, span: Span) {
+    let file = checked
+        .files
+        .get(span.file as usize)
+        .expect("a file of the set");
+    let (start, end) = (span.start as usize, span.end as usize);
+    assert!(start <= end && end <= file.text.len(), "{span:?}");
+    let text = file.text.get(start..end);
+    assert!(text.is_some(), "{span:?} cuts a character");
+}
+
+/// What people and programs get: all of it, and each time the same.
+fn check_rendering(checked: &Checked, again: &Checked) {
+    let plain = checked.render(false);
+    assert_eq!(plain, again.render(false));
+    let coloured = checked.render(true);
+    assert_eq!(plain.is_empty(), coloured.is_empty());
+    let lines = checked.json_lines();
+    assert_eq!(lines, again.json_lines());
+    assert_eq!(lines.lines().count(), checked.diagnostics.len());
+    for (line, found) in lines.lines().zip(&checked.diagnostics) {
+        let line: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        assert_eq!(line["code"], found.code.as_str());
+        assert_eq!(line["severity"], found.severity().as_str());
+        let place = checked.position(found.span);
+        assert_eq!(
+            (&line["line"], &line["col"]),
+            (&place.line.into(), &place.col.into())
+        );
+        assert!(place.line >= 1 && place.col >= 1);
+        assert!(plain.contains(found.code.as_str()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::split;
+
+    #[test]
+    fn marked_lines_begin_files() {
+        let text = b"use \"a\";\n//// a\nslot\n//// b/c \n";
+        let expected: [(&str, &[u8]); 3] = [
+            ("main.esm", b"use \"a\";\n"),
+            ("a", b"slot\n"),
+            ("b/c", b""),
+        ];
+        assert_eq!(split(text), expected);
+        assert_eq!(split(b""), [("main.esm", &b""[..])]);
+    }
+}

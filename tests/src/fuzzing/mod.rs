@@ -1,0 +1,59 @@
+//! What fuzzers drive: one function a target, which takes any bytes and panics if a law does not hold.
+//!
+//! `cargo xtask fuzz` runs them under libFuzzer, which watches which code an input reaches and keeps what is new; the ordinary test `fuzzing` runs
+//! them over the seeds and over changed copies of these, for a few seconds and with no tool but cargo. Either way it is the same function.
+//!
+//! | target | takes | holds |
+//! |---|---|---|
+//! | [`front_end`](fn@front_end) | a set of `.esm` files | what the front end says has a place in a file, and an order; right files compile |
+//! | [`verifier`](fn@verifier) | a blob, and the same with magic and CRC made right | what passes can be read everywhere and run |
+//! | [`interpreter`](fn@interpreter) | decisions about a machine and about what happens to it | it runs as the reference says, and keeps the laws of [`watched`] |
+//!
+//! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it again.
+
+pub mod front_end;
+pub mod interpreter;
+pub mod mutations;
+pub mod records;
+pub mod seeds;
+pub mod verifier;
+pub mod watched;
+
+pub use front_end::front_end;
+pub use interpreter::interpreter;
+pub use verifier::verifier;
+
+/// A function with its seeds.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// Its name, which is that of its folder in `fuzz/corpus`.
+    pub name: &'static str,
+    /// Panics where a law does not hold for these bytes.
+    pub body: fn(&[u8]),
+    /// Makes its seeds.
+    pub seeds: fn() -> Vec<seeds::Seed>,
+    /// How many changed copies of seeds the ordinary test runs: some seconds' worth.
+    pub short_runs: usize,
+}
+
+/// All targets.
+pub const TARGETS: [Target; 3] = [
+    Target {
+        name: "front_end",
+        body: front_end,
+        seeds: seeds::texts,
+        short_runs: 500,
+    },
+    Target {
+        name: "verifier",
+        body: verifier,
+        seeds: seeds::blobs,
+        short_runs: 3_000,
+    },
+    Target {
+        name: "interpreter",
+        body: interpreter,
+        seeds: seeds::decisions,
+        short_runs: 300,
+    },
+];
