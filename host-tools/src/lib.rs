@@ -9,6 +9,7 @@ pub mod fit;
 pub mod host_board;
 pub mod inspect;
 pub mod lang;
+pub mod language_server;
 pub mod link_client;
 pub mod lockstep;
 pub mod model;

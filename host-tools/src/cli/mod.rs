@@ -27,6 +27,7 @@ pub mod file;
 pub mod fmt;
 pub mod inspect;
 pub mod log;
+pub mod lsp;
 pub mod mission;
 pub mod robot;
 pub mod run;
@@ -85,6 +86,7 @@ pub enum Command {
     Check(check::CheckArgs),
     Explain(explain::ExplainArgs),
     Fmt(fmt::FmtArgs),
+    Lsp(lsp::LspArgs),
     Build(build::BuildArgs),
     Draw(draw::DrawArgs),
     Inspect(inspect::InspectArgs),
@@ -156,6 +158,7 @@ pub fn execute(
         Command::Check(args) => check::execute(args, console),
         Command::Explain(args) => explain::execute(args, console),
         Command::Fmt(args) => fmt::execute(args, console),
+        Command::Lsp(args) => lsp::execute(args),
         Command::Build(args) => build::execute(args, console),
         Command::Draw(args) => draw::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),

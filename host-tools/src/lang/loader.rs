@@ -1,6 +1,6 @@
 //! Which files belong to a set: the one that was asked for, and all that they `use`.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
@@ -46,6 +46,25 @@ impl Store for Disk {
             });
         }
         fs::read(&path).map_err(failed)
+    }
+}
+
+/// The file system under texts that somebody has open and has perhaps not saved.
+pub(super) struct Overlay<'t> {
+    /// By [`Store::identity`].
+    pub(super) open: &'t BTreeMap<String, String>,
+}
+
+impl Store for Overlay<'_> {
+    fn identity(&self, path: &str) -> String {
+        Disk.identity(path)
+    }
+
+    fn read(&self, path: &str) -> Result<Vec<u8>, LoadError> {
+        match self.open.get(&self.identity(path)) {
+            Some(text) => Ok(text.as_bytes().to_vec()),
+            None => Disk.read(path),
+        }
     }
 }
 

@@ -18,27 +18,30 @@ pub mod analysis;
 mod diagnostic;
 mod forest;
 pub mod format;
-mod lexer;
+pub(crate) mod lexer;
 mod lints;
 mod loader;
 mod parser;
+mod references;
 mod render;
 mod resolve;
 mod source;
-mod tree;
+pub(crate) mod tree;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
 pub use diagnostic::{Code, Diagnostic, Severity};
 pub use lexer::RESERVED_WORDS;
+pub use references::References;
 pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
 
 use crate::model::{Model, SourceFile, Span};
 use crate::schedule::{self, Outcome, Schedule, SlotSpec};
 
 use diagnostic::Sink;
-use loader::{Disk, Memory, Store};
+use loader::{Disk, Memory, Overlay, Store};
 
 /// A set of files, read and checked.
 #[derive(Clone, Debug)]
@@ -56,6 +59,9 @@ pub struct Checked {
     /// Whether these are all slots, and each is one that can occur.
     slots_are_sound: bool,
     has_machine: bool,
+    references: References,
+    /// One for each file.
+    trees: Vec<tree::File>,
 }
 
 /// Reads a file with all that it uses, and checks the set.
@@ -64,6 +70,19 @@ pub struct Checked {
 /// The file itself cannot be read. A file that it uses and that cannot be read is a diagnostic.
 pub fn load(path: &Path) -> Result<Checked, LoadError> {
     check(&path.to_string_lossy(), &Disk)
+}
+
+/// As [`load`], where texts that are open in an editor count instead of the files on disk. They are given by [`identity`].
+///
+/// # Errors
+/// The file itself cannot be read.
+pub fn load_over(path: &Path, open: &BTreeMap<String, String>) -> Result<Checked, LoadError> {
+    check(&path.to_string_lossy(), &Overlay { open })
+}
+
+/// What tells one file from another, however its path is written.
+pub fn identity(path: &Path) -> String {
+    Disk.identity(&path.to_string_lossy())
 }
 
 /// Reads one source file as it is, and nothing that it uses.
@@ -131,6 +150,8 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
                 .iter()
                 .all(|diagnostic| diagnostic.code != Code::E010),
         has_machine: model.machine.is_some(),
+        references: resolved.references,
+        trees: set.trees,
         files: set.files,
         diagnostics,
         model: (!has_errors).then_some(model),
@@ -224,6 +245,16 @@ impl Checked {
             Outcome::Feasible(schedule) => Some(schedule),
             Outcome::Infeasible(_) | Outcome::Undecided => None,
         }
+    }
+
+    /// Which places of the files name the same thing.
+    pub fn references(&self) -> &References {
+        &self.references
+    }
+
+    /// The syntax tree of each file.
+    pub(crate) fn trees(&self) -> &[tree::File] {
+        &self.trees
     }
 
     /// Where a span starts, for messages. For many spans make [`Positions`] once.

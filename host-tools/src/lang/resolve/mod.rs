@@ -21,6 +21,7 @@ use crate::model::{
 
 use super::analysis::holes::{ContainerHoles, Holes, RegionHoles};
 use super::diagnostic::{Code, Diagnostic, Sink};
+use super::references::{References, Undeclared};
 use super::tree::{self, EventListing, File};
 use scope::{Names, Scope};
 use slots::SlotTable;
@@ -35,6 +36,8 @@ pub(super) struct Resolved {
     pub(super) model: Model,
     /// What of the set is not in the model.
     pub(super) holes: Holes,
+    /// Which places name the same thing.
+    pub(super) references: References,
     /// Whether every slot of the set is known, so that a schedule can be searched.
     pub(super) slots_are_whole: bool,
 }
@@ -167,6 +170,7 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
 
     Resolved {
         slots_are_whole: slots.is_whole(),
+        references: names.into_references(),
         model,
         holes,
     }
@@ -240,6 +244,9 @@ fn declare_containers<'f>(
     for tree in set.trees.iter().flat_map(|file| &file.containers) {
         let index = trees.len();
         trees.push(tree);
+        if let (true, Some(name)) = (tree.is_machine, tree.name) {
+            names.refer(name.0, name.0);
+        }
         if !tree.is_machine {
             names.declare(&mut scope, tree.name, index, "container");
         } else if let Some(first) = *machine_span {
@@ -326,6 +333,7 @@ fn declare_events<'f>(
         let listed_in = event.listing == EventListing::In;
         let listed_out = event.listing == EventListing::Out;
         let Err(first) = scope.declare(text, name.0, container.events.len()) else {
+            names.refer(name.0, name.0);
             container.events.push(ContainerEvent {
                 event: events.index(text),
                 forwarded_in: listed_in,
@@ -339,6 +347,7 @@ fn declare_events<'f>(
             scope::Found::Index(index) => container.events.get_mut(index),
             _ => None,
         };
+        names.refer(name.0, first);
         match known {
             Some(known) if listed_in && known.forwarded_out && !known.forwarded_in => {
                 known.forwarded_in = true;
@@ -384,6 +393,7 @@ fn declare_data<'f>(
         .enumerate()
         .map(|(index, port)| {
             names.declare(scope, port.name, index, "data port");
+            names.mention(Undeclared::Type, port.type_name);
             let text = |name: Option<tree::Name>| name.map_or("", |name| names.text(name.0));
             DataPort {
                 name: text(port.name).to_owned(),

@@ -415,6 +415,7 @@ impl<'f> Wiring<'_, 'f> {
         let text = names.text(state.0);
         let places = self.states.places.get(text).map_or(&[][..], Vec::as_slice);
         if let [place] = places {
+            self.refer_to_state(*place, state, names);
             return Some(*place);
         }
         unresolved.ports.insert(names.text(port.0));
@@ -449,6 +450,21 @@ impl<'f> Wiring<'_, 'f> {
         None
     }
 
+    fn refer_to_state(
+        &self,
+        (region, state): (usize, usize),
+        name: Name,
+        names: &mut Names<'f, '_>,
+    ) {
+        let regions = &self.container.regions;
+        if let Some(state) = regions
+            .get(region)
+            .and_then(|region| region.states.get(state))
+        {
+            names.refer(name.0, state.span);
+        }
+    }
+
     fn place_in_region(
         &self,
         region: Name,
@@ -472,7 +488,9 @@ impl<'f> Wiring<'_, 'f> {
             .binary_search_by_key(&region_index, |place| place.0)
             .ok()
             .and_then(|index| places.get(index));
-        if place.is_none() {
+        if let Some(&place) = place {
+            self.refer_to_state(place, state, names);
+        } else {
             unresolved.ports.insert(names.text(port.0));
             if !self.states.is_incomplete {
                 let region_name = names.text(region.0);

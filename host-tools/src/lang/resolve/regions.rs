@@ -510,7 +510,10 @@ impl<'f> Context<'_, 'f> {
     fn state(&self, name: Name, pseudo: &'static str, names: &mut Names<'f, '_>) -> Option<usize> {
         let text = names.text(name.0);
         match self.states.find(text) {
-            Found::Index(index) => Some(index),
+            Found::Index(index) => {
+                names.refer_into(self.states, name);
+                Some(index)
+            }
             Found::Perhaps => None,
             Found::Nothing => {
                 let hint = names

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
 use crate::lang::lexer::Lexer;
+use crate::lang::references::{Record, References, Undeclared};
 use crate::lang::tree::Name;
 use crate::model::{SourceFile, Span};
 use crate::nearest::nearest;
@@ -65,6 +66,15 @@ impl<'f> Scope<'f> {
         }
     }
 
+    /// Where `name` is declared.
+    fn place(&self, name: &str) -> Option<Span> {
+        self.names
+            .get(name)
+            .copied()
+            .flatten()
+            .map(|(_, place)| place)
+    }
+
     /// Whether `name` is declared here and stands for `index`, not for an earlier one.
     pub(super) fn is_first(&self, name: &str, index: usize) -> bool {
         self.find(name) == Found::Index(index)
@@ -85,6 +95,7 @@ const MAX_COMPARISONS: usize = 5_000_000;
 pub(super) struct Names<'f, 's> {
     files: &'f [SourceFile],
     sink: &'s mut Sink,
+    references: Record<'f>,
     comparisons: usize,
 }
 
@@ -93,6 +104,7 @@ impl<'f, 's> Names<'f, 's> {
         Names {
             files,
             sink,
+            references: Record::default(),
             comparisons: 0,
         }
     }
@@ -103,6 +115,30 @@ impl<'f, 's> Names<'f, 's> {
             .get(span.file as usize)
             .and_then(|file| file.text.get(span.start as usize..span.end as usize))
             .unwrap_or("")
+    }
+
+    /// Takes down that `place` names what is declared at `declaration`.
+    pub(super) fn refer(&mut self, place: Span, declaration: Span) {
+        self.references.refer(place, declaration);
+    }
+
+    /// Takes down that a name means what it stands for in a scope.
+    pub(super) fn refer_into(&mut self, scope: &Scope<'f>, name: Name) {
+        if let Some(declaration) = scope.place(self.text(name.0)) {
+            self.refer(name.0, declaration);
+        }
+    }
+
+    /// Takes down a name of something that has no declaration.
+    pub(super) fn mention(&mut self, kind: Undeclared, name: Option<Name>) {
+        if let Some(Name(place)) = name {
+            self.references.mention(kind, self.text(place), place);
+        }
+    }
+
+    /// What was taken down.
+    pub(super) fn into_references(self) -> References {
+        self.references.finish()
     }
 
     pub(super) fn report(&mut self, diagnostic: Diagnostic) {
@@ -121,6 +157,7 @@ impl<'f, 's> Names<'f, 's> {
             return scope.is_incomplete();
         };
         let text = self.text(span);
+        self.refer(span, span);
         if let Err(first) = scope.declare(text, span, index) {
             self.defined_twice(what, text, span, first);
         }
@@ -166,7 +203,10 @@ impl<'f, 's> Names<'f, 's> {
     ) -> Option<usize> {
         let text = self.text(name.0);
         match scope.find(text) {
-            Found::Index(index) => Some(index),
+            Found::Index(index) => {
+                self.refer_into(scope, name);
+                Some(index)
+            }
             Found::Perhaps => None,
             Found::Nothing => {
                 let hint = hint(text, self);

@@ -46,6 +46,7 @@ impl SlotTable {
                 table.is_incomplete = true;
                 continue;
             };
+            names.refer(number.span, number.span);
             if let Some(&(_, first)) = table.indices.get(&number.value) {
                 names.defined_twice("slot", &number.value.to_string(), number.span, first);
                 continue;
@@ -90,7 +91,8 @@ impl SlotTable {
     }
 
     fn index(&self, number: Number, names: &mut Names<'_, '_>) -> Option<usize> {
-        if let Some(&(index, _)) = self.indices.get(&number.value) {
+        if let Some(&(index, place)) = self.indices.get(&number.value) {
+            names.refer(number.span, place);
             return Some(index);
         }
         if self.must_be_declared && !self.is_incomplete {

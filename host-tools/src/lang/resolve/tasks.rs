@@ -3,6 +3,7 @@
 use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::lang::parser::excerpt;
+use crate::lang::references::Undeclared;
 use crate::lang::tree::{self, Given, Literal};
 use crate::model::{Direction, Model, Param, ParamType, SlotRef, Task, Value};
 
@@ -137,6 +138,7 @@ fn declare_task<'f>(
     for scope in [&mut facts.flags, &mut facts.data, &mut facts.params] {
         scope.may_hide(names, &tree.skipped, tree.is_cut);
     }
+    names.mention(Undeclared::Group, tree.exclusive.value());
     let span = tree.name.map_or(tree.span, |name| name.0);
     let task = Task {
         name: names.text(span).to_owned(),
