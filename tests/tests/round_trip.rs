@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use esm_tests::{command, random_machine};
+use esm_tests::{command, random_machine, random_nets};
 use host_tools::compile::{NameTable, compile_with};
 use host_tools::inspect;
 use host_tools::lang::{self, Checked};
@@ -70,6 +70,28 @@ fn random_machines_go_round() {
             lang::load_text("machine.esm", &text),
         );
     }
+}
+
+/// Random nets that have no errors are about a third of all.
+const SEEDS_A_MISSION: u64 = 12;
+
+#[test]
+fn random_nets_go_round() {
+    let first = from_environment("ESM_SEED", 1);
+    let wanted = from_environment("ESM_MACHINES", DEFAULT_MACHINES);
+    let mut found = 0;
+    for seed in first..first + wanted * SEEDS_A_MISSION {
+        let text = random_nets::mission(seed);
+        let checked = lang::load_text("nets.esm", &text);
+        if !checked.has_errors() {
+            assert_goes_round(&format!("seed {seed}\n{text}"), checked);
+            found += 1;
+        }
+        if found == wanted {
+            return;
+        }
+    }
+    panic!("only {found} of {wanted} missions have no errors");
 }
 
 #[test]

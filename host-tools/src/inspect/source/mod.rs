@@ -10,6 +10,8 @@
 mod events;
 mod order;
 mod ports;
+#[cfg(test)]
+mod tests;
 mod text;
 mod tree;
 

@@ -406,7 +406,7 @@ impl Wirer<'_> {
             }
         }
         // A port of both directions can stand on both sides.
-        if let ([only], true) = (&path.from[..], path.to.is_empty())
+        if let ([only], true, false) = (&path.from[..], path.to.is_empty(), goes_outside)
             && first.direction == Direction::InOut
         {
             path.to.push(only.clone());
