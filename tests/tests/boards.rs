@@ -89,12 +89,13 @@ fn drive_on(
     board: &str,
     mission: &str,
     world: &str,
+    until_s: u64,
     trace: &Path,
     more: &[&str],
 ) -> (String, Done) {
     let mission = format!("missions/{mission}.esm");
     let world = format!("missions/worlds/{world}.world");
-    let until = format!("{RUN_S} s");
+    let until = format!("{until_s} s");
     let trace = trace.to_str().unwrap();
     let elf = firmware("rover");
     let mut arguments = vec!["run", &mission, "--board", board, "--world", &world];
@@ -121,6 +122,7 @@ fn driven() -> &'static [Driven] {
                     "lm3s6965",
                     mission,
                     world,
+                    RUN_S,
                     &file("lm3s6965.jsonl"),
                     &["--record", kept],
                 );
@@ -128,6 +130,7 @@ fn driven() -> &'static [Driven] {
                     "host",
                     mission,
                     world,
+                    RUN_S,
                     &file("host.jsonl"),
                     &["--replay", kept],
                 );
@@ -185,13 +188,34 @@ fn the_emulated_board_and_the_host_give_the_same_trace() {
 }
 
 #[test]
+fn a_line_is_followed_alike_on_both_boards() {
+    let file = |name: &str| folder().join(format!("line-{name}.jsonl"));
+    let recording = file("recording");
+    let recording = recording.to_str().unwrap();
+    // Past the crossing, around a sharp corner, over the gap.
+    let drive = |board: &str, more: [&str; 2]| {
+        let mission = "tutorial/6_everything";
+        drive_on(board, mission, "track", 30, &file(board), &more)
+    };
+    let (emulated, done) = drive("lm3s6965", ["--record", recording]);
+    let (on_host, _) = drive("host", ["--replay", recording]);
+    if let Some(difference) = first_difference(&emulated, &on_host) {
+        panic!("emulator and host differ in {difference}");
+    }
+    assert_eq!(figure(&done.out, "collisions"), Some(0.0), "{}", done.out);
+    for state in ["motion/GiveWay", "motion/Drive/steps/SearchRight"] {
+        assert!(emulated.contains(&format!(r#""to":"{state}""#)), "{state}");
+    }
+}
+
+#[test]
 fn two_runs_in_the_emulator_are_equal_to_the_byte() {
     for mission in MISSIONS {
         let run = driven().iter().find(|run| run.mission == mission).unwrap();
         let again = folder().join(format!("{mission}-again.jsonl"));
         let recording = folder().join(format!("{mission}-again-recording.jsonl"));
         let kept = ["--record", recording.to_str().unwrap()];
-        let (trace, _) = drive_on("lm3s6965", mission, run.world, &again, &kept);
+        let (trace, _) = drive_on("lm3s6965", mission, run.world, RUN_S, &again, &kept);
         if let Some(difference) = first_difference(&run.trace, &trace) {
             panic!("{mission}: {difference}");
         }

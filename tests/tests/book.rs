@@ -5,8 +5,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use esm_tests::command::root;
+use esm_tests::command::{esm, root};
 use host_tools::lang::{self, Code};
+use host_tools::pictures::{MissionStates, RegionStates, StateSpan, Timeline};
 
 fn read(path: impl AsRef<Path>) -> String {
     let path = root().join(path);
@@ -96,6 +97,128 @@ fn the_code_of_the_first_chapter_is_the_examples() {
     for block in blocks {
         assert!(example.contains(&block), "not in the example:\n{block}");
     }
+}
+
+#[test]
+fn the_lines_of_the_tutorial_are_those_of_its_steps() {
+    let folder = root().join("missions/tutorial");
+    let mut steps = String::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "esm") {
+            steps += &read(&path);
+        }
+    }
+    let blocks = fenced(&read("docs/src/tutorial.md"), "text");
+    assert!(blocks.len() >= 15, "only {} blocks of code", blocks.len());
+    for block in blocks {
+        assert!(steps.contains(&block), "in no step:\n{block}");
+    }
+}
+
+/// The example of the chapter on semantics: what `esm sim` makes of it.
+fn trace_of_the_example() -> String {
+    let chapter = read("docs/src/semantics.md");
+    let [mission, scenario] = ["esm", "scenario"].map(|tag| fenced(&chapter, tag).join(""));
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let [mission, scenario] = [file("m.esm", &mission), file("m.scenario", &scenario)];
+    esm(&["sim", &mission, &scenario, "--trace", "-"])
+        .good()
+        .out
+}
+
+#[test]
+fn the_trace_in_the_chapter_on_semantics_is_what_sim_prints() {
+    let trace = trace_of_the_example();
+    let mut rest = trace.lines();
+    let told = fenced(&read("docs/src/semantics.md"), "trace");
+    assert!(told.len() >= 5);
+    for line in told.iter().flat_map(|block| block.lines()) {
+        assert!(
+            rest.any(|printed| printed == line),
+            "not in this order:\n{line}\n{trace}"
+        );
+    }
+    // What the chapter leaves out are steps in which nothing happens.
+    let transitions = |text: &str| text.matches(r#""kind":"transition""#).count();
+    assert_eq!(transitions(&told.concat()), transitions(&trace));
+}
+
+/// A picture of the book, compared with what a command draws now; `ESM_BLESS=1` writes it.
+fn assert_is_picture(name: &str, drawn: &str) {
+    let path = root().join("docs/src/img").join(name);
+    if std::env::var_os("ESM_BLESS").is_some() {
+        std::fs::write(&path, drawn).unwrap();
+    }
+    assert!(
+        read(&path) == drawn,
+        "{name} is another now: look at it with ESM_BLESS=1"
+    );
+}
+
+#[test]
+fn the_pictures_of_the_tutorial_are_what_the_last_step_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let step = "missions/tutorial/6_everything.esm";
+    esm(&[
+        "run", step, "--board", "host", "--world", "track", "--until", "120 s", "--out", out,
+    ])
+    .good();
+    assert_is_picture("track.svg", &read(folder.path().join("path.svg")));
+}
+
+#[test]
+fn the_states_of_the_example_are_drawn_as_its_trace_has_them() {
+    let trace = trace_of_the_example();
+    let mut regions: Vec<RegionStates> = Vec::new();
+    let mut end_us = 0;
+    for line in trace.lines() {
+        let line: serde_json::Value = serde_json::from_str(line).unwrap();
+        let Some(active) = line["active"].as_array() else {
+            continue;
+        };
+        let start_us = line["t_us"].as_u64().unwrap();
+        end_us = start_us + 10_000;
+        for state in active {
+            let (path, state) = state.as_str().unwrap().rsplit_once('/').unwrap();
+            let known = regions.iter().position(|region| region.path == path);
+            let place = known.unwrap_or_else(|| {
+                regions.push(RegionStates {
+                    path: path.to_owned(),
+                    spans: Vec::new(),
+                });
+                regions.len() - 1
+            });
+            let spans = &mut regions[place].spans;
+            match spans.last_mut() {
+                Some(last) if last.state == state && last.end_us == start_us => {
+                    last.end_us = end_us;
+                }
+                _ => spans.push(StateSpan {
+                    state: state.to_owned(),
+                    start_us,
+                    end_us,
+                }),
+            }
+        }
+    }
+    let picture = Timeline {
+        title: "The example, from macro step to macro step".to_owned(),
+        missions: vec![MissionStates {
+            name: "Example".to_owned(),
+            start_us: 0,
+            end_us,
+            regions,
+        }],
+        marks: Vec::new(),
+    };
+    assert_is_picture("example_states.svg", &picture.scene().to_svg());
 }
 
 #[test]
