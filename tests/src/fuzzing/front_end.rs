@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use host_tools::compile::{self, CompileError};
+use host_tools::diagram;
 use host_tools::lang::{self, Checked, Severity};
 use host_tools::model::Span;
 use host_tools::schedule;
@@ -15,6 +16,9 @@ const FIRST_PATH: &str = "main.esm";
 
 /// How long start times are searched for. Found or not, nothing else depends on it.
 const LAY_OUT_LIMIT: Duration = Duration::from_millis(20);
+
+/// Missions with more containers are not drawn: that takes long, and shows nothing new.
+const MAX_DRAWN_CONTAINERS: usize = 6;
 
 /// Checks the bytes, renders what was found, and compiles what is right.
 ///
@@ -30,6 +34,7 @@ pub fn front_end(bytes: &[u8]) {
     );
     check_diagnostics(&checked);
     check_rendering(&checked, &again);
+    check_layout(&files, &checked);
 
     checked.require_machine();
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
@@ -37,6 +42,10 @@ pub fn front_end(bytes: &[u8]) {
     let Some(model) = &checked.model else {
         return;
     };
+    if model.containers.len() <= MAX_DRAWN_CONTAINERS {
+        // Too large or too tangled is an answer, too.
+        let _ = diagram::draw(model, &diagram::Options::default());
+    }
     let Some(schedule) = schedule else {
         panic!("no error, and yet no schedule");
     };
@@ -116,6 +125,33 @@ fn check_place(checked: &Checked, span: Span) {
     assert!(start <= end && end <= file.text.len(), "{span:?}");
     let text = file.text.get(start..end);
     assert!(text.is_some(), "{span:?} cuts a character");
+}
+
+/// Files that are laid out say what they said before, and stay as they are when they are laid out again.
+fn check_layout(files: &[(&str, &[u8])], checked: &Checked) {
+    let mut laid_out = Vec::new();
+    for (path, bytes) in files {
+        let Ok(text) = lang::format::format(path, bytes) else {
+            assert!(checked.has_errors(), "what is right can be laid out");
+            return;
+        };
+        let again = lang::format::format(path, text.as_bytes());
+        assert!(
+            again.is_ok_and(|again| again == text),
+            "laid out twice:\n{text}"
+        );
+        laid_out.push((*path, text));
+    }
+    let files: Vec<(&str, &[u8])> = laid_out
+        .iter()
+        .map(|(path, text)| (*path, text.as_bytes()))
+        .collect();
+    let after = lang::load_files(&files);
+    let said = |checked: &Checked| -> Vec<_> {
+        let all = checked.diagnostics.iter();
+        all.map(|found| (found.code, found.text())).collect()
+    };
+    assert_eq!(said(checked), said(&after));
 }
 
 /// What people and programs get: all of it, and each time the same.

@@ -8,6 +8,7 @@
 //! | [`front_end`](fn@front_end) | a set of `.esm` files | what the front end says has a place in a file, and an order; right files compile |
 //! | [`verifier`](fn@verifier) | a blob, and the same with magic and CRC made right | what passes can be read everywhere and run |
 //! | [`interpreter`](fn@interpreter) | decisions about a machine and about what happens to it | it runs as the reference says, and keeps the laws of [`watched`] |
+//! | [`round_trip`](fn@round_trip) | a mission, or decisions about a machine | a blob comes back as source that makes the same blob |
 //!
 //! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it again.
 
@@ -15,12 +16,14 @@ pub mod front_end;
 pub mod interpreter;
 pub mod mutations;
 pub mod records;
+pub mod round_trip;
 pub mod seeds;
 pub mod verifier;
 pub mod watched;
 
 pub use front_end::front_end;
 pub use interpreter::interpreter;
+pub use round_trip::round_trip;
 pub use verifier::verifier;
 
 /// A function with its seeds.
@@ -37,12 +40,12 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 3] = [
+pub const TARGETS: [Target; 4] = [
     Target {
         name: "front_end",
         body: front_end,
         seeds: seeds::texts,
-        short_runs: 500,
+        short_runs: 300,
     },
     Target {
         name: "verifier",
@@ -55,5 +58,11 @@ pub const TARGETS: [Target; 3] = [
         body: interpreter,
         seeds: seeds::decisions,
         short_runs: 300,
+    },
+    Target {
+        name: "round_trip",
+        body: round_trip,
+        seeds: seeds::texts_and_decisions,
+        short_runs: 80,
     },
 ];

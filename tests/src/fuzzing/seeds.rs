@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use host_tools::lang;
+use host_tools::lang::{self, Code};
 
 use crate::command::root;
 use crate::fuzzing::front_end::FILE_MARK;
@@ -65,8 +65,22 @@ pub fn all(target: &str) -> Vec<Seed> {
     seeds
 }
 
-/// Missions with all that they use, and random machines, as text.
+/// [`missions`], and the smallest wrong file that the collection in `tests/cases` has for each code.
 pub fn texts() -> Vec<Seed> {
+    let mut texts = missions();
+    for code in Code::ALL {
+        texts.extend(smallest_case(code));
+    }
+    texts
+}
+
+/// [`missions`] and [`decisions`].
+pub fn texts_and_decisions() -> Vec<Seed> {
+    [missions(), decisions()].concat()
+}
+
+/// Missions with all that they use, and random machines, as text.
+pub fn missions() -> Vec<Seed> {
     let missions = MISSIONS.map(|(name, path)| (name.to_owned(), set_of_files(path)));
     let machines = MACHINES.map(|seed| (format!("machine_{seed}"), random_machine::machine(seed)));
     let texts = missions.into_iter().chain(machines);
@@ -84,7 +98,7 @@ pub fn texts() -> Vec<Seed> {
 /// If a mission of the repository does not compile.
 pub fn blobs() -> Vec<Seed> {
     let mut blobs = Vec::new();
-    for seed in texts() {
+    for seed in missions() {
         let files = super::front_end::split(&seed.bytes);
         let built = subject::build_files(&files);
         blobs.push(Seed {
@@ -109,6 +123,21 @@ pub fn decisions() -> Vec<Seed> {
         }
     };
     (1..=DECISIONS).map(of_seed).collect()
+}
+
+/// The smallest file among the wrong ones of a code.
+fn smallest_case(code: Code) -> Option<Seed> {
+    let folder = root().join("tests/cases/wrong").join(code.as_str());
+    let entries = std::fs::read_dir(folder).ok()?;
+    let files = entries.filter_map(|entry| {
+        let path = entry.ok()?.path();
+        std::fs::read(&path).ok()
+    });
+    let smallest = files.min_by(|a, b| (a.len(), a).cmp(&(b.len(), b)))?;
+    Some(Seed {
+        name: format!("{code}.esm"),
+        bytes: smallest,
+    })
 }
 
 /// A file of the repository and all that it uses, as one text.
