@@ -205,20 +205,23 @@ impl Diagnostic {
 /// The most diagnostics that one set of files gets. More than anybody reads, and few enough for megabytes of garbage.
 const MAX_DIAGNOSTICS: usize = 10_000;
 
-/// Collects diagnostics, up to [`MAX_DIAGNOSTICS`].
+/// Collects diagnostics, up to [`MAX_DIAGNOSTICS`]. No warning takes the place of an error.
 #[derive(Debug, Default)]
 pub(super) struct Sink {
-    list: Vec<Diagnostic>,
+    errors: Vec<Diagnostic>,
+    warnings: Vec<Diagnostic>,
     omitted: usize,
-    has_errors: bool,
 }
 
 impl Sink {
     /// Takes one more diagnostic.
     pub(super) fn push(&mut self, diagnostic: Diagnostic) {
-        self.has_errors |= diagnostic.severity() == Severity::Error;
-        if self.list.len() < MAX_DIAGNOSTICS {
-            self.list.push(diagnostic);
+        let list = match diagnostic.severity() {
+            Severity::Error => &mut self.errors,
+            Severity::Warning => &mut self.warnings,
+        };
+        if list.len() < MAX_DIAGNOSTICS {
+            list.push(diagnostic);
         } else {
             self.omitted += 1;
         }
@@ -226,21 +229,23 @@ impl Sink {
 
     /// Whether an error has come.
     pub(super) fn has_errors(&self) -> bool {
-        self.has_errors
+        !self.errors.is_empty()
     }
 
-    /// All diagnostics, sorted by file, place and code. If some were left out, the last one says how many.
-    pub(super) fn into_sorted(mut self) -> Vec<Diagnostic> {
-        if self.omitted > 0
-            && let Some(last) = self.list.last_mut()
+    /// All diagnostics, sorted by file, place and code. If some were left out, the last one that came says how many.
+    pub(super) fn into_sorted(self) -> Vec<Diagnostic> {
+        let mut list = self.errors;
+        let room = MAX_DIAGNOSTICS.saturating_sub(list.len());
+        let omitted = self.omitted + self.warnings.len().saturating_sub(room);
+        list.extend(self.warnings.into_iter().take(room));
+        if omitted > 0
+            && let Some(last) = list.last_mut()
         {
             last.hint = Some(format!(
-                "{} more messages are left out: correct these first",
-                self.omitted
+                "{omitted} more messages are left out: correct these first"
             ));
         }
-        self.list
-            .sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
-        self.list
+        list.sort_by_key(|diagnostic| (diagnostic.span, diagnostic.code));
+        list
     }
 }

@@ -36,7 +36,7 @@ pub struct TaskHoles {
 pub struct ContainerHoles {
     /// There may be events, flags, ports or regions beyond those of the model, or one of those could not be read whole.
     pub declarations: bool,
-    /// There may be data paths, or ends of data paths, beyond those of the model.
+    /// There may be data paths, or ends of data paths, beyond those of the model, or one of those cannot be right.
     pub paths: bool,
     /// Another container of this name came first, or another machine.
     pub is_twin: bool,

@@ -5,9 +5,10 @@
 use std::fmt::Write as _;
 
 use super::holes::Holes;
-use crate::lang::diagnostic::Sink;
+use crate::lang::diagnostic::{Code, Sink};
 use crate::lang::loader::{self, Memory};
 use crate::lang::resolve::{self, Trees};
+use crate::lang::{Positions, load_text};
 
 /// What could not be read or resolved of a text.
 fn holes_of(text: &str) -> Holes {
@@ -114,4 +115,425 @@ fn what_cannot_be_read_or_resolved_is_a_hole() {
         }
     }
     assert!(wrong.is_empty(), "{wrong}");
+}
+
+// ─── Warnings ─────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// What stands behind the text of a case, so that it changes no line or column in it.
+const REST: &str = "
+interpreter slot 1;
+slot 1 period 10 ms duration 1 ms;
+slot 2 period 10 ms duration 4 ms;
+task T slot 2 { in flag go; out flag near; out flag far; }
+task Left slot 2 exclusive motors { out data twist: Twist; }
+task Right slot 2 exclusive motors { out data twist: Twist; }
+task Same slot 2 exclusive motors { inout data twist: Twist; }
+task Lamp slot 2 exclusive light { }
+task Reader slot 2 { in data twist: Twist optional; }
+";
+
+/// The warnings of this module with some code, and all errors, as "code line:col".
+fn found(text: &str, code: Code) -> Vec<String> {
+    let checked = load_text("case.esm", text);
+    let positions = Positions::new(&checked.files);
+    checked
+        .diagnostics
+        .iter()
+        .filter(|diagnostic| diagnostic.code == code || diagnostic.code < Code::W101)
+        .map(|diagnostic| {
+            let position = positions.of(diagnostic.span);
+            format!("{} {}:{}", diagnostic.code, position.line, position.col)
+        })
+        .collect()
+}
+
+/// Checks a table of texts and places; says everything that differs.
+fn assert_found(code: Code, cases: &[(&str, String, &[&str])]) {
+    let mut wrong = String::new();
+    for (what, text, expected) in cases {
+        let text = format!("{text}{REST}");
+        let found = found(&text, code);
+        if found != *expected {
+            let all = load_text("case.esm", &text).render(false);
+            let _ = writeln!(
+                wrong,
+                "── {what}\n{text}\nexpected {expected:?}\nfound    {found:?}\n{all}"
+            );
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+}
+
+/// A machine with one region around what stands in it, on the second line.
+fn machine(body: &str) -> String {
+    format!("machine M {{ event E, F; region r {{\n{body}\n}} }}")
+}
+
+/// A container with flags and one region around what stands in it, on the second line, in a set without a machine.
+fn library(body: &str) -> String {
+    format!("container C {{ in event E; in flag told; out flag done; region r {{\n{body}\n}} }}")
+}
+
+/// A container in a machine that uses it in one region.
+fn used(inside: &str, outside: &str) -> String {
+    format!(
+        "container C {{ in event E; in flag told; out flag done; region r {{\n{inside}\n}} }} machine M {{ event E; region r {{\nsuper S: C; {outside}\n}} }}"
+    )
+}
+
+#[test]
+fn states_that_nothing_leads_to() {
+    assert_found(Code::W101, &[
+        ("no transition", machine("state A; state B; initial -> A; A -> A; B -> A;"), &["W101 2:10"]),
+        ("a circle beside", machine("state A; state B; state D; initial -> A; B -> D; D -> B;"), &["W101 2:10", "W101 2:19"]),
+        ("only itself", machine("state A; task B: T; initial -> A; B -> B;"), &["W101 2:10"]),
+        ("behind a default", machine("state A; state B; initial -> A; A -> A; A -> B;"), &["W101 2:10"]),
+        ("behind a default on the same event", machine("state A; state B; initial -> A; A -> A on E; A -> B on E;"), &["W101 2:10"]),
+        ("behind a default from initial", machine("state A; state B; initial -> A; initial -> B;"), &["W101 2:10"]),
+        ("a guard that excludes itself", machine("task A: T; state B; initial -> A; A -> B [.near and not .near];"), &["W101 2:12"]),
+        ("all cases before it", machine("task A: T; state B; initial -> A; A -> A [.near]; A -> A [not .near]; A -> B [.far];"), &["W101 2:12"]),
+        ("covered by two", machine("task A: T; state B; initial -> A; A -> A [.near and .far]; A -> A [.near and not .far]; A -> B [.near];"), &["W101 2:12"]),
+        ("timeout without a limit", machine("state A; state B; initial -> A; A -> B [timeout];"), &["W101 2:10"]),
+        ("exit of what never ends", used("state A; initial -> A; A -> A on E;", "state B; initial -> S; S -> B on *;"), &["W101 4:13"]),
+        ("end behind a guard that is never true", used("state A; initial -> A; A -> final [timeout];", "state B; initial -> S; S -> B [exit];"), &["W101 4:13"]),
+        ("a flag that nobody sets", used("state A; initial -> A; A -> A on E;", "state B; initial -> S; S -> B [.done];"), &["W101 4:13"]),
+        ("a flag that is only cleared", used("state A; initial -> A; A -> A on E / clear ^done;", "state B; initial -> S; S -> B [.done];"), &["W101 4:13"]),
+        ("a flag that is only set where nothing leads", used("state A; state D; initial -> A; D -> A / set ^done;", "state B; initial -> S; S -> B [.done];"), &["W101 2:10", "W101 4:13"]),
+        ("an input that nobody sets", used("state A; state B; initial -> A; A -> B [^told];", "initial -> S; S -> S on E;"), &["W101 2:10"]),
+        ("busy without a task", used("state A; initial -> A; A -> A on E;", "state B; initial -> S; S -> B [busy];"), &["W101 4:13"]),
+        ("not what is inside", used("state A; state B; initial -> A; B -> A;", "state D; initial -> D; D -> D on E; S -> D on E;"), &["W101 4:1"]),
+        ("in a container that is not used", format!("{}\n{}", library("state A; state B; initial -> A; A -> A; B -> A;"), machine("state A; initial -> A;")), &["W101 2:10"]),
+        ("in a set without a machine", library("state A; state B; initial -> A; A -> A; B -> A;"), &["W101 2:10"]),
+        ("once for a container used twice", used("state A; state B; initial -> A; A -> A on E; B -> A;", "super S2: C; initial -> S; S -> S2 on E; S2 -> S on E;"), &["W101 2:10"]),
+        ("beside an error that it does not follow from", machine("state A; state B; task D: T; initial -> A; D -> A [.none]; B -> A;"), &["W101 2:10", "W101 2:19", "E002 2:53"]),
+
+        // What may be entered.
+        ("a default behind a guard", machine("task A: T; state B; initial -> A; A -> A [.near]; A -> B;"), &[]),
+        ("another event", machine("state A; state B; initial -> A; A -> A on E; A -> B on F;"), &[]),
+        ("guards that leave something", machine("task A: T; state B; initial -> A; A -> A [.near and .far]; A -> B [.near];"), &[]),
+        ("guards that complement each other", machine("task A: T; state B; initial -> A; A -> A [.near]; A -> B [not .near];"), &[]),
+        ("timeout with a limit", machine("state A timeout 1 s; state B; initial -> A; A -> B [timeout];"), &[]),
+        ("exit of a task", machine("task A: T; state B; initial -> A; A -> B on *;"), &[]),
+        ("busy of a task", machine("task A: T; state B; initial -> A; A -> B [busy];"), &[]),
+        ("one region of several ends", "container C { region a { state A; initial -> A; A -> A; } region b { initial -> final; } }\nmachine M { region r { super S: C; state B; initial -> S; S -> B on *; } }".into(), &[]),
+        ("a flag set inside", used("state A; initial -> A / set ^done; A -> A on E;", "state B; initial -> S; S -> B [.done];"), &[]),
+        ("a flag set on a way in", used("state A; state B; initial -> A; A -> B [^told];", "initial -> S; S -> S on E / set .told;"), &[]),
+        ("an input of a library", library("state A; state B; initial -> A; A -> B [^told];"), &[]),
+        ("an input of a container that is not used", format!("{}\n{}", library("state A; state B; initial -> A; A -> B [^told];"), machine("state A; initial -> A;")), &[]),
+        ("busy with a task deep inside", "container D { region r { task X: T; initial -> X; } }\ncontainer C { region r { super Y: D; initial -> Y; } }\nmachine M { region r { super S: C; state B; initial -> S; S -> B [busy]; } }".into(), &[]),
+        ("flags that free each other", "container C { in flag a; out flag b; region r { state X; state Y; initial -> X; X -> Y [^a]; Y -> X / set ^b; } }\nmachine M { region r { super S: C; state Z; initial -> S; S -> Z [.b]; Z -> S; S -> S on E / set .a; } event E; }".into(), &[]),
+        ("nobody sends the event", machine("state A; state B; initial -> A; A -> B on E;"), &[]),
+        ("too many flags to tell", {
+            let flags: String = (0..201).map(|flag| format!("out flag f{flag}; ")).collect();
+            let all: Vec<String> = (0..201).map(|flag| format!(".f{flag}")).collect();
+            format!("{}\ntask Many slot 2 {{ {flags} }}", machine(&format!("task A: Many; state B; initial -> A; A -> B [({}) and not .f0 and .f0];", all.join(" or "))))
+        }, &[]),
+
+        // What may lie in a hole.
+        ("a target that is unknown", machine("state A; state B; initial -> A; A -> Bee;"), &["E002 2:38"]),
+        ("a source that is unknown", machine("state A; state B; initial -> A; Aa -> B;"), &["E002 2:33"]),
+        ("an event that is unknown", machine("state A; state B; initial -> A; A -> B on G;"), &["E002 2:43"]),
+        ("a guard that is unknown", machine("task A: T; state B; state D; initial -> A; A -> B [.nea]; A -> D;"), &["E002 2:53"]),
+        ("a statement that was not understood", machine("state A; state B; initial -> A; A B;"), &["E001 2:35"]),
+        ("an action that is unknown", used("state A; initial -> A / set ^don;", "state B; initial -> S; S -> B [.done];"), &["E002 2:30"]),
+        ("a transition inside that ends somewhere", used("state A; initial -> A; A -> fina;", "state B; initial -> S; S -> B on *;"), &["E002 2:29"]),
+        ("no start", machine("state A; state B; A -> B;"), &["E004 1:32"]),
+        ("a state that is there twice", machine("state A; state A; initial -> A;"), &["E003 2:16"]),
+        ("a state of an unknown container", machine("super A: None; state B; initial -> A; A -> B [.f];"), &["E002 2:10"]),
+        ("a limit that was not read", machine("state A timeout 5000 s; state B; initial -> A; A -> B [timeout];"), &["E001 2:17"]),
+        ("what an unknown state does not touch", used("state A; initial -> A;", "super X: Cc; state B; initial -> X; X -> S; S -> B [.done];"), &["E002 4:22", "W101 4:26"]),
+        ("a file that is missing", format!("use \"none.esm\"; {}", used("state A; state B; initial -> A; A -> B [^told];", "initial -> S;")), &["E013 1:1"]),
+    ]);
+}
+
+#[test]
+fn transitions_that_compete() {
+    assert_found(
+        Code::W103,
+        &[
+            (
+                "two flags",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A [.far];"),
+                &["W103 2:51"],
+            ),
+            (
+                "a flag and less",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near and .far]; A -> A [.near];",
+                ),
+                &["W103 2:60"],
+            ),
+            (
+                "one that is always taken",
+                machine("task A: T; state B; initial -> A; A -> B; A -> A [.near];"),
+                &["W103 2:43"],
+            ),
+            (
+                "exit",
+                machine("task A: T; state B; initial -> A; A -> B on *; A -> A [.near];"),
+                &["W103 2:48"],
+            ),
+            (
+                "exit behind",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A on *;"),
+                &["W103 2:51"],
+            ),
+            (
+                "on an event",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B on E [.near]; A -> A on E [not .far];",
+                ),
+                &["W103 2:56"],
+            ),
+            (
+                "each later one",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near]; A -> A [.far]; A -> A [busy];",
+                ),
+                &["W103 2:51", "W103 2:66"],
+            ),
+            (
+                "from initial",
+                library(
+                    "state A; state B; initial -> A [^told]; initial -> B [not ^done]; initial -> A;",
+                ),
+                &["W103 2:41"],
+            ),
+            (
+                "the same guard",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A [.near];"),
+                &["W103 2:51"],
+            ),
+            (
+                "not next to each other",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near]; B -> A; A -> A on E; A -> A [.far];",
+                ),
+                &["W103 2:72"],
+            ),
+            (
+                "in a set without a machine",
+                library("task A: T; initial -> A; A -> A [.near]; A -> A [^told];"),
+                &["W103 2:42"],
+            ),
+            (
+                "beside an error",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near]; A -> A [.far]; A -> A [.x];",
+                ),
+                &["W103 2:51", "E002 2:75"],
+            ),
+            (
+                "a default",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A;"),
+                &[],
+            ),
+            (
+                "two without a guard",
+                machine("task A: T; state B; initial -> A; A -> B; A -> A;"),
+                &[],
+            ),
+            (
+                "guards that complement each other",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A [not .near];"),
+                &[],
+            ),
+            (
+                "guards that exclude each other",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near and .far]; A -> A [.near and not .far];",
+                ),
+                &[],
+            ),
+            (
+                "different events",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B on E [.near]; A -> A on F [.near]; A -> A [.near];",
+                ),
+                &[],
+            ),
+            (
+                "different states",
+                machine("task A: T; task B: T; initial -> A; A -> B [.near]; B -> A [.near];"),
+                &[],
+            ),
+            (
+                "timeout without a limit",
+                machine("task A: T; state B; initial -> A; A -> B [.near]; A -> A [timeout];"),
+                &[],
+            ),
+            (
+                "exit of what never ends",
+                used(
+                    "state A; initial -> A; A -> A / set ^done;",
+                    "state B; initial -> S; S -> B [.done]; S -> S on *;",
+                ),
+                &[],
+            ),
+            (
+                "a flag that nobody sets",
+                used(
+                    "state A; initial -> A; A -> final;",
+                    "state B; initial -> S; S -> B on *; S -> S [.done];",
+                ),
+                &[],
+            ),
+            (
+                "a guard that is never true",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near]; A -> A [.far and not .far];",
+                ),
+                &[],
+            ),
+            (
+                "a guard that is unknown",
+                machine("task A: T; state B; initial -> A; A -> B [.nea]; A -> A [.far];"),
+                &["E002 2:44"],
+            ),
+            (
+                "a flag that may be meant to be set",
+                used(
+                    "state A; initial -> A / set ^don; A -> final;",
+                    "state B; initial -> S; S -> B on *; S -> S [.done];",
+                ),
+                &["E002 2:30"],
+            ),
+        ],
+    );
+}
+
+/// Two regions side by side, on lines of their own, in a machine.
+fn beside(first: &str, second: &str) -> String {
+    format!("machine M {{ event E; region a {{\n{first}\n}} region b {{\n{second}\n}} }}")
+}
+
+/// A container on line 2 with a `Left` inside, and a machine with two regions on lines 4 and 6.
+fn with_container(first: &str, second: &str) -> String {
+    format!(
+        "container C {{ region r {{\ntask L: Left; initial -> L; L -> L on *;\n}} }} machine M {{ event E; region a {{\n{first}\n}} region b {{\n{second}\n}} }}"
+    )
+}
+
+#[test]
+fn exclusive_tasks_that_are_active_together() {
+    assert_found(Code::W105, &[
+        ("side by side", beside("task A: Left; initial -> A;", "task B: Right; initial -> B;"), &["W105 4:1"]),
+        ("the same task", beside("task A: Left; initial -> A;", "task B: Left; initial -> B;"), &["W105 4:1"]),
+        ("each later one once", beside("task A: Left; initial -> A;", "task B: Right; task D: Left; initial -> B; B -> D;"), &["W105 4:1", "W105 4:16"]),
+        ("inside and outside", with_container("super S: C; initial -> S;", "task B: Right; initial -> B;"), &["W105 6:1"]),
+        ("outside first", "machine M { region a { task B: Right; initial -> B; } region b { super S: C; initial -> S; } }\ncontainer C { region r { task L: Left; initial -> L; } }".into(), &["W105 2:26"]),
+        ("with itself", with_container("super S: C; initial -> S;", "super S: C; initial -> S;"), &["W105 2:1"]),
+        ("deep inside both", format!("{}\ncontainer D {{ region r {{ super X: C; initial -> X; }} }}", with_container("super S: D; initial -> S;", "super S: D; initial -> S;")), &["W105 2:1"]),
+        ("in a set without a machine", "container C { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } }".into(), &["W105 1:67"]),
+        ("non-real-time", beside("task A: Left slot 0; initial -> A;", "task B: Right slot 0; initial -> B;"), &["W105 4:1"]),
+        ("beside an error", beside("task A: Left; initial -> A; A -> A on G;", "task B: Right; initial -> B;"), &["E002 2:39", "W105 4:1"]),
+
+        ("in one region", machine("task A: Left; task B: Right; initial -> A; A -> B; B -> A;"), &[]),
+        ("different groups", beside("task A: Left; initial -> A;", "task B: Lamp; initial -> B;"), &[]),
+        ("one that is in no group", beside("task A: Left; initial -> A;", "task B: T; initial -> B;"), &[]),
+        ("one that nothing leads to", beside("task A: Left; initial -> A;", "state S; task B: Right; initial -> S;"), &[]),
+        ("one behind a guard that is never true", beside("task A: Left; initial -> A;", "state S; task B: Right; initial -> S; S -> B [timeout];"), &[]),
+        ("used twice in one region", with_container("super S: C; super S2: C; initial -> S; S -> S2;", "state X; initial -> X;"), &[]),
+        ("inside and beside in one region", with_container("super S: C; task B: Right; initial -> S; S -> B;", "state X; initial -> X;"), &[]),
+        ("in a container that is not used", format!("container D {{ region a {{ task A: Left; initial -> A; }} region b {{ task B: Right; initial -> B; }} }}\n{}", machine("state A; initial -> A;")), &[]),
+        ("in a superstate that is never entered", with_container("super S: C; state X; initial -> X;", "task B: Right; initial -> B;"), &[]),
+        ("in two containers of a library", "container C { region a { task A: Left; initial -> A; } }\ncontainer D { region b { task B: Right; initial -> B; } }".into(), &[]),
+        ("a task that is unknown", beside("task A: Left; initial -> A;", "task B: Rihgt; initial -> B;"), &["E002 4:9"]),
+        ("a transition that is unknown", beside("task A: Left; initial -> A;", "state S; task B: Right; initial -> S; S -> Bee;"), &["E002 4:44"]),
+        ("recursion", "container C { region a { task A: Left; super S: C; initial -> A; A -> S; } region b { task B: Right; initial -> B; } }".into(), &["E007 1:40"]),
+    ]);
+}
+
+#[test]
+fn states_without_a_way_out() {
+    assert_found(Code::W108, &[
+        ("the last state", machine("state A; state B; initial -> A; A -> B;"), &["W108 2:10"]),
+        ("a task state", machine("task A: T; initial -> A;"), &["W108 2:1"]),
+        ("a superstate and what is in it", used("state A; initial -> A;", "initial -> S;"), &["W108 2:1", "W108 4:1"]),
+        ("only inside", used("state A; initial -> A; A -> final;", "initial -> S;"), &["W108 4:1"]),
+        ("in one instance of two", used("state A; initial -> A;", "super S2: C; initial -> S; S -> S2;"), &["W108 2:1", "W108 4:13"]),
+        ("beside a way out", machine("state A; state B; initial -> A; A -> A; A -> B;"), &["W108 2:10"]),
+        ("two levels down", "container D { region r { state X; initial -> X; } }\ncontainer C { region r { super Y: D; initial -> Y; } }\nmachine M { region r { super S: C; initial -> S; } }".into(), &["W108 1:26", "W108 2:26", "W108 3:24"]),
+        ("beside an error", machine("state A; state B; task D: Tt; initial -> A; A -> D; D -> B;"), &["W108 2:10", "E002 2:27"]),
+
+        ("itself", machine("state A; initial -> A; A -> A;"), &[]),
+        ("to final", machine("state A; initial -> A; A -> final;"), &[]),
+        ("on an event", machine("state A; state B; initial -> A; A -> B; B -> A on E;"), &[]),
+        ("a transition that is never taken", machine("state A; initial -> A; A -> A [timeout];"), &[]),
+        ("around it", used("state A; initial -> A;", "initial -> S; S -> S on E;"), &[]),
+        ("two levels up", "container D { region r { state X; initial -> X; } }\ncontainer C { region r { super Y: D; initial -> Y; } }\nmachine M { region r { super S: C; initial -> S; S -> final on *; } }".into(), &[]),
+        ("in a library", library("state A; initial -> A;"), &[]),
+        ("in a container that is not used", format!("{}\n{}", library("state A; initial -> A;"), machine("state A; initial -> A; A -> A;")), &[]),
+        ("the only way out is unknown", machine("state A; initial -> A; A -> Bee;"), &["E002 2:29"]),
+        ("some way out is unknown", machine("state A; initial -> A; Aa -> A;"), &["E002 2:24"]),
+        ("something was not understood", machine("state A; initial -> A; A B;"), &["E001 2:26"]),
+        ("around it something is unknown", used("state A; initial -> A;", "initial -> S; S -> None;"), &["E002 4:32"]),
+    ]);
+}
+
+#[test]
+fn timeouts_of_states_without_a_limit() {
+    assert_found(Code::W109, &[
+        ("of a simple state", machine("state A; initial -> A; A -> A [timeout];"), &["W109 2:32"]),
+        ("of a task state", machine("task A: T; initial -> A; A -> A [.near and not timeout];"), &["W109 2:48"]),
+        ("of a superstate", used("state A; initial -> A; A -> A;", "initial -> S; S -> S [exit or timeout];"), &["W109 4:43"]),
+        ("each time", machine("state A; initial -> A; A -> A on E [timeout]; A -> A [timeout];"), &["W109 2:37", "W109 2:55"]),
+        ("twice in one guard", machine("task A: T; initial -> A; A -> A [timeout and .near or timeout];"), &["W109 2:34", "W109 2:55"]),
+        ("in a set without a machine", library("state A; initial -> A; A -> A [timeout];"), &["W109 2:32"]),
+        ("of a state that nothing leads to", machine("state A; state B; initial -> A; A -> A; B -> A [timeout];"), &["W109 2:49"]),
+        ("beside an unknown flag", machine("task A: T; initial -> A; A -> A [.none or timeout];"), &["E002 2:35", "W109 2:43"]),
+
+        ("with a limit", machine("state A timeout 1 s; initial -> A; A -> A [timeout];"), &[]),
+        ("with a limit of 0", machine("state A timeout 0 s; initial -> A; A -> A [timeout];"), &[]),
+        ("of a task state with a limit", machine("task A: T timeout 1 s; initial -> A; A -> A [timeout];"), &[]),
+        ("of a superstate with a limit", "container C { region r { state A; initial -> A; } }\nmachine M { region r { super S: C timeout 1 s; initial -> S; S -> S [timeout]; } }".into(), &[]),
+        ("a limit that is not read", machine("state A; initial -> A; A -> A;"), &[]),
+        ("a limit that is out of range", machine("state A timeout 5000 s; initial -> A; A -> A [timeout];"), &["E001 2:17"]),
+        ("a limit that is no time", machine("state A timeout soon; initial -> A; A -> A [timeout];"), &["E001 2:17"]),
+        ("of initial", machine("state A; initial -> A [timeout]; A -> A;"), &["E006 2:24"]),
+        ("of a state that is unknown", machine("state A; initial -> A; Aa -> A [timeout];"), &["E002 2:24"]),
+    ]);
+}
+
+/// Two regions with a writer each, and a path on line 6.
+fn writing(first: &str, second: &str, path: &str) -> String {
+    format!(
+        "machine M {{ event E; region a {{\n{first}\n}} region b {{\n{second}\n}} region c {{ task R: Reader; initial -> R; }}\n{path} }}"
+    )
+}
+
+/// A container with a writer inside, and two regions and a path that use it.
+fn writing_inside(first: &str, second: &str, path: &str) -> String {
+    format!(
+        "{}\ncontainer C {{ in flag told; out data twist: Twist; region r {{ task L: Left; state W; initial -> L; L -> W; W -> L [^told]; }} path L.twist -> twist; }}",
+        writing(first, second, path)
+    )
+}
+
+#[test]
+fn writers_of_one_net_that_are_active_together() {
+    assert_found(Code::W110, &[
+        ("on one path", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twist;"), &["W110 6:1"]),
+        ("on two paths", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist -> R.twist; path B.twist -> R.twist;"), &["W110 6:26"]),
+        ("the later one is in the earlier region", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path B.twist -> R.twist; path A.twist -> R.twist;"), &["W110 6:26"]),
+        ("inside and outside", writing_inside("super S: C; initial -> S;", "task B: Right; initial -> B;", "path S.twist -> R.twist; path B.twist -> R.twist;"), &["W110 6:26"]),
+        ("a container used twice", writing_inside("super S: C; initial -> S;", "super Z: C; initial -> Z;", "path S.twist -> R.twist; path Z.twist -> R.twist;"), &["W110 6:26"]),
+        ("two nets joined outside", "container D { out data x: Twist; out data y: Twist;\nregion a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; }\npath A.twist -> x; path B.twist -> y; }\nmachine M { region a { super S: D; initial -> S; } region c { task R: Reader; initial -> R; }\npath S.x, S.y -> R.twist; }".into(), &["W110 3:20"]),
+        ("two nets joined inside", "container D { in data x: Twist; in data y: Twist; region a { task R: Reader; initial -> R; } path x, y -> R.twist; }\nmachine M { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } region c { super S: D; initial -> S; }\npath A.twist -> S.x; path B.twist -> S.y; }".into(), &["W110 3:22"]),
+        ("in a set without a machine", "container D { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } region c { task R: Reader; initial -> R; }\npath A.twist, B.twist -> R.twist; }".into(), &["W110 2:1"]),
+        ("a third one", writing("task A: Left; initial -> A;", "task B: Right; task D: Left; initial -> B; B -> D;", "path A.twist -> R.twist; path B.twist -> R.twist; path D.twist -> R.twist;"), &["W110 6:26", "W110 6:51"]),
+        ("beside an error", writing("task A: Left; initial -> A; A -> A [.x];", "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twist;"), &["E002 2:38", "W110 6:1"]),
+
+        ("in one region", writing("task A: Left; task B: Right; initial -> A; A -> B;", "state X; initial -> X;", "path A.twist, B.twist -> R.twist;"), &[]),
+        ("two nets", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist -> R.twist;"), &[]),
+        ("nothing leads to one", writing("task A: Left; initial -> A;", "state X; task B: Right; initial -> X;", "path A.twist, B.twist -> R.twist;"), &[]),
+        ("one behind a guard that is never true", writing("task A: Left; initial -> A;", "state X; task B: Right; initial -> X; X -> B [timeout];", "path A.twist, B.twist -> R.twist;"), &[]),
+        ("one publishes again", writing("task A: Left; initial -> A;", "task B: Same; initial -> B;", "path A.twist -> B.twist; path B.twist -> R.twist;"), &[]),
+        ("a container used twice with two nets", writing_inside("super S: C; initial -> S;", "super Z: C; initial -> Z;", "path S.twist -> R.twist;"), &[]),
+        ("a container used twice in one region", writing_inside("super S: C; super Z: C; initial -> S; S -> Z;", "state X; initial -> X;", "path S.twist, Z.twist -> R.twist;"), &[]),
+        ("in a container that is not used", format!("container D {{ region a {{ task A: Left; initial -> A; }} region b {{ task B: Right; initial -> B; }} region c {{ task R: Reader; initial -> R; }}\npath A.twist, B.twist -> R.twist; }} {}", machine("state A; initial -> A;")), &[]),
+        ("a path with an unknown end", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twits;"), &["E002 6:28"]),
+        ("a path the wrong way round", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist -> B.twist, R.twist;"), &["E008 6:1"]),
+        ("recursion", "container D { region a { task A: Left; super S: D; initial -> A; A -> S; } region b { task B: Right; initial -> B; } region c { task R: Reader; initial -> R; }\npath A.twist, B.twist -> R.twist; }".into(), &["E007 1:40"]),
+    ]);
 }

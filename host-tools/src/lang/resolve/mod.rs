@@ -19,6 +19,7 @@ use crate::model::{
     Container, ContainerEvent, DataPort, Direction, Flag, Model, Path, Region, SourceFile, Span,
 };
 
+use super::analysis::activity::{Activity, View};
 use super::analysis::holes::{ContainerHoles, Holes, RegionHoles};
 use super::diagnostic::{Code, Diagnostic, Sink};
 use super::references::{References, Undeclared};
@@ -34,6 +35,8 @@ const DEFAULT_QUEUE: u8 = 32;
 pub(super) struct Resolved {
     /// The model, right where no error was reported.
     pub(super) model: Model,
+    /// What can happen in what is known of the set.
+    pub(super) activity: Activity,
     /// What of the set is not in the model.
     pub(super) holes: Holes,
     /// Which places name the same thing.
@@ -166,13 +169,15 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
         container.paths = resolved.paths;
         holes.paths |= !resolved.are_whole;
     }
-    timing::check(&facts, &slots, &model, order.as_deref(), &mut names);
+    let activity = Activity::of(&model, &holes, View::Known);
+    timing::check(&facts, &slots, &model, &activity, &mut names);
 
     Resolved {
         slots_are_whole: slots.is_whole(),
         references: names.into_references(),
         model,
         holes,
+        activity,
     }
 }
 
@@ -417,6 +422,6 @@ struct ResolvedRegion {
 /// The data paths of a container as they are resolved.
 struct ResolvedPaths {
     paths: Vec<Path>,
-    /// Whether every end of every path is among them.
+    /// Whether every end of every path is among them, and fits the others.
     are_whole: bool,
 }

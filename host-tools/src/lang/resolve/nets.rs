@@ -69,7 +69,7 @@ pub(super) fn check<'f>(
 #[derive(Default)]
 struct Wired {
     paths: Vec<Path>,
-    /// Whether every end of every path was found.
+    /// Whether every end of every path was found, and fits the others.
     is_whole: bool,
     nets: Nets,
     faults: Vec<Fault>,
@@ -285,12 +285,14 @@ impl<'f> Wiring<'_, 'f> {
                     }
                     // What stands on which side of an arrow that is broken says nothing.
                     if !path.broken && !fits_side(end, port.direction, side == 0) {
+                        all_are_whole = false;
                         let diagnostic = self.wrong_direction(end, port, side == 0, path);
                         faults.push(Fault { node, diagnostic });
                     }
                     if let Some(differing) = first_node.and_then(|first| nets.join(first, node))
                         && !path.broken
                     {
+                        all_are_whole = false;
                         let diagnostic = self.types_differ(&differing, path);
                         faults.push(Fault { node, diagnostic });
                     }

@@ -2,12 +2,13 @@
 //!
 //! Tasks that share a slot run one after another in it, as far as they can be active together. That is worked out on the tree: of
 //! the states of a region one is active, of the regions of a container all are. Of an `exclusive` group one runs at a time.
-//! States that no transition path reaches are never active.
+//! States that nothing leads to are never active ([`Activity`]).
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 
+use crate::lang::analysis::activity::{Activity, StateId};
 use crate::lang::diagnostic::{Code, Diagnostic};
-use crate::model::{Container, Model, Region, Source, StateKind, Target};
+use crate::model::{Model, StateKind};
 
 use super::scope::Names;
 use super::slots::SlotTable;
@@ -21,13 +22,13 @@ pub(super) fn check(
     facts: &[ContainerFacts<'_>],
     slots: &SlotTable,
     model: &Model,
-    order: Option<&[usize]>,
+    activity: &Activity,
     names: &mut Names<'_, '_>,
 ) {
     check_utilisation(slots, model, names);
     check_wcets(facts, slots, model, names);
-    if let Some(order) = order {
-        let loads = Loads::new(facts, slots, model);
+    if let Some(order) = activity.children_first() {
+        let loads = Loads::new(facts, slots, model, activity);
         loads.check(facts, order, names);
     }
 }
@@ -124,12 +125,18 @@ type LoadBySlot = HashMap<usize, Load>;
 struct Loads<'l> {
     slots: &'l SlotTable,
     model: &'l Model,
+    activity: &'l Activity,
     /// Per slot, the groups that are told apart in it, by name.
     groups: HashMap<usize, HashMap<&'l str, usize>>,
 }
 
 impl<'l> Loads<'l> {
-    fn new(facts: &[ContainerFacts<'_>], slots: &'l SlotTable, model: &'l Model) -> Self {
+    fn new(
+        facts: &[ContainerFacts<'_>],
+        slots: &'l SlotTable,
+        model: &'l Model,
+        activity: &'l Activity,
+    ) -> Self {
         let mut groups: HashMap<usize, HashMap<&'l str, usize>> = HashMap::new();
         for state in facts.iter().flat_map(|facts| &facts.states).flatten() {
             if let (Kind::Task(task), Some(slot)) = (state.kind, state.slot)
@@ -148,6 +155,7 @@ impl<'l> Loads<'l> {
         Loads {
             slots,
             model,
+            activity,
             groups,
         }
     }
@@ -156,12 +164,10 @@ impl<'l> Loads<'l> {
         let mut loads: Vec<LoadBySlot> = vec![LoadBySlot::new(); facts.len()];
         let mut worst: HashMap<usize, u64> = HashMap::new();
         for &index in order {
-            let (Some(container), Some(facts)) =
-                (self.model.containers.get(index), facts.get(index))
-            else {
+            let Some(facts) = facts.get(index) else {
                 continue;
             };
-            let load = self.container(container, facts, &loads);
+            let load = self.container(index, facts, &loads);
             // Without a machine each container may be the whole.
             if self.model.machine.is_none_or(|machine| machine == index) {
                 for (&slot, load) in &load {
@@ -186,13 +192,13 @@ impl<'l> Loads<'l> {
 
     fn container(
         &self,
-        container: &Container,
+        container: usize,
         facts: &ContainerFacts<'_>,
         loads: &[LoadBySlot],
     ) -> LoadBySlot {
         let mut sum = LoadBySlot::new();
-        for (region, states) in container.regions.iter().zip(&facts.states) {
-            for (slot, load) in self.region(region, states, loads) {
+        for (region, states) in facts.states.iter().enumerate() {
+            for (slot, load) in self.region(container, region, states, loads) {
                 let before = sum.remove(&slot);
                 sum.insert(
                     slot,
@@ -203,11 +209,21 @@ impl<'l> Loads<'l> {
         sum
     }
 
-    fn region(&self, region: &Region, states: &[StateFacts], loads: &[LoadBySlot]) -> LoadBySlot {
+    fn region(
+        &self,
+        container: usize,
+        region: usize,
+        states: &[StateFacts],
+        loads: &[LoadBySlot],
+    ) -> LoadBySlot {
         let mut most = LoadBySlot::new();
-        let reachable = reachable_states(region);
-        for (facts, is_reachable) in states.iter().zip(reachable) {
-            if !is_reachable {
+        for (state, facts) in states.iter().enumerate() {
+            let id = StateId {
+                container,
+                region,
+                state,
+            };
+            if !self.activity.is_reachable(id) {
                 continue;
             }
             match facts.kind {
@@ -273,14 +289,29 @@ impl<'l> Loads<'l> {
         let mut diagnostic = Diagnostic::new(Code::E010, slot.span, message).hint(format!(
             "give the slot at least {needed_us} us, or one of its tasks another slot"
         ));
-        let sharing = facts
-            .iter()
-            .flat_map(|facts| &facts.states)
-            .flatten()
-            .filter(|state| {
+        let states = facts.iter().enumerate().flat_map(|(container, facts)| {
+            facts
+                .states
+                .iter()
+                .enumerate()
+                .flat_map(move |(region, states)| {
+                    states.iter().enumerate().map(move |(state, facts)| {
+                        let id = StateId {
+                            container,
+                            region,
+                            state,
+                        };
+                        (id, facts)
+                    })
+                })
+        });
+        let sharing = states
+            .filter(|(id, state)| {
                 state.slot == Some(index)
                     && matches!(state.kind, Kind::Task(task) if self.task(task, index).is_some())
-            });
+                    && self.activity.is_active(*id)
+            })
+            .map(|(_, state)| state);
         for state in sharing.take(MAX_SHOWN) {
             diagnostic = diagnostic.related(state.span, "runs in it");
         }
@@ -313,30 +344,4 @@ fn either(most: &mut LoadBySlot, slot: usize, load: &Load) {
     for (known, &new) in known.iter_mut().zip(load) {
         *known = new.max(*known);
     }
-}
-
-/// Per state, whether transitions lead to it from `initial`.
-fn reachable_states(region: &Region) -> Vec<bool> {
-    let mut targets: Vec<Vec<usize>> = vec![Vec::new(); region.states.len()];
-    let mut queue = VecDeque::new();
-    for transition in &region.transitions {
-        match (transition.source, transition.target) {
-            (Source::Initial, Target::State(target)) => queue.push_back(target),
-            (Source::State(source), Target::State(target)) => {
-                if let Some(targets) = targets.get_mut(source) {
-                    targets.push(target);
-                }
-            }
-            (_, Target::Final) => {}
-        }
-    }
-    let mut is_reachable = vec![false; region.states.len()];
-    while let Some(state) = queue.pop_front() {
-        if let Some(reached) = is_reachable.get_mut(state)
-            && !std::mem::replace(reached, true)
-        {
-            queue.extend(targets.get(state).into_iter().flatten());
-        }
-    }
-    is_reachable
 }

@@ -1,0 +1,669 @@
+//! What is said about the states and transitions of a set of files: W101, W103, W105, W108, W110.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::model::{Model, Region, Source, Span, State, StateKind, Target, Transition, Trigger};
+
+use super::activity::{
+    Activity, Groups, STEPS_A_GROUP, StateId, Uses, formula, lacks_kind, region_holes,
+};
+use super::guards::{Atom, Diagrams, Formula, TooLarge};
+use super::holes::{Holes, RegionHoles, StateHoles};
+use super::nets::{self, Writer};
+use super::side_by_side::{Meeting, SideBySide};
+
+/// As many related places are shown of one kind.
+const MAX_SHOWN: usize = 4;
+
+/// What the warnings are about.
+pub(super) struct Warnings<'a> {
+    pub(super) model: &'a Model,
+    pub(super) holes: &'a Holes,
+    /// What can happen in what is known.
+    pub(super) known: &'a Activity,
+    /// What can happen, whatever is in the holes.
+    pub(super) possible: &'a Activity,
+}
+
+impl Warnings<'_> {
+    fn region(&self, container: usize, region: usize) -> Option<&Region> {
+        self.model.containers.get(container)?.regions.get(region)
+    }
+
+    fn state(&self, id: StateId) -> Option<&State> {
+        self.region(id.container, id.region)?.states.get(id.state)
+    }
+
+    fn container_name(&self, container: usize) -> &str {
+        self.model
+            .containers
+            .get(container)
+            .map_or("", |container| container.name.as_str())
+    }
+
+    /// All regions with their indices and holes.
+    fn regions(&self) -> impl Iterator<Item = (usize, usize, &Region, Option<&RegionHoles>)> {
+        let containers = self.model.containers.iter().enumerate();
+        containers.flat_map(move |(index, container)| {
+            let regions = container.regions.iter().enumerate();
+            regions.map(move |(region_index, region)| {
+                let holes = region_holes(self.holes, index, region_index);
+                (index, region_index, region, holes)
+            })
+        })
+    }
+}
+
+fn state_holes(holes: Option<&RegionHoles>, state: usize) -> StateHoles {
+    holes
+        .and_then(|holes| holes.states.get(state))
+        .copied()
+        .unwrap_or_default()
+}
+
+// ─── W101: states that cannot be reached ──────────────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    pub(super) fn unreachable_states(&self, sink: &mut Sink) {
+        let mut diagrams = Diagrams::default();
+        for (container, region_index, region, holes) in self.regions() {
+            // What is inside a superstate that is never entered needs no report of its own.
+            if !self.possible.is_live(container) {
+                continue;
+            }
+            let unreached: Vec<usize> = (0..region.states.len())
+                .filter(|&state| {
+                    let id = StateId {
+                        container,
+                        region: region_index,
+                        state,
+                    };
+                    !self.possible.is_reachable(id) && !state_holes(holes, state).is_twin
+                })
+                .collect();
+            if unreached.is_empty() {
+                continue;
+            }
+            let mut leading: Vec<Vec<usize>> = vec![Vec::new(); region.states.len()];
+            for (index, transition) in region.transitions.iter().enumerate() {
+                if let Target::State(target) = transition.target
+                    && transition.source != Source::State(target)
+                    && let Some(leading) = leading.get_mut(target)
+                    && leading.len() < MAX_SHOWN
+                {
+                    leading.push(index);
+                }
+            }
+            for state in unreached {
+                let (Some(declared), Some(leading)) =
+                    (region.states.get(state), leading.get(state))
+                else {
+                    continue;
+                };
+                let mut diagnostic = Diagnostic::new(
+                    Code::W101,
+                    declared.declaration,
+                    format!("state `{}` is never entered", declared.name),
+                )
+                .hint(if leading.is_empty() {
+                    format!(
+                        "no transition leads to it: write one (`… -> {};`), or remove the state",
+                        declared.name
+                    )
+                } else {
+                    "no transition to it can ever be taken: correct one of them, or remove the state"
+                        .to_owned()
+                });
+                for &index in leading {
+                    if let Some(transition) = region.transitions.get(index) {
+                        let why =
+                            self.why_never(container, region_index, transition, &mut diagrams);
+                        diagnostic = diagnostic.related(transition.span, why);
+                    }
+                }
+                sink.push(diagnostic);
+            }
+        }
+    }
+
+    /// Why a transition is never taken.
+    fn why_never(
+        &self,
+        container: usize,
+        region: usize,
+        transition: &Transition,
+        diagrams: &mut Diagrams,
+    ) -> &'static str {
+        if let Source::State(state) = transition.source
+            && !self.possible.is_reachable(StateId {
+                container,
+                region,
+                state,
+            })
+        {
+            return "the state before it is never entered either";
+        }
+        let is_never = |atom| {
+            self.possible.is_never(
+                self.model,
+                self.holes,
+                container,
+                region,
+                transition.source,
+                atom,
+            )
+        };
+        diagrams.restart(STEPS_A_GROUP);
+        match formula(diagrams, transition, true, &is_never) {
+            Ok(Some(Formula::NEVER)) => "its guard is never true",
+            _ => "whenever it could be taken, one before it is taken",
+        }
+    }
+}
+
+// ─── W103: transitions that compete ───────────────────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    pub(super) fn competing_transitions(&self, sink: &mut Sink) {
+        let mut diagrams = Diagrams::default();
+        let mut steps_left = self.known.steps();
+        for (container, region_index, region, holes) in self.regions() {
+            if region.transitions.len() < 2 {
+                continue;
+            }
+            let groups = Groups::of(region);
+            let sources = (0..region.states.len()).map(Source::State);
+            for source in std::iter::once(Source::Initial).chain(sources) {
+                for group in groups.of_source(source).filter(|group| group.len() > 1) {
+                    let is_never = |atom| {
+                        self.known.is_never(
+                            self.model,
+                            self.holes,
+                            container,
+                            region_index,
+                            source,
+                            atom,
+                        )
+                    };
+                    diagrams.restart(STEPS_A_GROUP.min(steps_left));
+                    let found =
+                        Competition::new(region, group, holes).run(&mut diagrams, &is_never);
+                    steps_left = steps_left.saturating_sub(diagrams.steps() + group.len());
+                    for later in found {
+                        let place = (container, region_index, source);
+                        self.report_competing(place, region, &later, sink);
+                    }
+                }
+            }
+        }
+    }
+
+    fn report_competing(
+        &self,
+        (container, region_index, source): (usize, usize, Source),
+        region: &Region,
+        later: &Later,
+        sink: &mut Sink,
+    ) {
+        let Some(transition) = region.transitions.get(later.transition) else {
+            return;
+        };
+        let words = |atom| self.atom_in_words(container, region, source, atom);
+        let set: Vec<String> = later
+            .example
+            .iter()
+            .filter(|(_, is_set)| *is_set)
+            .map(|(atom, _)| format!("`{}`", words(*atom)))
+            .collect();
+        let only = later.example.iter().any(|(_, is_set)| !is_set);
+        let when = match (set.as_slice(), only) {
+            ([], _) => "no flag is set".to_owned(),
+            ([one], false) => format!("{one} is set"),
+            ([one], true) => format!("{one} is set and no other flag"),
+            ([most @ .., last], only) => {
+                let rest = if only { " and no other flag" } else { "" };
+                format!("{} and {last} are set{rest}", most.join(", "))
+            }
+        };
+        let from = match source {
+            Source::Initial => "`initial`".to_owned(),
+            Source::State(state) => {
+                let id = StateId {
+                    container,
+                    region: region_index,
+                    state,
+                };
+                format!("`{}`", self.state(id).map_or("", |state| &state.name))
+            }
+        };
+        let event = match transition.trigger {
+            Trigger::Pulse | Trigger::Star => "the pulse".to_owned(),
+            Trigger::Event(event) => {
+                let name = self.model.events.get(event).map_or("", String::as_str);
+                format!("event `{name}`")
+            }
+        };
+        let mut diagnostic = Diagnostic::new(
+            Code::W103,
+            transition.span,
+            format!(
+                "two transitions from {from} on {event} compete: both hold when {when}, and the first in the source is taken"
+            ),
+        )
+        .hint("exclude the earlier guard in the later one (`… and not …`), or, for all that is left, write the later one last and without a guard");
+        for &earlier in &later.earlier {
+            if let Some(earlier) = region.transitions.get(earlier) {
+                diagnostic = diagnostic.related(earlier.span, "this one comes first");
+            }
+        }
+        sink.push(diagnostic);
+    }
+
+    fn atom_in_words(
+        &self,
+        container: usize,
+        region: &Region,
+        source: Source,
+        atom: Atom,
+    ) -> String {
+        let container = self.model.containers.get(container);
+        match atom {
+            Atom::Exit => "exit".to_owned(),
+            Atom::Timeout => "timeout".to_owned(),
+            Atom::Busy => "busy".to_owned(),
+            Atom::Parent(flag) => {
+                let flag = container.and_then(|container| container.flags.get(flag));
+                format!("^{}", flag.map_or("", |flag| &flag.name))
+            }
+            Atom::Own(flag) => {
+                let state = match source {
+                    Source::Initial => None,
+                    Source::State(state) => region.states.get(state),
+                };
+                let flags = match state.map(|state| &state.kind) {
+                    Some(StateKind::Task { task, .. }) => {
+                        self.model.tasks.get(*task).map(|task| &task.flags)
+                    }
+                    Some(StateKind::Super { container }) => self
+                        .model
+                        .containers
+                        .get(*container)
+                        .map(|container| &container.flags),
+                    _ => None,
+                };
+                let flag = flags.and_then(|flags| flags.get(flag));
+                format!(".{}", flag.map_or("", |flag| &flag.name))
+            }
+        }
+    }
+}
+
+/// A transition whose guard can be true together with those of earlier ones.
+struct Later {
+    transition: usize,
+    /// The first of those earlier ones.
+    earlier: Vec<usize>,
+    /// Flags with which it and the first of them both hold.
+    example: Vec<(Atom, bool)>,
+}
+
+/// The transitions of one state on one event.
+struct Competition<'r> {
+    region: &'r Region,
+    group: &'r [usize],
+    holes: Option<&'r RegionHoles>,
+    /// Transitions so far whose guard is known, with that.
+    before: Vec<(usize, Formula)>,
+}
+
+impl<'r> Competition<'r> {
+    fn new(region: &'r Region, group: &'r [usize], holes: Option<&'r RegionHoles>) -> Self {
+        Competition {
+            region,
+            group,
+            holes,
+            before: Vec::new(),
+        }
+    }
+
+    /// Finds all that compete with an earlier one; where guards are too large, those found before that.
+    fn run(mut self, diagrams: &mut Diagrams, is_never: &impl Fn(Atom) -> bool) -> Vec<Later> {
+        let mut found = Vec::new();
+        // True where any earlier one is.
+        let mut any = Formula::NEVER;
+        for &index in self.group {
+            match self.next(index, &mut any, diagrams, is_never) {
+                Ok(later) => found.extend(later),
+                Err(TooLarge) => break,
+            }
+        }
+        found
+    }
+
+    fn next(
+        &mut self,
+        index: usize,
+        any: &mut Formula,
+        diagrams: &mut Diagrams,
+        is_never: &impl Fn(Atom) -> bool,
+    ) -> Result<Option<Later>, TooLarge> {
+        let Some(transition) = self.region.transitions.get(index) else {
+            return Ok(None);
+        };
+        let is_known = !self.holes.is_some_and(|holes| holes.lacks_guard(index));
+        let Some(guard) = formula(diagrams, transition, is_known, is_never)? else {
+            return Ok(None);
+        };
+        let is_default = transition.guard.is_none() && transition.trigger != Trigger::Star;
+        let mut later = Later {
+            transition: index,
+            earlier: Vec::new(),
+            example: Vec::new(),
+        };
+        if !is_default && diagrams.and(*any, guard)?.can_be_true() {
+            for &(earlier, formula) in &self.before {
+                let both = diagrams.and(formula, guard)?;
+                if let Some(example) = diagrams.example(both) {
+                    if later.earlier.is_empty() {
+                        later.example = example;
+                    }
+                    later.earlier.push(earlier);
+                    if later.earlier.len() == MAX_SHOWN {
+                        break;
+                    }
+                }
+            }
+        }
+        *any = diagrams.or(*any, guard)?;
+        self.before.push((index, guard));
+        Ok((!later.earlier.is_empty()).then_some(later))
+    }
+}
+
+// ─── W105: one `exclusive` group, two active tasks ────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    pub(super) fn exclusive_tasks(&self, sink: &mut Sink) {
+        let mut groups: BTreeMap<&str, Vec<StateId>> = BTreeMap::new();
+        for (container, region, declared, _) in self.regions() {
+            for (state, declared) in declared.states.iter().enumerate() {
+                let id = StateId {
+                    container,
+                    region,
+                    state,
+                };
+                if let StateKind::Task { task, .. } = declared.kind
+                    && !lacks_kind(self.holes, id)
+                    && let Some(task) = self.model.tasks.get(task)
+                    && let Some(group) = &task.exclusive
+                {
+                    groups.entry(group).or_default().push(id);
+                }
+            }
+        }
+        let Some(mut nesting) = SideBySide::new(self.model, self.holes, self.known) else {
+            return;
+        };
+        for (group, mut members) in groups {
+            // In source order: which of two comes later is which is reported.
+            members.sort_by_key(|id| self.state(*id).map(|state| state.declaration));
+            let Some(partners) = nesting.partners(&members) else {
+                return;
+            };
+            for (index, (member, partner)) in members.iter().zip(partners).enumerate() {
+                if let Some(partner) = partner
+                    && partner.member <= index
+                    && let Some(other) = members.get(partner.member)
+                {
+                    self.report_exclusive(group, *member, *other, partner.meeting, sink);
+                }
+            }
+        }
+    }
+
+    fn report_exclusive(
+        &self,
+        group: &str,
+        later: StateId,
+        earlier: StateId,
+        meeting: Meeting,
+        sink: &mut Sink,
+    ) {
+        let (Some(later_state), Some(earlier_state)) = (self.state(later), self.state(earlier))
+        else {
+            return;
+        };
+        let message = if later == earlier {
+            format!(
+                "task state `{}` can be active twice at a time, and its task is `exclusive {group}`",
+                later_state.name
+            )
+        } else {
+            format!(
+                "task states `{}` and `{}` can be active together, and their tasks are `exclusive {group}`",
+                earlier_state.name, later_state.name
+            )
+        };
+        let mut diagnostic = Diagnostic::new(Code::W105, later_state.declaration, message).hint(
+            "of the two the one that is entered first runs, the other one waits and is `busy`: put both into one region, or let them be entered one after the other",
+        );
+        if later != earlier {
+            diagnostic = diagnostic.related(earlier_state.declaration, "the other task state");
+        }
+        sink.push(self.relate_regions(diagnostic, meeting));
+    }
+
+    fn relate_regions(&self, diagnostic: Diagnostic, meeting: Meeting) -> Diagnostic {
+        match meeting {
+            Meeting::Regions {
+                container,
+                own,
+                other,
+            } => self.relate_two_regions(diagnostic, container, own, other),
+            Meeting::Inside => diagnostic,
+        }
+    }
+
+    fn relate_two_regions(
+        &self,
+        diagnostic: Diagnostic,
+        container: usize,
+        own: usize,
+        other: usize,
+    ) -> Diagnostic {
+        let (Some(a), Some(b)) = (
+            self.region(container, own.min(other)),
+            self.region(container, own.max(other)),
+        ) else {
+            return diagnostic;
+        };
+        diagnostic
+            .related(
+                a.span,
+                format!(
+                    "region `{}` of `{}`, with one of them, runs side by side",
+                    a.name,
+                    self.container_name(container)
+                ),
+            )
+            .related(
+                b.span,
+                format!("with region `{}`, with the other one", b.name),
+            )
+    }
+}
+
+// ─── W108: states without a way out ───────────────────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    /// A state of a container that is used often has no way out if it has none in some instance.
+    pub(super) fn dead_ends(&self, uses: &Uses, sink: &mut Sink) {
+        let (Some(machine), true) = (self.model.machine, self.known.children_first().is_some())
+        else {
+            return;
+        };
+        let mut ways_out: Vec<Vec<Vec<bool>>> = vec![Vec::new(); self.model.containers.len()];
+        for (container, _, region, holes) in self.regions() {
+            if let Some(ways_out) = ways_out.get_mut(container) {
+                ways_out.push(has_way_out(region, holes));
+            }
+        }
+        let has_way_out = |id: StateId| {
+            ways_out
+                .get(id.container)
+                .and_then(|regions| regions.get(id.region)?.get(id.state))
+                != Some(&false)
+        };
+        // Containers with an instance around which nothing has a way out, and the superstate that is that instance.
+        let mut is_open = vec![false; self.model.containers.len()];
+        let mut around: Vec<Option<StateId>> = vec![None; self.model.containers.len()];
+        let mut queue = VecDeque::from([machine]);
+        if let Some(is_open) = is_open.get_mut(machine) {
+            *is_open = true;
+        }
+        while let Some(container) = queue.pop_front() {
+            for &(state, inside) in uses.of_container(container) {
+                if !has_way_out(state)
+                    && let Some(is_open) = is_open.get_mut(inside)
+                    && !std::mem::replace(is_open, true)
+                {
+                    if let Some(around) = around.get_mut(inside) {
+                        *around = Some(state);
+                    }
+                    queue.push_back(inside);
+                }
+            }
+        }
+        for (container, region_index, region, holes) in self.regions() {
+            if is_open.get(container) != Some(&true) {
+                continue;
+            }
+            for (state_index, state) in region.states.iter().enumerate() {
+                let id = StateId {
+                    container,
+                    region: region_index,
+                    state: state_index,
+                };
+                if has_way_out(id) || state_holes(holes, state_index).is_twin {
+                    continue;
+                }
+                sink.push(self.dead_end(state, container, &around));
+            }
+        }
+    }
+
+    fn dead_end(&self, state: &State, container: usize, around: &[Option<StateId>]) -> Diagnostic {
+        let name = &state.name;
+        let hint = match state.kind {
+            StateKind::Simple => format!(
+                "write a transition from it; where a region is to end write `-> final` instead of `-> {name}`"
+            ),
+            _ => format!(
+                "write a transition from it; if it is to go on for ever, say what happens should it finish: `{name} -> {name} on *;`"
+            ),
+        };
+        let mut outside = around.get(container).copied().flatten();
+        let message = if outside.is_some() {
+            format!(
+                "state `{name}` has no way out: no transition leaves it or a superstate around it"
+            )
+        } else {
+            format!("state `{name}` has no way out: no transition leaves it")
+        };
+        let mut diagnostic = Diagnostic::new(Code::W108, state.declaration, message).hint(hint);
+        for _ in 0..MAX_SHOWN {
+            let Some(id) = outside else {
+                break;
+            };
+            if let Some(state) = self.state(id) {
+                diagnostic =
+                    diagnostic.related(state.declaration, "around it, and never left either");
+            }
+            outside = around.get(id.container).copied().flatten();
+        }
+        diagnostic
+    }
+}
+
+/// For each state, whether a transition leaves it, or may.
+fn has_way_out(region: &Region, holes: Option<&RegionHoles>) -> Vec<bool> {
+    let loose = || holes.into_iter().flat_map(|holes| &holes.transitions);
+    let is_unknown =
+        holes.is_some_and(|holes| holes.body) || loose().any(|loose| loose.source.is_none());
+    let mut has_way_out = vec![is_unknown; region.states.len()];
+    let sources = region
+        .transitions
+        .iter()
+        .map(|transition| transition.source);
+    for source in sources.chain(loose().filter_map(|loose| loose.source)) {
+        if let Source::State(state) = source
+            && let Some(has_way_out) = has_way_out.get_mut(state)
+        {
+            *has_way_out = true;
+        }
+    }
+    has_way_out
+}
+
+// ─── W110: one net, two active writers ────────────────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    pub(super) fn competing_writers(&self, uses: &Uses, sink: &mut Sink) {
+        for meeting in nets::meetings(self.model, self.known, uses) {
+            let container = meeting.second.state.container;
+            let has_holes = self
+                .holes
+                .containers
+                .get(container)
+                .is_some_and(|holes| holes.paths);
+            if has_holes {
+                continue;
+            }
+            let (first, second) = (meeting.first, meeting.second);
+            let mut diagnostic = Diagnostic::new(
+                Code::W110,
+                self.path_span(container, second.path),
+                format!(
+                    "`{}` and `{}` write to one net and can be active together",
+                    self.written(first),
+                    self.written(second)
+                ),
+            )
+            .hint("a reader sees whichever wrote last: put both into one region, or give each its own net");
+            if first.path != second.path {
+                let span = self.path_span(container, first.path);
+                diagnostic =
+                    diagnostic.related(span, format!("`{}` writes here", self.written(first)));
+            }
+            let (own, other) = (second.state.region, first.state.region);
+            sink.push(self.relate_two_regions(diagnostic, container, own, other));
+        }
+    }
+
+    fn path_span(&self, container: usize, path: usize) -> Span {
+        self.model
+            .containers
+            .get(container)
+            .and_then(|container| container.paths.get(path))
+            .map_or_else(Span::default, |path| path.span)
+    }
+
+    /// An end as it is written in its path.
+    fn written(&self, writer: Writer) -> String {
+        let Some(state) = self.state(writer.state) else {
+            return String::new();
+        };
+        let ports = match state.kind {
+            StateKind::Task { task, .. } => self.model.tasks.get(task).map(|task| &task.data),
+            StateKind::Super { container } => self
+                .model
+                .containers
+                .get(container)
+                .map(|container| &container.data),
+            StateKind::Simple => None,
+        };
+        let port = ports.and_then(|ports| ports.get(writer.port));
+        format!("{}.{}", state.name, port.map_or("", |port| &port.name))
+    }
+}
