@@ -537,3 +537,43 @@ fn writers_of_one_net_that_are_active_together() {
         ("recursion", "container D { region a { task A: Left; super S: D; initial -> A; A -> S; } region b { task B: Right; initial -> B; } region c { task R: Reader; initial -> R; }\npath A.twist, B.twist -> R.twist; }".into(), &["E007 1:40"]),
     ]);
 }
+
+#[test]
+fn tasks_that_share_a_slot_and_are_active_together() {
+    let long = |second: &str| {
+        format!(
+            "task Long slot 2 wcet 3 ms {{ }} {}",
+            beside("task A: Long; initial -> A;", second)
+        )
+    };
+    assert_found(
+        Code::E010,
+        &[
+            (
+                "side by side",
+                long("task B: Long; initial -> B;"),
+                &["E010 8:1"],
+            ),
+            (
+                "behind an event",
+                long("state S; task B: Long; initial -> S; S -> B on E;"),
+                &["E010 8:1"],
+            ),
+            (
+                "behind a guard that is never true",
+                long("state S; task B: Long; initial -> S; S -> B [timeout];"),
+                &[],
+            ),
+            (
+                "behind a default",
+                long("state S; task B: Long; initial -> S; S -> S; S -> B;"),
+                &[],
+            ),
+            (
+                "behind what is unknown",
+                long("state S; task B: Long; initial -> S; S -> Bb;"),
+                &["E002 4:43"],
+            ),
+        ],
+    );
+}

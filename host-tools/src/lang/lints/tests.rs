@@ -418,7 +418,9 @@ fn unused_declarations_of_a_library_are_told_in_its_file() {
     let checked = load_texts(&[
         (
             "m.esm",
-            &mission("use \"tasks.esm\"; machine M { region r { state A; initial -> A; } }"),
+            &mission(
+                "use \"tasks.esm\"; machine M { region r { state A; initial -> A; A -> A; } }",
+            ),
         ),
         ("tasks.esm", "task T slot 1 { }"),
     ]);
