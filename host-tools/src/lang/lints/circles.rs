@@ -116,6 +116,20 @@ fn keep_circles(model: &Model, causes: &mut [Vec<Cause>]) -> HashSet<usize> {
     causes.iter().flatten().map(|cause| cause.sent).collect()
 }
 
+/// Per container, the first cause of each pair of events.
+fn by_events(causes: &[Vec<Cause>]) -> Vec<HashMap<(usize, usize), Cause>> {
+    causes
+        .iter()
+        .map(|causes| {
+            let mut first = HashMap::new();
+            for &cause in causes {
+                first.entry((cause.trigger, cause.sent)).or_insert(cause);
+            }
+            first
+        })
+        .collect()
+}
+
 /// A container instance.
 struct Instance {
     container: usize,
@@ -128,6 +142,8 @@ struct Unfolded {
     instances: Vec<Instance>,
     /// A number for each pair of instance and event.
     pairs: HashMap<(usize, usize), usize>,
+    /// The pairs by number.
+    places: Vec<(usize, usize)>,
     /// Two nodes a pair: [`up`] and [`down`].
     edges: Vec<Vec<usize>>,
 }
@@ -194,6 +210,7 @@ impl Unfolded {
         let mut tree = Unfolded {
             instances,
             pairs: HashMap::new(),
+            places: Vec::new(),
             edges: Vec::new(),
         };
         tree.connect(model, causes, events)?;
@@ -207,6 +224,7 @@ impl Unfolded {
             if count == MAX_PAIRS {
                 return None;
             }
+            self.places.push((instance, event));
             self.edges.push(vec![down(pair)]);
             self.edges.push(Vec::new());
         }
@@ -273,11 +291,12 @@ impl Unfolded {
                 }
             }
         }
+        let by_events = by_events(causes);
         let mut circles = BTreeMap::new();
         for &(cause, index) in first.values() {
             circles
                 .entry(cause.transition)
-                .or_insert_with(|| self.way_round(causes, &component, cause, index));
+                .or_insert_with(|| self.way_round(&by_events, &component, cause, index));
         }
         circles
     }
@@ -291,7 +310,7 @@ impl Unfolded {
     /// A shortest circle that begins with a cause.
     fn way_round(
         &self,
-        causes: &[Vec<Cause>],
+        by_events: &[HashMap<(usize, usize), Cause>],
         component: &[usize],
         first: Cause,
         instance: usize,
@@ -320,32 +339,20 @@ impl Unfolded {
             way.push(node);
         }
         way.reverse();
-        let instance_and_event: HashMap<usize, (usize, usize)> = {
-            let on_way: HashSet<usize> = way.iter().map(|node| node / 2).collect();
-            let pairs = self.pairs.iter();
-            pairs
-                .filter(|(_, pair)| on_way.contains(pair))
-                .map(|(place, pair)| (*pair, *place))
-                .collect()
-        };
         for step in way.windows(2) {
             let [from, to] = *step else { continue };
             // Only a send leads from an event that can be seen to one that goes on its way.
             if from != down(from / 2) || to != up(to / 2) {
                 continue;
             }
-            let (Some(&(instance, trigger)), Some(&(_, sent))) = (
-                instance_and_event.get(&(from / 2)),
-                instance_and_event.get(&(to / 2)),
-            ) else {
+            let (Some(&(instance, trigger)), Some(&(_, sent))) =
+                (self.places.get(from / 2), self.places.get(to / 2))
+            else {
                 continue;
             };
             let container = self.instances.get(instance).map(|it| it.container);
-            let causes = container.and_then(|container| causes.get(container));
-            let cause = causes
-                .into_iter()
-                .flatten()
-                .find(|cause| (cause.trigger, cause.sent) == (trigger, sent));
+            let causes = container.and_then(|container| by_events.get(container));
+            let cause = causes.and_then(|causes| causes.get(&(trigger, sent)));
             circle.extend(cause);
         }
         circle

@@ -457,7 +457,24 @@ fn large_and_deeply_shared_sets_of_files_take_little_time() {
         );
     }
     wide += "initial -> S0; } }";
-    for text in [shared, wide] {
+    // One circle through all events, and a circle for each two of them.
+    let mut circles = mission("machine M {\n");
+    let mut pairs = mission("machine M {\n");
+    let (mut in_circles, mut in_pairs) = (String::new(), String::new());
+    for event in 0..20_000 {
+        for text in [&mut circles, &mut pairs] {
+            let _ = writeln!(text, "event E{event};");
+        }
+        let _ = writeln!(
+            in_circles,
+            "A -> A on E{event} / send E{};",
+            (event + 1) % 20_000
+        );
+        let _ = writeln!(in_pairs, "A -> A on E{event} / send E{};", event ^ 1);
+    }
+    circles += &format!("region r {{ state A; initial -> A; {in_circles} }} }}");
+    pairs += &format!("region r {{ state A; initial -> A; {in_pairs} }} }}");
+    for text in [shared, wide, circles, pairs] {
         let started = Instant::now();
         let checked = load_text("large.esm", &text);
         assert!(!checked.has_errors(), "{}", checked.render(false));
