@@ -134,7 +134,13 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     let resolved = resolve::resolve(&trees, &mut sink);
     let model = resolved.model;
     analysis::check(&model, &resolved.holes, &resolved.activity, &mut sink);
-    lints::check(&trees, &model, &resolved.holes, &mut sink);
+    lints::check(
+        &trees,
+        &model,
+        &resolved.holes,
+        &resolved.activity,
+        &mut sink,
+    );
     let has_errors = sink.has_errors();
     let diagnostics = sink.into_sorted();
     Ok(Checked {

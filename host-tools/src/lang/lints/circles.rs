@@ -8,11 +8,12 @@ use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
 use esm_core::format;
 
-use crate::lang::analysis::holes::{Holes, RegionHoles};
+use crate::lang::analysis::activity::Activity;
+use crate::lang::analysis::holes::{ContainerHoles, Holes};
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
 use crate::lang::resolve::Trees;
 use crate::lang::tree;
-use crate::model::{Action, Model, Span, StateKind, Transition, Trigger};
+use crate::model::{Action, Container, Model, Span, StateKind, Transition, Trigger};
 
 use super::components::strongly_connected;
 use super::uses::Uses;
@@ -37,8 +38,15 @@ struct Cause {
 }
 
 /// Reports circles of events.
-pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, uses: &Uses, sink: &mut Sink) {
-    let mut causes = causes(model, holes);
+pub(super) fn check(
+    trees: &Trees<'_>,
+    model: &Model,
+    holes: &Holes,
+    activity: &Activity,
+    uses: &Uses,
+    sink: &mut Sink,
+) {
+    let mut causes = causes(model, holes, activity);
     let in_circles = keep_circles(model, &mut causes);
     if in_circles.is_empty() {
         return;
@@ -56,32 +64,32 @@ pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, uses: &Uses
     }
 }
 
-/// Per container, what its transitions cause.
-fn causes(model: &Model, holes: &Holes) -> Vec<Vec<Cause>> {
+/// Per container, what its transitions cause, of those that can be taken for all that is known.
+fn causes(model: &Model, holes: &Holes, activity: &Activity) -> Vec<Vec<Cause>> {
+    let of_container = |index: usize, container: &Container, holes: &ContainerHoles| {
+        if holes.is_twin {
+            return Vec::new();
+        }
+        let mut causes = Vec::new();
+        let regions = container.regions.iter().zip(&holes.regions);
+        for (region_index, (region, holes)) in regions.enumerate() {
+            for (transition_index, transition) in region.transitions.iter().enumerate() {
+                if activity.can_be_taken(index, region_index, transition_index)
+                    && !holes.lacks_guard(transition_index)
+                {
+                    causes.extend(causes_of(transition));
+                }
+            }
+        }
+        causes
+    };
     model
         .containers
         .iter()
         .zip(&holes.containers)
-        .map(|(container, holes)| {
-            if holes.is_twin {
-                return Vec::new();
-            }
-            let regions = container.regions.iter().zip(&holes.regions);
-            regions
-                .flat_map(|(region, holes)| {
-                    let transitions = region.transitions.iter().enumerate();
-                    transitions
-                        .filter(|(index, _)| is_possible(holes, *index))
-                        .flat_map(|(_, transition)| causes_of(transition))
-                })
-                .collect()
-        })
+        .enumerate()
+        .map(|(index, (container, holes))| of_container(index, container, holes))
         .collect()
-}
-
-/// Whether a transition is one that can be taken for all that is known.
-fn is_possible(holes: &RegionHoles, transition: usize) -> bool {
-    !holes.lacks_guard(transition)
 }
 
 fn causes_of(transition: &Transition) -> impl Iterator<Item = Cause> + '_ {

@@ -16,13 +16,20 @@ mod uses;
 
 use crate::model::Model;
 
+use super::analysis::activity::Activity;
 use super::analysis::holes::Holes;
 use super::diagnostic::Sink;
 use super::resolve::Trees;
 use uses::Uses;
 
-/// Adds the warnings.
-pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut Sink) {
+/// Adds the warnings. `activity` is that of what is known of the set.
+pub(super) fn check(
+    trees: &Trees<'_>,
+    model: &Model,
+    holes: &Holes,
+    activity: &Activity,
+    sink: &mut Sink,
+) {
     timeouts::check(model, holes, sink);
     let has_one_machine = !model
         .containers
@@ -34,7 +41,7 @@ pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut 
         return;
     };
     events::check(model, holes, &uses, sink);
-    circles::check(trees, model, holes, &uses, sink);
+    circles::check(trees, model, holes, activity, &uses, sink);
     if model.machine.is_some() {
         unused::check(trees, model, holes, sink);
         ports::check(model, holes, &uses, sink);
