@@ -174,6 +174,28 @@ fn the_pictures_of_the_tutorial_are_what_the_last_step_draws() {
 }
 
 #[test]
+fn the_diagrams_of_the_book_are_what_draw_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (example, drawn) = (path("example.esm"), path("drawn.svg"));
+    let mission = fenced(&read("docs/src/semantics.md"), "esm").concat();
+    std::fs::write(&example, mission).unwrap();
+    for (mission, more, picture) in [
+        (example.as_str(), None, "example.svg"),
+        (
+            "missions/tutorial/4_search.esm",
+            Some("--no-data"),
+            "search.svg",
+        ),
+    ] {
+        let mut arguments = vec!["draw", mission, "-o", &drawn];
+        arguments.extend(more);
+        esm(&arguments).good();
+        assert_is_picture(picture, &read(&drawn));
+    }
+}
+
+#[test]
 fn the_states_of_the_example_are_drawn_as_its_trace_has_them() {
     let trace = trace_of_the_example();
     let mut regions: Vec<RegionStates> = Vec::new();
