@@ -28,6 +28,8 @@ impl Parser<'_, '_> {
         }
         let mut file = File::default();
         let mut closed = Closed::Nothing;
+        // Whether what belongs into a body has been reported, and nothing else has come since.
+        let mut is_told = false;
         loop {
             file.has_gaps |= self.is_lost;
             self.is_lost = std::mem::take(&mut self.stays_lost);
@@ -53,9 +55,16 @@ impl Parser<'_, '_> {
                     self.corrected("`queue`", None);
                     file.queues.push(self.queue(self.here()));
                 }
-                T::Integer => {
+                T::Integer if self.next.kind == T::Identifier => {
                     self.corrected("`slot`", None);
                     file.slots.push(self.slot(self.here()));
+                }
+                T::Integer if matches!(self.next.kind, T::Integer | T::Text) => {
+                    // A number for the word: what follows says which.
+                    self.expected("`slot` or `use`");
+                    self.bump();
+                    self.report_nothing_here();
+                    continue;
                 }
                 T::Slot if file.interpreters.is_empty() && self.at_number_of_interpreter() => {
                     let hint = "did you mean `interpreter slot`?";
@@ -81,6 +90,7 @@ impl Parser<'_, '_> {
                     self.corrected("`task`", None);
                     file.tasks.push(self.task(self.here()));
                     closed = Closed::Task;
+                    is_told = false;
                     continue;
                 }
                 T::Task => {
@@ -88,11 +98,13 @@ impl Parser<'_, '_> {
                     self.bump();
                     file.tasks.push(self.task(start));
                     closed = Closed::Task;
+                    is_told = false;
                     continue;
                 }
                 T::Container | T::Machine => {
                     file.containers.push(self.container(kind == T::Machine));
                     closed = Closed::Container;
+                    is_told = false;
                     continue;
                 }
                 T::BraceClose if self.loose_closes > 0 => {
@@ -101,11 +113,15 @@ impl Parser<'_, '_> {
                     continue;
                 }
                 T::BraceClose => {
+                    if is_told {
+                        self.report_nothing_here();
+                    }
                     self.corrected(
                         "a declaration",
                         Some("nothing is open here: remove it".into()),
                     );
                     self.bump();
+                    closed = Closed::Nothing;
                     continue;
                 }
                 T::In
@@ -121,6 +137,9 @@ impl Parser<'_, '_> {
                     if self.loose_closes > 0 {
                         // The `}` before it was one of those.
                         self.loose_closes -= 1;
+                        is_told = true;
+                    }
+                    if std::mem::replace(&mut is_told, true) {
                         self.report_nothing_here();
                     }
                     self.expected_with(
@@ -144,13 +163,19 @@ impl Parser<'_, '_> {
                     continue;
                 }
                 _ => {
+                    if is_told && self.next.kind == T::Arrow {
+                        self.report_nothing_here();
+                    }
                     self.expected(
                         "`use`, `interpreter`, `queue`, `slot`, `task`, `container` or `machine`",
                     );
                     self.skip_item(&mut file.skipped);
+                    // It may have been in a body that goes on behind it.
+                    continue;
                 }
             }
             closed = Closed::Nothing;
+            is_told = false;
         }
     }
 

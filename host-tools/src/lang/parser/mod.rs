@@ -122,6 +122,41 @@ impl<'t, 's> Parser<'t, 's> {
             self.token = self.next;
             self.report_nothing_here();
         }
+        if self.is_repeated() {
+            if !self.is_lost {
+                let found = excerpt(self.text_of(self.next));
+                let message = format!("found `{found}` a second time in a row");
+                self.sink.push(
+                    Diagnostic::new(Code::E001, self.span_of(self.next), message)
+                        .hint("remove one of the two"),
+                );
+            }
+            while self.is_repeated() {
+                self.next = self.lexer.next_token();
+            }
+        }
+    }
+
+    /// Whether the next token is this one again, which is not how any statement goes on. It is then taken once.
+    fn is_repeated(&self) -> bool {
+        if self.next.kind != self.token.kind {
+            return false;
+        }
+        let behind = || self.lexer_behind_next().next_token().kind;
+        match self.token.kind {
+            T::Not => false,
+            T::BraceOpen => true,
+            // `task A A: T`
+            T::Identifier => {
+                self.text_of(self.next) == self.text_of(self.token) && behind() == T::Colon
+            }
+            // `data data: X` is another mistake: a reserved word for a name.
+            kind if kind.is_reserved() => {
+                let behind = behind();
+                behind.is_reserved() || matches!(behind, T::Identifier | T::Integer)
+            }
+            _ => false,
+        }
     }
 
     fn at(&self, kind: T) -> bool {
@@ -389,11 +424,33 @@ impl<'t, 's> Parser<'t, 's> {
                     self.bump();
                     return false;
                 }
+                T::BraceClose if self.next_is_in_body() => {
+                    // The wrong brace.
+                    self.bump();
+                    self.is_lost = false;
+                    return true;
+                }
                 T::EndOfFile | T::BraceClose => return false,
                 T::Use | T::Interpreter | T::Queue | T::Container | T::Machine => return false,
                 _ if self.at_start_of_item() => return true,
                 _ => self.bump(),
             }
+        }
+    }
+
+    /// Whether what comes next stands in the body that is to be opened, and not behind it.
+    fn next_is_in_body(&self) -> bool {
+        match self.body {
+            Body::File => false,
+            Body::Task => matches!(self.next.kind, T::In | T::Out | T::InOut | T::Param),
+            Body::Container => matches!(
+                self.next.kind,
+                T::Event | T::In | T::Out | T::InOut | T::Region | T::Path
+            ),
+            Body::Region => matches!(
+                self.next.kind,
+                T::State | T::Task | T::Super | T::Initial | T::Identifier
+            ),
         }
     }
 

@@ -136,6 +136,11 @@ impl Parser<'_, '_> {
                 self.expected("`->`");
                 // Nobody knows what they are, so nobody may call them unknown.
                 region.skipped.push(Name(self.span_of(word)));
+                if self.next.kind == T::Arrow {
+                    // Either of them is too many, or the arrow is in the wrong place.
+                    self.stays_lost = true;
+                    return;
+                }
                 self.skip_item(&mut region.skipped);
             }
         }

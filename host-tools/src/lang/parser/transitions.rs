@@ -31,8 +31,13 @@ impl Parser<'_, '_> {
             ) {
                 self.bump();
             }
+            if self.at(T::Identifier) && matches!(self.next.kind, T::Identifier | T::Final) {
+                // A word for the arrow.
+                self.bump();
+            }
             if matches!(self.token.kind, T::Identifier | T::Final) {
-                self.is_lost = false;
+                // `A B ->` has its arrow in the wrong place.
+                self.is_lost = self.next.kind == T::Arrow;
             }
         }
         let target = match self.token.kind {

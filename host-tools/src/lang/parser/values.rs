@@ -34,10 +34,13 @@ impl Parser<'_, '_> {
                     "a reserved word is no name: choose another"
                 };
                 // It was meant as a name where something follows that follows a name.
-                let follows_a_name = matches!(
-                    self.next.kind,
-                    T::Semicolon | T::Comma | T::Colon | T::Arrow | T::Dot | T::Equals
-                ) || self.next.kind == T::BraceOpen && kind != T::With;
+                let follows_a_name = match self.next.kind {
+                    T::Semicolon | T::Comma | T::Colon | T::Arrow | T::Equals => true,
+                    // `[.and .near]` lacks a name before `and`.
+                    T::Dot => !matches!(kind, T::And | T::Or | T::Not),
+                    T::BraceOpen => kind != T::With,
+                    _ => false,
+                };
                 if follows_a_name {
                     self.no_name(what, hint);
                     Some(Name(span))
