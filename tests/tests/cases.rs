@@ -6,7 +6,7 @@
 //! // expect E001 7:5 ~ expected `;`                  the same by numbers, for places that no comment can stand under
 //! // expect E001 7:*                                 any column
 //! // as build                                        a machine is demanded, as `esm build` does
-//! // with warnings                                   warnings are compared, too
+//! // with warnings                                   warnings are compared, too, as they are in a file that expects some
 //! ```
 //! A folder with a `main.esm` is one case, whose other files are there to be used by it; each of them says what is found in itself.
 
@@ -118,10 +118,11 @@ fn difference(path: &Path) -> Result<String, String> {
             .push((diagnostic, positions.of(diagnostic.span)));
     }
     let mut told = String::new();
-    let looks_at_warnings = checked
-        .files
-        .iter()
-        .any(|file| file.text.lines().any(|line| line == "// with warnings"));
+    let looks_at_warnings = checked.files.iter().any(|file| {
+        file.text.lines().any(|line| line == "// with warnings")
+            || expectations(&file.text)
+                .is_ok_and(|found| found.iter().any(|found| found.code.starts_with('W')))
+    });
     for (file, index) in checked.files.iter().zip(0..) {
         let mut found = found.remove(&index).unwrap_or_default();
         for expectation in expectations(&file.text)? {
