@@ -83,6 +83,9 @@ fn line_start(text: &str) -> usize {
     text.rfind('\n').map_or(0, |at| at + 1)
 }
 
+/// How many proposals are made.
+const MAX_PROPOSALS: usize = 2_000;
+
 /// Proposals, each label once.
 #[derive(Default)]
 struct Items {
@@ -93,7 +96,8 @@ struct Items {
 impl Items {
     fn add(&mut self, label: impl Into<String>, kind: Kind, detail: &str) {
         let label = label.into();
-        if !label.is_empty() && self.labels.insert(label.clone()) {
+        if self.list.len() < MAX_PROPOSALS && !label.is_empty() && self.labels.insert(label.clone())
+        {
             self.list.push(CompletionItem {
                 label,
                 kind: Some(kind),

@@ -11,6 +11,9 @@ use super::sets::{Set, end_of_item};
 /// How many lines of a declaration are shown.
 const MAX_LINES: usize = 30;
 
+/// How much of a line is shown, in characters.
+const MAX_CHARACTERS: usize = 200;
+
 /// How many transitions are shown.
 const MAX_TRANSITIONS: usize = 20;
 
@@ -32,7 +35,7 @@ pub(super) fn text(set: &Set, declaration: Span) -> Option<String> {
     let end = end_of_item(source, start);
     let mut text = fenced(&clipped(&undented(source, start, end)));
     if let Some(comment) = comment(source, start, end) {
-        let _ = write!(text, "\n\n{comment}");
+        let _ = write!(text, "\n\n{}", clipped(&comment));
     }
     match declared {
         Declared::Slot(slot) => {
@@ -127,7 +130,7 @@ fn list<'t>(set: &Set, heading: &str, transitions: impl Iterator<Item = &'t Tran
             break;
         }
         let words: Vec<&str> = set.source(transition.span).split_whitespace().collect();
-        lines.push(words.join(" "));
+        lines.push(clipped_line(&words.join(" ")));
     }
     if lines.is_empty() {
         return String::new();
@@ -168,12 +171,21 @@ fn fenced(source: &str) -> String {
     format!("```esm\n{source}\n```")
 }
 
+/// As much of a text as anybody reads.
 fn clipped(text: &str) -> String {
-    let mut lines: Vec<&str> = text.lines().take(MAX_LINES).collect();
+    let mut lines: Vec<String> = text.lines().take(MAX_LINES).map(clipped_line).collect();
     if text.lines().nth(MAX_LINES).is_some() {
-        lines.push("…");
+        lines.push("…".to_owned());
     }
     lines.join("\n")
+}
+
+fn clipped_line(line: &str) -> String {
+    let mut clipped: String = line.chars().take(MAX_CHARACTERS).collect();
+    if line.chars().nth(MAX_CHARACTERS).is_some() {
+        clipped.push('…');
+    }
+    clipped
 }
 
 /// Where the statement around a byte starts: behind the `;` or brace before it, and behind comments.

@@ -25,7 +25,6 @@ use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::io::{self, BufReader, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, SyncSender};
-use std::time::Duration;
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
 use lsp_types::Position;
@@ -35,7 +34,6 @@ use serde_json::{Value, json};
 
 use crate::lang::{self, Code, Diagnostic, MAX_FILE_BYTES, Severity, format};
 use crate::model::Span;
-use crate::schedule::Outcome;
 use rename::{Places, Refusal};
 use sets::{Document, Documents, Set, uri_of};
 use text::{Encoding, Text};
@@ -46,9 +44,6 @@ const MESSAGES_AHEAD: usize = 256;
 
 /// How many diagnostics a file is shown with.
 const MAX_SHOWN_DIAGNOSTICS: usize = 1_000;
-
-/// How long start times of slots are searched for. Where that does not suffice nothing is said about them.
-const LAY_OUT_LIMIT: Duration = Duration::from_millis(200);
 
 /// How the editor ended the conversation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -427,7 +422,8 @@ impl Server {
                 if sets.iter().any(|set| set.file(identity).is_some()) {
                     continue;
                 }
-                let set = Set::of_document(identity, document, &open, self.encoding());
+                let mut set = Set::of_document(identity, document, &open, self.encoding());
+                set.lay_out();
                 sets.retain(|other| match other.identities.first() {
                     Some(first) => set.file(first).is_none(),
                     None => false,
@@ -481,7 +477,7 @@ impl Server {
                     continue;
                 };
                 let list = found.entry(identity.to_owned()).or_default();
-                let value = self.diagnostic(set, &diagnostic, range);
+                let value = self.diagnostic(set, diagnostic, range);
                 // Two sets that share a file may say the same of it.
                 if list.len() < MAX_SHOWN_DIAGNOSTICS && (sets.len() == 1 || !list.contains(&value))
                 {
@@ -795,14 +791,11 @@ struct Everywhere {
 }
 
 /// What is wrong with a set, as it is shown: of files that are used by others, nothing is said about what these leave unused.
-fn diagnostics(set: &Set) -> Vec<Diagnostic> {
-    let mut checked = set.checked.clone();
-    if !checked.has_errors() && checked.solve_slots(LAY_OUT_LIMIT) == Some(Outcome::Undecided) {
-        checked = set.checked.clone();
-    }
-    let mut diagnostics = checked.diagnostics;
-    diagnostics.retain(|it| it.code != Code::W107 || it.span.file == 0);
-    diagnostics
+fn diagnostics(set: &Set) -> impl Iterator<Item = &Diagnostic> {
+    set.checked
+        .diagnostics
+        .iter()
+        .filter(|it| it.code != Code::W107 || it.span.file == 0)
 }
 
 /// What tells a document from others.

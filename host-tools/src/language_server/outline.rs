@@ -8,6 +8,12 @@ use crate::model::Span;
 
 use super::sets::{Set, end_of_item};
 
+/// How many declarations of one kind in one body are outlined.
+const MAX_SYMBOLS: usize = 1_000;
+
+/// How many bodies and comments can be folded.
+const MAX_FOLDS: usize = 20_000;
+
 /// What a name is declared as.
 #[derive(Clone, Copy)]
 pub(super) enum Declared<'t> {
@@ -96,9 +102,9 @@ pub(super) fn symbols(set: &Set, file: u32) -> Vec<DocumentSymbol> {
         return Vec::new();
     };
     let mut symbols: Vec<DocumentSymbol> = Vec::new();
-    let tasks = tree.tasks.iter().filter_map(|task| {
+    let tasks = tree.tasks.iter().take(MAX_SYMBOLS).filter_map(|task| {
         let mut inside = ports(set, &task.flags, &task.data);
-        inside.extend(task.params.iter().filter_map(|param| {
+        inside.extend(task.params.iter().take(MAX_SYMBOLS).filter_map(|param| {
             symbol(set, param.name?, param.span, SymbolKind::CONSTANT, "param")
         }));
         with_body(
@@ -111,43 +117,54 @@ pub(super) fn symbols(set: &Set, file: u32) -> Vec<DocumentSymbol> {
         )
     });
     symbols.extend(tasks);
-    let containers = tree.containers.iter().filter_map(|container| {
-        let mut inside: Vec<DocumentSymbol> = container
-            .events
-            .iter()
-            .filter_map(|event| {
-                let name = event.name?;
-                symbol(set, name, name.0, SymbolKind::EVENT, "event")
-            })
-            .collect();
-        inside.extend(ports(set, &container.flags, &container.data));
-        inside.extend(container.regions.iter().filter_map(|region| {
-            let states = region.states.iter().filter_map(|state| {
-                let (kind, word) = match state.kind {
-                    StateKind::Simple => (SymbolKind::ENUM_MEMBER, "state"),
-                    StateKind::Task { .. } => (SymbolKind::FUNCTION, "task state"),
-                    StateKind::Super { .. } => (SymbolKind::CLASS, "superstate"),
-                };
-                symbol(set, state.name?, state.span, kind, word)
-            });
-            with_body(
-                set,
-                region.name?,
-                region.span,
-                SymbolKind::NAMESPACE,
-                "region",
-                states.collect(),
-            )
-        }));
-        let (kind, word) = if container.is_machine {
-            (SymbolKind::MODULE, "machine")
-        } else {
-            (SymbolKind::CLASS, "container")
-        };
-        with_body(set, container.name?, container.span, kind, word, inside)
-    });
+    let containers = tree
+        .containers
+        .iter()
+        .take(MAX_SYMBOLS)
+        .filter_map(|container| {
+            let mut inside: Vec<DocumentSymbol> = container
+                .events
+                .iter()
+                .take(MAX_SYMBOLS)
+                .filter_map(|event| {
+                    let name = event.name?;
+                    symbol(set, name, name.0, SymbolKind::EVENT, "event")
+                })
+                .collect();
+            inside.extend(ports(set, &container.flags, &container.data));
+            inside.extend(
+                container
+                    .regions
+                    .iter()
+                    .take(MAX_SYMBOLS)
+                    .filter_map(|region| {
+                        let states = region.states.iter().take(MAX_SYMBOLS).filter_map(|state| {
+                            let (kind, word) = match state.kind {
+                                StateKind::Simple => (SymbolKind::ENUM_MEMBER, "state"),
+                                StateKind::Task { .. } => (SymbolKind::FUNCTION, "task state"),
+                                StateKind::Super { .. } => (SymbolKind::CLASS, "superstate"),
+                            };
+                            symbol(set, state.name?, state.span, kind, word)
+                        });
+                        with_body(
+                            set,
+                            region.name?,
+                            region.span,
+                            SymbolKind::NAMESPACE,
+                            "region",
+                            states.collect(),
+                        )
+                    }),
+            );
+            let (kind, word) = if container.is_machine {
+                (SymbolKind::MODULE, "machine")
+            } else {
+                (SymbolKind::CLASS, "container")
+            };
+            with_body(set, container.name?, container.span, kind, word, inside)
+        });
     symbols.extend(containers);
-    let slots = tree.slots.iter().filter_map(|slot| {
+    let slots = tree.slots.iter().take(MAX_SYMBOLS).filter_map(|slot| {
         let number = Name(slot.number?.span);
         symbol(set, number, slot.span, SymbolKind::NUMBER, "slot")
     });
@@ -159,9 +176,11 @@ pub(super) fn symbols(set: &Set, file: u32) -> Vec<DocumentSymbol> {
 fn ports(set: &Set, flags: &[tree::Flag], data: &[tree::DataPort]) -> Vec<DocumentSymbol> {
     let flags = flags
         .iter()
+        .take(MAX_SYMBOLS)
         .filter_map(|flag| symbol(set, flag.name?, flag.span, SymbolKind::BOOLEAN, "flag"));
     let data = data
         .iter()
+        .take(MAX_SYMBOLS)
         .filter_map(|port| symbol(set, port.name?, port.span, SymbolKind::FIELD, "data"));
     flags.chain(data).collect()
 }
@@ -260,5 +279,6 @@ pub(super) fn folding(set: &Set, file: u32) -> Vec<FoldingRange> {
         }
     }
     ranges.sort_by_key(|range| (range.start_line, range.end_line));
+    ranges.truncate(MAX_FOLDS);
     ranges
 }

@@ -3,13 +3,18 @@
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use crate::lang::lexer::{Lexer, TokenKind as T};
-use crate::lang::{self, Checked};
+use crate::lang::{self, Checked, Code};
 use crate::model::Span;
+use crate::schedule::Outcome;
 
 use super::text::{Encoding, Text};
 use super::uri;
+
+/// How long start times of slots are searched for. Where that does not suffice nothing is said about them.
+const LAY_OUT_LIMIT: Duration = Duration::from_millis(200);
 
 /// How many files of the folders are looked into for uses of a name.
 const MAX_NEIGHBOURS: usize = 500;
@@ -80,6 +85,17 @@ impl Set {
             checked,
             identities,
             encoding,
+        }
+    }
+
+    /// Adds what there is to say about start times of the slots, where that is found out soon.
+    pub(super) fn lay_out(&mut self) {
+        if !self.checked.has_errors()
+            && self.checked.solve_slots(LAY_OUT_LIMIT) == Some(Outcome::Undecided)
+        {
+            // A longer search may find them: `esm check` says.
+            let diagnostics = &mut self.checked.diagnostics;
+            diagnostics.retain(|diagnostic| diagnostic.code != Code::E011);
         }
     }
 
