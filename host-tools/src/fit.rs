@@ -54,9 +54,7 @@ pub fn compile_to_fit(
     };
     let exceeded: Vec<Diagnostic> = board
         .map(|board| {
-            needs(&verified, &board.capacities)
-                .into_iter()
-                .filter(|need| need.needed > need.available)
+            exceeded(&verified, board)
                 .map(|need| too_much(model, &verified.tables(), board.name, need))
                 .collect()
         })
@@ -68,43 +66,80 @@ pub fn compile_to_fit(
     Ok(fits.then_some(verified))
 }
 
+/// What of a board a mission exceeds, a sentence each: for those who do not ask for that board.
+pub fn shortages(verified: &Verified<Vec<u8>>, board: &Board) -> Vec<String> {
+    exceeded(verified, board)
+        .map(|need| Shortage::of(need).message(board.name))
+        .collect()
+}
+
+fn exceeded(verified: &Verified<Vec<u8>>, board: &Board) -> impl Iterator<Item = Need> {
+    needs(verified, &board.capacities)
+        .into_iter()
+        .filter(|need| need.needed > need.available)
+}
+
+/// A capacity that is exceeded, in words.
+struct Shortage {
+    need: Need,
+    what: &'static str,
+    hint: &'static str,
+}
+
+impl Shortage {
+    fn of(need: Need) -> Self {
+        let (what, hint) = match need.what {
+            Capacity::BlobBytes => (
+                "bytes of blob",
+                "leave the names out (`esm build --strip`), and use one container several times where there are copies of it",
+            ),
+            Capacity::ArenaWords => (
+                "words for the interpreter",
+                "use fewer regions (two words each), fewer flags, or a shorter `queue` (half a word a place)",
+            ),
+            Capacity::Slots => ("slots", "let tasks of the same period share a slot"),
+            Capacity::TaskInstances => (
+                "task states",
+                "enter one task state from several places; each use of a container counts its task states anew",
+            ),
+            Capacity::Nets => (
+                "nets",
+                "leave out paths that nobody reads; paths that share a port are one net",
+            ),
+            Capacity::ExclusiveGroups => (
+                "exclusive groups",
+                "put tasks into one group that are never active together anyway",
+            ),
+        };
+        Shortage { need, what, hint }
+    }
+
+    /// How much of what is needed, and how much there is.
+    fn message(&self, board: &str) -> String {
+        let Need {
+            needed, available, ..
+        } = self.need;
+        format!(
+            "{needed} {} are needed, {} more than the {available} that board `{board}` has room for",
+            self.what,
+            needed.saturating_sub(available)
+        )
+    }
+}
+
 /// A capacity of a board that a mission exceeds.
 fn too_much(model: &Model, tables: &Tables<'_>, board: &str, need: Need) -> Diagnostic {
-    let (what, hint) = match need.what {
-        Capacity::BlobBytes => (
-            "bytes of blob",
-            "leave the names out (`esm build --strip`), and use one container several times where there are copies of it",
-        ),
-        Capacity::ArenaWords => (
-            "words for the interpreter",
-            "use fewer regions (two words each), fewer flags, or a shorter `queue` (half a word a place)",
-        ),
-        Capacity::Slots => ("slots", "let tasks of the same period share a slot"),
-        Capacity::TaskInstances => (
-            "task states",
-            "enter one task state from several places; each use of a container counts its task states anew",
-        ),
-        Capacity::Nets => (
-            "nets",
-            "leave out paths that nobody reads; paths that share a port are one net",
-        ),
-        Capacity::ExclusiveGroups => (
-            "exclusive groups",
-            "put tasks into one group that are never active together anyway",
-        ),
-    };
-    let Need {
-        what: capacity,
-        needed,
-        available,
-    } = need;
-    let message = format!(
-        "{needed} {what} are needed, {} more than the {available} that board `{board}` has room for",
-        needed.saturating_sub(available)
-    );
-    let place = beyond(model, tables, capacity, available as usize);
-    Diagnostic::new(Code::E012, place.unwrap_or(machine_span(model)), message)
-        .hint(format!("{hint}; or name another board with `--board`"))
+    let shortage = Shortage::of(need);
+    let place = beyond(model, tables, need.what, need.available as usize);
+    Diagnostic::new(
+        Code::E012,
+        place.unwrap_or(machine_span(model)),
+        shortage.message(board),
+    )
+    .hint(format!(
+        "{}; or name another board with `--board`",
+        shortage.hint
+    ))
 }
 
 fn machine_span(model: &Model) -> Span {

@@ -335,8 +335,11 @@ fn a_mission_that_is_too_large_for_one_board_is_built_for_another() {
         "interpreter slot 1;\nslot 1 period 100 ms duration 1 ms;\n{slots}machine M {{ region r {{ state A; initial -> A; }} }}\n"
     );
     let files = Files::new(&[("large.esm", &mission)]);
-    for command in ["check {}/large.esm", "build {}/large.esm -o {}/large.blob"] {
-        let done = files.esm(&format!("{command} --json"));
+    for (command, asked) in [
+        ("check {}/large.esm", ""),
+        ("build {}/large.esm -o {}/large.blob", " --board lm3s6965"),
+    ] {
+        let done = files.esm(&format!("{command}{asked} --json"));
         assert_eq!(done.status, Some(1), "{done:#?}");
         let told = done.json();
         assert_eq!(
@@ -354,6 +357,13 @@ fn a_mission_that_is_too_large_for_one_board_is_built_for_another() {
             assert!(done.err.contains(word), "{done:#?}");
         }
     }
+    let built = files.esm("build {}/large.esm -o {}/large.blob").good();
+    assert!(
+        built
+            .err
+            .contains("17 slots are needed, 1 more than the 16 that board `lm3s6965`"),
+        "{built:#?}"
+    );
     // A machine alone has no board.
     let scenario = Files::new(&[("large.esm", &mission), ("s.scenario", "until 100 ms\n")]);
     scenario.esm("sim {}/large.esm {}/s.scenario").good();

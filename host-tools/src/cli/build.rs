@@ -11,12 +11,14 @@ use super::file;
 use super::mission::{self, Audience};
 use crate::boards;
 use crate::compile::NameTable;
+use crate::fit;
 use crate::inspect::Counts;
 
 /// Compiles a mission to the blob that a robot takes
 ///
 /// The blob holds the machine, its schedule, data paths and parameters, and the names that traces and status need. OUT appears
-/// whole or not at all: a build that fails leaves the old file alone. A mission that needs more than the board has room for is not built.
+/// whole or not at all: a build that fails leaves the old file alone. With --board, a mission that needs more than that board has room for is
+/// not built (E012); without, it is built, and it is told where the default board has no room for it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,8 +38,8 @@ pub struct BuildArgs {
     pub output: PathBuf,
 
     /// The board that it is for, whose capacities it must not exceed
-    #[arg(long, value_name = "BOARD", default_value = boards::DEFAULT)]
-    pub board: String,
+    #[arg(long, value_name = "BOARD")]
+    pub board: Option<String>,
 
     /// What was built as one JSON object, for programs
     #[arg(long)]
@@ -58,14 +60,21 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
     } else {
         Audience::Person
     };
-    let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
+    let find = |name| boards::find(name).map_err(|unknown| CommandError::Usage(unknown.into()));
+    let board = args.board.as_deref().map(find).transpose()?;
     let names = if args.strip {
         NameTable::LeftOut
     } else {
         NameTable::Kept
     };
-    let verified = mission::compiled(&args.file, Some(board), names, audience, console)?;
+    let verified = mission::compiled(&args.file, board, names, audience, console)?;
     file::write_whole(&args.output, verified.bytes(), "blob")?;
+    if board.is_none() {
+        let default = find(boards::DEFAULT)?;
+        for shortage in fit::shortages(&verified, default) {
+            console.note(&format!("note: {shortage}"));
+        }
+    }
     let counts = Counts::of(&verified);
     if args.json {
         return console.json_line(&counts);
