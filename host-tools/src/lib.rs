@@ -5,7 +5,6 @@ pub mod cli;
 pub mod compile;
 pub mod diagram;
 pub mod fit;
-
 pub mod host_board;
 pub mod inspect;
 pub mod lang;

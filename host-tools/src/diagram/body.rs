@@ -22,6 +22,8 @@ pub const HEADING_ROWS: i32 = 4;
 const REGION_NAME_ROWS: i32 = 4;
 /// Cells around the contents of a region.
 const REGION_MARGIN: i32 = 3;
+/// Cells that nets add to that, at most.
+const NETS_MARGIN: i32 = 4;
 /// How often a container is laid out with more room, when its data paths find no way, before its ports carry numbers instead.
 const WIDENINGS: i32 = 3;
 /// Cells that a loop reaches out to the right of its state.
@@ -196,7 +198,8 @@ impl<'a> Workshop<'a> {
         for (region_index, region) in container.regions.iter().enumerate() {
             parts.push(self.region(container, region_index, region, levels, room, &numbers)?);
         }
-        let margin = REGION_MARGIN + room;
+        // Nets run between regions.
+        let margin = REGION_MARGIN + (nets.len() as i32 / 2).min(NETS_MARGIN) + room;
         let sizes: Vec<Spot> = parts
             .iter()
             .map(|(part, size)| {

@@ -7,6 +7,8 @@ use super::grid::{Area, Spot};
 
 /// Width of a page divided by its height (A4, ISO 216), either way up.
 const PAGE: f64 = std::f64::consts::SQRT_2;
+/// How much smaller an upright page may show a container before a lying one is preferred.
+const UPRIGHT: f64 = 1.15;
 /// Band widths tried.
 const TRIALS: i32 = 40;
 
@@ -48,8 +50,10 @@ pub fn pack(sizes: &[Spot], least: Spot) -> Packing {
                 f64::from(width.max(least[0])),
                 f64::from(height.max(least[1])),
             );
-            // The side of the page that it needs, whichever way up.
-            let cost = (width / PAGE).max(height).min(width.max(height / PAGE));
+            // The short side of the page that it needs, whichever way up. Pages that lie fit screens and books better.
+            let cost = (width / PAGE)
+                .max(height)
+                .min(UPRIGHT * width.max(height / PAGE));
             (cost, is_turned, bands)
         })
         .min_by(|one, other| one.0.total_cmp(&other.0));

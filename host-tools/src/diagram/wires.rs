@@ -469,19 +469,25 @@ impl Search {
         let (Some(start), Some(bounds)) = (board.index(terminal.at), bounds) else {
             return Err(NoWay::Narrow);
         };
-        let ahead = |point: usize| {
-            let [column, row] = board.spot(point);
-            let outside = |value: i32, least: i32, greatest: i32| {
-                (least - value).max(value - greatest).max(0) as u32
+        // What is left at least: the distance to the goals, and a bend where they are not straight ahead.
+        let ahead = |state: usize| {
+            let [column, row] = board.spot(state / 4);
+            let (to_left, to_right) = (column - bounds.right, bounds.left - column);
+            let (upwards, downwards) = (row - bounds.bottom, bounds.top - row);
+            let (across, along) = (to_left.max(to_right).max(0), upwards.max(downwards).max(0));
+            let is_ahead = match HEADINGS[state % 4] {
+                Heading::Right => along == 0 && to_left <= 0,
+                Heading::Left => along == 0 && to_right <= 0,
+                Heading::Down => across == 0 && upwards <= 0,
+                Heading::Up => across == 0 && downwards <= 0,
             };
-            STEP * (outside(column, bounds.left, bounds.right)
-                + outside(row, bounds.top, bounds.bottom))
+            STEP * (across + along) as u32 + if is_ahead { 0 } else { BEND }
         };
         let first = 4 * start + terminal.heading as usize;
         let mut waiting = BinaryHeap::new();
         self.seen[first] = self.round;
         self.cost[first] = 0;
-        waiting.push(Reverse((ahead(start), 0_u32, first)));
+        waiting.push(Reverse((ahead(first), 0_u32, first)));
         while let Some(Reverse((_, cost, state))) = waiting.pop() {
             if self.cost[state] < cost {
                 continue;
@@ -524,7 +530,11 @@ impl Search {
                 self.seen[next_state] = self.round;
                 self.cost[next_state] = next_cost;
                 self.came_from[next_state] = heading as u8;
-                waiting.push(Reverse((next_cost + ahead(next), next_cost, next_state)));
+                waiting.push(Reverse((
+                    next_cost + ahead(next_state),
+                    next_cost,
+                    next_state,
+                )));
             }
         }
         Err(NoWay::Narrow)
