@@ -215,7 +215,7 @@ fn hold(name: &str, least: usize) {
 
 #[test]
 fn wrong_files_are_told_what_is_wrong_and_nothing_else() {
-    hold("wrong", 250);
+    hold("wrong", 480);
 }
 
 #[test]

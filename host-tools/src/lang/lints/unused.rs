@@ -148,7 +148,8 @@ impl Users {
                         .iter()
                         .any(|region| region.body || region.states.iter().any(|state| state.kind))
             });
-        let has_broken_slot = has_broken_slot(trees);
+        // The interpreter that is missing would have one of them.
+        let has_broken_slot = has_broken_slot(trees) || model.interpreter_slot.is_none();
         let mut users = Users {
             slots: vec![may_hide_states || holes.slots || has_broken_slot; model.slots.len()],
             tasks: model
