@@ -168,7 +168,7 @@ impl Diagnostic {
         Diagnostic {
             code,
             span,
-            message: message.into(),
+            message: visible(message.into()),
             hint: None,
             related: Vec::new(),
         }
@@ -177,14 +177,14 @@ impl Diagnostic {
     /// The same with a hint.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
-        self.hint = Some(hint.into());
+        self.hint = Some(visible(hint.into()));
         self
     }
 
     /// The same with one more related place.
     #[must_use]
     pub fn related(mut self, span: Span, what: impl Into<String>) -> Self {
-        self.related.push((span, what.into()));
+        self.related.push((span, visible(what.into())));
         self
     }
 
@@ -200,6 +200,22 @@ impl Diagnostic {
             None => self.message.clone(),
         }
     }
+}
+
+/// The text with control characters spelt out: what a file says must not steer the terminal of whoever reads a message about it.
+fn visible(text: String) -> String {
+    if !text.contains(char::is_control) {
+        return text;
+    }
+    let mut visible = String::with_capacity(text.len());
+    for character in text.chars() {
+        if character.is_control() {
+            visible.extend(character.escape_default());
+        } else {
+            visible.push(character);
+        }
+    }
+    visible
 }
 
 /// The most diagnostics that one set of files gets. More than anybody reads, and few enough for megabytes of garbage.
@@ -225,6 +241,13 @@ impl Sink {
         } else {
             self.omitted += 1;
         }
+    }
+
+    /// Counts an error whose message nobody will see, where no more is kept. Returns whether that is so: it then need not be put into words.
+    pub(super) fn omits_error(&mut self) -> bool {
+        let is_full = self.errors.len() >= MAX_DIAGNOSTICS;
+        self.omitted += usize::from(is_full);
+        is_full
     }
 
     /// Whether an error has come.

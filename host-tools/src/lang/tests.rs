@@ -1429,3 +1429,15 @@ fn of_a_long_line_what_is_near_is_shown() {
     assert!(rendered.contains("task T { flag }"), "{rendered}");
     assert!(rendered.lines().all(|line| line.len() < 400), "{rendered}");
 }
+
+#[test]
+fn what_a_file_says_does_not_steer_the_terminal() {
+    let text = "use \"\u{1b}[2J\u{7}.esm\";\n";
+    let checked = load_text("t.esm", text);
+    let [found] = &checked.diagnostics[..] else {
+        panic!("{}", checked.render(false));
+    };
+    let said = "cannot read `\\u{1b}[2J\\u{7}.esm`";
+    assert!(found.message.starts_with(said), "{}", found.message);
+    assert!(!checked.render(false).contains(['\u{1b}', '\u{7}']));
+}

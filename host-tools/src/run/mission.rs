@@ -7,7 +7,7 @@ use esm_core::Verified;
 use rt_firmware::link::message::LinkError;
 
 use crate::link_client::error::refusal_with_names;
-use crate::trace::directory::{Directory, NoNames};
+use crate::trace::directory::{Directory, NoDirectory};
 
 /// A mission that a robot can be given.
 #[derive(Clone, Debug)]
@@ -32,8 +32,8 @@ impl Mission {
     /// Takes a mission that was compiled, or that a robot was asked for. `file` stands for it in messages.
     ///
     /// # Errors
-    /// [`NoNames`] where the blob was built without them.
-    pub fn new(file: &Path, verified: Verified<Vec<u8>>) -> Result<Self, NoNames> {
+    /// See [`NoDirectory`].
+    pub fn new(file: &Path, verified: Verified<Vec<u8>>) -> Result<Self, NoDirectory> {
         let tables = verified.tables();
         let directory = Arc::new(Directory::of(&tables)?);
         let task_names = tables

@@ -33,10 +33,21 @@ pub struct Directory {
     interpreter_period_us: u32,
 }
 
-/// The blob was built without its names, so that nothing can be said about what it does.
+/// The most bytes of the paths of all states. Superstates that are nested thousands deep have paths that long that no trace of them can be read.
+pub const MAX_PATH_BYTES: usize = 64 << 20;
+
+/// Why nothing can be said about what a blob does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("the blob was built without names: build it again with them")]
-pub struct NoNames;
+pub enum NoDirectory {
+    /// It was built without its names.
+    #[error("the blob was built without names: build it again with them")]
+    NoNames,
+    /// The paths of its states have more than [`MAX_PATH_BYTES`].
+    #[error(
+        "the paths of all its states take more than {MAX_PATH_BYTES} bytes: nest superstates less deep, or give what is nested shorter names"
+    )]
+    PathsTooLong,
+}
 
 /// A region instance.
 #[derive(Clone, Debug)]
@@ -165,8 +176,8 @@ impl Directory {
     /// Reads the tables of a blob.
     ///
     /// # Errors
-    /// If the blob has no names.
-    pub fn of(tables: &Tables<'_>) -> Result<Self, NoNames> {
+    /// See [`NoDirectory`].
+    pub fn of(tables: &Tables<'_>) -> Result<Self, NoDirectory> {
         let names = TemplateNames::of(tables)?;
         let mut directory = Directory {
             tasks: vec![
@@ -184,10 +195,16 @@ impl Directory {
                 .map_or(0, |slot| slot.period_us),
             ..Directory::default()
         };
+        let mut path_bytes = 0_usize;
         for region in 0..tables.region_instance_count() {
+            let bytes = directory.path_bytes(tables, &names, region);
+            path_bytes = path_bytes.saturating_add(bytes.ok_or(NoDirectory::NoNames)?);
+            if path_bytes > MAX_PATH_BYTES {
+                return Err(NoDirectory::PathsTooLong);
+            }
             let entry = directory
                 .region_entry(tables, &names, region)
-                .ok_or(NoNames)?;
+                .ok_or(NoDirectory::NoNames)?;
             for (local, state) in entry.locals.iter().enumerate() {
                 let id = StateId { region, local };
                 directory.by_path.insert(state.path.clone(), id);
@@ -203,6 +220,28 @@ impl Directory {
     }
 
     /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
+    /// Bytes of the paths of a region instance and its states, before they are made.
+    fn path_bytes(
+        &self,
+        tables: &Tables<'_>,
+        names: &TemplateNames,
+        index: usize,
+    ) -> Option<usize> {
+        let region = tables.region_instance(index)?;
+        let instance = tables.instance(region.instance)?;
+        let owner = (region.instance != 0)
+            .then(|| self.state_at(instance.parent.0, instance.parent.1))
+            .flatten();
+        let outline = names.regions.get(tables.region_of_state(region.initial))?;
+        let around = owner.and_then(|owner| self.state(owner));
+        let path = around.map_or(0, |owner| owner.path.len() + 1) + outline.name.len();
+        let own = outline
+            .states
+            .iter()
+            .map(|state| path + 1 + state.name.len());
+        Some(path + own.sum::<usize>())
+    }
+
     fn region_entry(
         &self,
         tables: &Tables<'_>,
@@ -398,9 +437,9 @@ struct StateNames {
 }
 
 impl TemplateNames {
-    fn of(tables: &Tables<'_>) -> Result<Self, NoNames> {
-        let mut table = tables.names().ok_or(NoNames)?;
-        let mut next = || table.next().map(text).ok_or(NoNames);
+    fn of(tables: &Tables<'_>) -> Result<Self, NoDirectory> {
+        let mut table = tables.names().ok_or(NoDirectory::NoNames)?;
+        let mut next = || table.next().map(text).ok_or(NoDirectory::NoNames);
         let containers: Vec<Container> = tables.containers().collect();
         let regions: Vec<Region> = tables.regions().collect();
         let events = (0..tables.event_count())
@@ -587,4 +626,38 @@ fn flag(port: Port<'_>) -> Option<FlagEntry> {
 /// Names in a verified blob are ASCII identifiers.
 fn text(name: &[u8]) -> String {
     String::from_utf8_lossy(name).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    /// A machine with superstates nested `levels` deep, compiled.
+    fn nested(levels: usize) -> Vec<u8> {
+        let name = "x".repeat(100);
+        let mut text = "interpreter slot 1; slot 1 period 10 ms duration 1 ms;\n\
+            container C0 { region r { state S; initial -> S; S -> final; } }\n"
+            .to_owned();
+        for level in 0..levels {
+            let inside =
+                format!("super {name}: C{level}; initial -> {name}; {name} -> final on *;");
+            text += &format!("container C{} {{ region r {{ {inside} }} }}\n", level + 1);
+        }
+        text += &format!(
+            "machine M {{ region r {{ super S: C{levels}; initial -> S; S -> S on *; }} }}"
+        );
+        let mut checked = crate::lang::load_text("nested.esm", &text);
+        let schedule = checked.lay_out(Duration::from_secs(1)).unwrap();
+        crate::compile::compile(&checked.model.unwrap(), &schedule.starts_us).unwrap()
+    }
+
+    #[test]
+    fn paths_without_end_are_refused_before_they_are_made() {
+        for (levels, expected) in [(10, None), (1_000, Some(NoDirectory::PathsTooLong))] {
+            let verified = esm_core::verify(nested(levels)).unwrap();
+            assert_eq!(Directory::of(&verified.tables()).err(), expected);
+        }
+    }
 }

@@ -267,6 +267,9 @@ impl<'t, 's> Parser<'t, 's> {
         if self.is_told() {
             return;
         }
+        if self.sink.omits_error() {
+            return self.report_nothing_here();
+        }
         let mut diagnostic = Diagnostic::new(
             Code::E001,
             self.here(),
