@@ -18,7 +18,7 @@ use crate::schedule::Schedule;
 /// E012, and then there is no blob; nor is there one where the files have errors.
 ///
 /// # Errors
-/// A defect of this program: the files are right, and no blob could be made of them.
+/// The machine has nothing to run; or a defect of this program: the files are right, and no blob could be made of them.
 pub fn compile_to_fit(
     checked: &mut Checked,
     schedule: &Schedule,

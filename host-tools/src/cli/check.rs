@@ -9,7 +9,7 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::mission::{self, Audience};
 use crate::boards;
-use crate::compile::NameTable;
+use crate::compile::{NameTable, machine_without_regions};
 use crate::lang::Severity;
 
 /// Says what is wrong with a mission: every error and warning at once
@@ -51,7 +51,13 @@ pub struct CheckArgs {
 pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandError> {
     let board = boards::find(&args.board).map_err(|unknown| CommandError::Usage(unknown.into()))?;
     let mut checked = mission::read(&args.file)?;
-    mission::lay_out_and_compile(&mut checked, Some(board), NameTable::Kept)?;
+    let is_empty = |model| machine_without_regions(model).is_some();
+    if checked.model.as_ref().is_some_and(is_empty) {
+        // Nothing is wrong with it; there is just nothing to compile.
+        checked.lay_out(mission::LAY_OUT_LIMIT);
+    } else {
+        mission::lay_out_and_compile(&mut checked, Some(board), NameTable::Kept)?;
+    }
     let audience = if args.json {
         Audience::Program
     } else {

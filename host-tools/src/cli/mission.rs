@@ -11,7 +11,7 @@ use esm_core::Verified;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use crate::boards::Board;
-use crate::compile::NameTable;
+use crate::compile::{CompileError, NameTable};
 use crate::fit;
 use crate::lang::{self, Checked, Code, Folded};
 use crate::trace::directory::Directory;
@@ -130,7 +130,7 @@ pub fn compiled(
 /// What is wrong is added to `checked`.
 ///
 /// # Errors
-/// If this program has a defect.
+/// If the machine has nothing to run, or this program has a defect.
 pub fn lay_out_and_compile(
     checked: &mut Checked,
     board: Option<&Board>,
@@ -146,10 +146,11 @@ pub fn lay_out_and_compile(
     {
         return Ok(None);
     }
-    fit::compile_to_fit(checked, &schedule, board, names).map_err(|defect| {
-        CommandError::Input(anyhow!(
+    fit::compile_to_fit(checked, &schedule, board, names).map_err(|reason| match reason {
+        nothing @ CompileError::NothingToRun { .. } => CommandError::Input(nothing.into()),
+        defect => CommandError::Input(anyhow!(
             "no blob could be made of files without errors, which is a defect of esm itself: please report them and this reason: {defect}"
-        ))
+        )),
     })
 }
 

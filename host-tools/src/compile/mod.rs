@@ -22,7 +22,7 @@ mod tests;
 use esm_core::format::{self, Envelope, Section};
 use esm_core::{Cause, Refusal};
 
-use crate::model::{Model, Span};
+use crate::model::{Container, Model, Span};
 
 /// Why a model cannot become a blob.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -33,6 +33,14 @@ pub enum CompileError {
     /// The set of files does not say which slot runs the interpreter.
     #[error("no slot runs the interpreter: add `interpreter slot N;`")]
     NoInterpreterSlot,
+    /// The machine has no region: nothing is wrong with it, and there is nothing to run.
+    #[error(
+        "machine `{machine}` has no region, so there is nothing to run: give it one, `region main {{ state Idle; initial -> Idle; }}`"
+    )]
+    NothingToRun {
+        /// Name of the machine.
+        machine: String,
+    },
     /// Not as many start times as slots.
     #[error("{starts} start times were given for {slots} slots: give one for each")]
     StartTimes {
@@ -225,6 +233,12 @@ pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError
     compile_with(model, starts_us, NameTable::Kept)
 }
 
+/// The machine, if it has no region. Nothing is wrong with it, and no blob holds it.
+pub fn machine_without_regions(model: &Model) -> Option<&Container> {
+    let machine = model.containers.get(model.machine?)?;
+    machine.regions.is_empty().then_some(machine)
+}
+
 /// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in microseconds, in the order of
 /// [`Model::slots`].
 ///
@@ -239,6 +253,11 @@ pub fn compile_with(
     let interpreter_slot = model
         .interpreter_slot
         .ok_or(CompileError::NoInterpreterSlot)?;
+    if let Some(machine) = machine_without_regions(model) {
+        return Err(CompileError::NothingToRun {
+            machine: machine.name.clone(),
+        });
+    }
     if starts_us.len() != model.slots.len() {
         return Err(CompileError::StartTimes {
             slots: model.slots.len(),

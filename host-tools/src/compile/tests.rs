@@ -1040,3 +1040,13 @@ fn jumps_stay_inside_their_guard() {
     }
     assert!(jumps > 0);
 }
+
+#[test]
+fn a_machine_without_regions_has_nothing_to_run() {
+    let text = "interpreter slot 1; slot 1 period 10 ms duration 1 ms; machine M { event E; }";
+    let checked = crate::lang::load_text("m.esm", text);
+    assert!(!checked.has_errors(), "the grammar allows it");
+    let error = super::compile(&checked.model.unwrap(), &[0]).unwrap_err();
+    assert!(matches!(&error, CompileError::NothingToRun { machine } if machine == "M"));
+    assert!(error.to_string().contains("give it one"), "{error}");
+}
