@@ -13,8 +13,42 @@ use crate::random::Random;
 use crate::reference;
 use crate::scenario::{Action, Entry, Scenario};
 
-/// No machine has more container instances, so that a run stays short.
-const MAX_INSTANCES: usize = 160;
+/// How large a machine and its scenario become at most.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    /// Container instances, so that a run stays short.
+    instances: usize,
+    /// Containers of most machines.
+    containers: usize,
+    /// Containers of a machine in which they are nested deeply.
+    nested: usize,
+    /// Regions of a container.
+    regions: usize,
+    /// States of a region.
+    states: usize,
+    /// Macro steps of a scenario.
+    steps: usize,
+}
+
+/// Machines in which all that belongs together meets, in numbers.
+pub const FULL: Size = Size {
+    instances: 160,
+    containers: 5,
+    nested: 30,
+    regions: 4,
+    states: 5,
+    steps: 60,
+};
+
+/// Machines of which many a second can be made and run, as a fuzzer wants them.
+pub const SMALL: Size = Size {
+    instances: 16,
+    containers: 3,
+    nested: 6,
+    regions: 2,
+    states: 4,
+    steps: 20,
+};
 
 /// Control flags, events and so on draw their names from small pools, so that one name means different things in different places.
 const FLAG_NAMES: [&str; 5] = ["near", "far", "ready", "us", "f32"];
@@ -51,13 +85,14 @@ enum Kind {
 
 /// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
 pub fn machine(seed: u64) -> String {
-    machine_of(&mut Random::new(seed))
+    machine_of(&mut Random::new(seed), FULL)
 }
 
 /// The text of the machine that a source of random numbers decides on.
-pub fn machine_of(random: &mut Random) -> String {
+pub fn machine_of(random: &mut Random, size: Size) -> String {
     Writer {
         random,
+        size,
         text: String::new(),
         tasks: Vec::new(),
         containers: Vec::new(),
@@ -68,6 +103,7 @@ pub fn machine_of(random: &mut Random) -> String {
 
 struct Writer<'r> {
     random: &'r mut Random,
+    size: Size,
     text: String,
     tasks: Vec<Task>,
     /// In the order of the file; each uses only those before it.
@@ -97,12 +133,12 @@ impl Writer<'_> {
             self.line(format_args!("  out data value: Sample;"));
             self.line(format_args!("}}"));
         }
-        let containers = if self.random.chance(5) {
-            30
+        let deep = self.random.chance(5);
+        let containers = if deep {
+            self.size.nested
         } else {
-            self.random.below(6)
+            self.random.between(0, self.size.containers)
         };
-        let deep = containers == 30;
         for index in 0..containers {
             self.write_container(format!("Part{index}"), false, deep);
         }
@@ -237,7 +273,7 @@ impl Writer<'_> {
         self.write_flags(&flags);
 
         let mut instances = 1;
-        let regions = self.random.between(1, 4);
+        let regions = self.random.between(1, self.size.regions);
         let mut task_states = Vec::new();
         for region in 0..regions {
             self.line(format_args!("  region r{region} {{"));
@@ -275,7 +311,7 @@ impl Writer<'_> {
     /// Writes the states of a region. Each comes back with whether it is a task state.
     fn write_states(&mut self, must_nest: bool, instances: &mut usize) -> Vec<(Kind, bool)> {
         let mut states = Vec::new();
-        for state in 0..self.random.between(1, 5) {
+        for state in 0..self.random.between(1, self.size.states) {
             let timeout = match self.random.below(10) {
                 // Limits near small multiples of the period, where "strictly above" matters.
                 0..=2 => {
@@ -292,7 +328,9 @@ impl Writer<'_> {
             };
             let nest = (must_nest && state == 0) || self.random.chance(35);
             let fitting: Vec<usize> = (0..self.containers.len())
-                .filter(|&index| *instances + self.containers[index].instances <= MAX_INSTANCES)
+                .filter(|&index| {
+                    *instances + self.containers[index].instances <= self.size.instances
+                })
                 .collect();
             let chosen = if must_nest && state == 0 {
                 fitting.last().copied()
@@ -479,13 +517,13 @@ impl Writer<'_> {
     }
 }
 
-/// A random scenario for a machine: up to 60 macro steps, changes at and between them, in no order of time.
+/// A random scenario for a machine: some macro steps, changes at and between them, in no order of time.
 pub fn scenario(seed: u64, model: &Model) -> Scenario {
-    scenario_of(&mut Random::new(seed ^ 0x5ce0_a210), model)
+    scenario_of(&mut Random::new(seed ^ 0x5ce0_a210), model, FULL)
 }
 
 /// The scenario for a machine that a source of random numbers decides on.
-pub fn scenario_of(random: &mut Random, model: &Model) -> Scenario {
+pub fn scenario_of(random: &mut Random, model: &Model, size: Size) -> Scenario {
     let slot_period_us = model
         .interpreter_slot
         .map_or(10_000, |slot| u64::from(model.slots[slot].period_us));
@@ -496,7 +534,7 @@ pub fn scenario_of(random: &mut Random, model: &Model) -> Scenario {
         _ => None,
     };
     let step_us = period_us.unwrap_or(slot_period_us);
-    let steps = random.between(5, 60) as u64;
+    let steps = random.between(5, size.steps) as u64;
     let mut scenario = Scenario {
         period_us,
         until_us: steps * step_us + random.below(step_us as usize) as u64,

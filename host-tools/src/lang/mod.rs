@@ -227,6 +227,18 @@ impl Checked {
                 )
                 .hint(reason.cure()),
             ),
+            Outcome::Undecided if self.slots.len() > schedule::MAX_SLOTS => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!(
+                        "there are {} slots, and more than {} are not laid out",
+                        self.slots.len(),
+                        schedule::MAX_SLOTS
+                    ),
+                )
+                .hint("let tasks share slots: one slot runs any number of them, one after another"),
+            ),
             Outcome::Undecided => Some(
                 Diagnostic::new(
                     Code::E011,

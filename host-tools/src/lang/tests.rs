@@ -821,6 +821,18 @@ fn more_time_than_there_is() {
 }
 
 #[test]
+fn too_many_slots_are_told_as_such() {
+    let text: String = (1..=schedule::MAX_SLOTS + 1)
+        .map(|number| format!("slot {number} period 4000 s duration 1 us;\n"))
+        .collect();
+    let mut checked = load_text("case.esm", &text);
+    assert_eq!(checked.lay_out(Duration::from_secs(5)), None);
+    let told: Vec<_> = checked.diagnostics.iter().map(|it| it.text()).collect();
+    let expected = "there are 4097 slots, and more than 4096 are not laid out";
+    assert!(told.len() == 1 && told[0].contains(expected), "{told:?}");
+}
+
+#[test]
 fn slots_without_a_schedule() {
     for (text, limit, expected) in [
         (

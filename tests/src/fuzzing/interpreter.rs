@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::random::Random;
+use crate::random_machine::{FULL, SMALL};
 use crate::reference::{self, Outcome};
 use crate::scenario::Scenario;
 use crate::{random_machine, subject};
@@ -11,7 +12,10 @@ use super::records::Records;
 use super::watched;
 
 /// Macro steps that a machine is run for.
-const STEPS: usize = 24;
+const STEPS: usize = 12;
+
+/// How many of all machines from source are [`SMALL`]: the others take ten times as long, and few things need them.
+const SMALL_PERCENT: usize = 95;
 
 /// Machines whose blobs are changed, by their seeds: small enough that a change hits something that matters.
 const MACHINES: u64 = 24;
@@ -37,14 +41,20 @@ pub fn interpreter(bytes: &[u8]) {
 }
 
 fn from_source(mut random: Random) {
-    let text = random_machine::machine_of(&mut random);
+    let size = if random.chance(SMALL_PERCENT) {
+        SMALL
+    } else {
+        FULL
+    };
+    let text = random_machine::machine_of(&mut random, size);
     let built = subject::build(&text).unwrap_or_else(|cause| panic!("{cause}\n{text}"));
-    let scenario = random_machine::scenario_of(&mut random, &built.model);
+    let scenario = random_machine::scenario_of(&mut random, &built.model, size);
     let expected = reference::run(&built.model, &scenario);
     let found = subject::simulate(&built.blob, &scenario)
         .unwrap_or_else(|cause| panic!("{cause}\n{text}\n{scenario}"));
     assert_same(&expected, &found, &text, &scenario);
     let verified = subject::verified(&built.blob).unwrap_or_else(|cause| panic!("{cause}"));
+    super::verifier::read_everywhere(&verified.tables());
     watched::run(verified, &mut random, STEPS);
 }
 

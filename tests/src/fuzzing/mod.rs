@@ -26,6 +26,21 @@ pub use interpreter::interpreter;
 pub use round_trip::round_trip;
 pub use verifier::verifier;
 
+/// Which of the costly laws are held for an input: the bits of a number that follows from its bytes, so that a run can be repeated.
+#[derive(Clone, Copy, Debug)]
+struct Chosen(u32);
+
+impl Chosen {
+    fn by(bytes: &[u8]) -> Self {
+        Chosen(esm_core::format::crc32(bytes))
+    }
+
+    /// True for one in `of` inputs. Different places in the number are chosen independently of each other.
+    fn one_in(self, of: u32, place: u32) -> bool {
+        (self.0 >> place).is_multiple_of(of)
+    }
+}
+
 /// A function with its seeds.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
