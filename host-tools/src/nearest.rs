@@ -8,7 +8,7 @@ const MAX_DISTANCE: usize = 8;
 
 /// The candidate nearest to `word`, if any is near enough to be worth proposing. Of several equally near ones the first.
 ///
-/// Costs at most the characters of `word` times [`MAX_DISTANCE`] for each candidate of about the same length, and far less where they differ from the
+/// Costs at most the characters of `word` times `MAX_DISTANCE` for each candidate of about the same length, and far less where they differ from the
 /// beginning on; next to nothing for the others.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let text = word;

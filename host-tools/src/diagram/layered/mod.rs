@@ -1,7 +1,7 @@
 //! Layered layout of one region: states in ranks from top to bottom, transitions in the channels between.
 //!
-//! The stages are those of Sugiyama, Tagawa and Toda, "Methods for Visual Understanding of Hierarchical System Structures" (1981): [`rank`], [`order`],
-//! [`column`], [`channel`]. Between any two ranks lies a layer for labels, so that a label is a vertex with a size, and nothing is ever led through it.
+//! The stages are those of Sugiyama, Tagawa and Toda, "Methods for Visual Understanding of Hierarchical System Structures" (1981): `rank`, `order`,
+//! `column`, `channel`. Between any two ranks lies a layer for labels, so that a label is a vertex with a size, and nothing is ever led through it.
 
 mod channel;
 mod column;

@@ -36,7 +36,7 @@ pub const STEPS_A_NODE: usize = 64;
 pub struct StateId {
     /// Index into [`Model::containers`].
     pub container: usize,
-    /// Index into [`Container::regions`].
+    /// Index into [`Container::regions`](crate::model::Container::regions).
     pub region: usize,
     /// Index into [`Region::states`].
     pub state: usize,
