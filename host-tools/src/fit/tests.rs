@@ -201,9 +201,13 @@ fn with_regions(count: usize) -> String {
     text + "}"
 }
 
+/// Long names, the last of them of a given length.
 fn with_name_of(length: usize) -> String {
-    let name = "x".repeat(length);
-    format!("{HEAD}machine M {{ region r {{ state {name}; initial -> {name}; }} }}")
+    let [a, b, c, d] = ["a", "b", "c", "d"].map(|letter| letter.repeat(800));
+    let last = "x".repeat(length);
+    format!(
+        "{HEAD}machine M {{ region r {{ state {a}; state {b}; state {c}; state {d}; state {last}; initial -> {last}; }} }}"
+    )
 }
 
 /// The blob made without regard to a board.

@@ -16,7 +16,7 @@
 //! size of the model, but for guards, where it is counted: beyond [`STEPS_A_GROUP`] and [`STEPS_A_NODE`] a guard is taken for one that
 //! can be true. Whoever warns of what is impossible then warns of less, whoever warns of what is possible of more.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use crate::model::{
     Action, Direction, Guard, Model, Region, Source, StateKind, Target, Transition, Trigger,
@@ -446,8 +446,10 @@ struct RegionSearch {
     is_reached: Vec<bool>,
     /// By [`row`]: whether it waits in the queue.
     is_queued: Vec<bool>,
-    /// By [`row`] of their sources, ascending: targets of transitions that are known no better.
-    loose: Vec<(usize, Target)>,
+    /// By [`row`]: whether all that leads on from it has been found.
+    is_done: Vec<bool>,
+    /// By [`row`] of their sources: targets of transitions that are known no better, until they have been taken.
+    loose: BTreeMap<usize, Vec<Target>>,
 }
 
 /// Who looks again when something can become true, for each container.
@@ -511,6 +513,7 @@ impl<'m> Search<'m> {
                     groups: Groups::of(region),
                     is_reached: vec![false; region.states.len() + 1],
                     is_queued: vec![false; region.states.len() + 1],
+                    is_done: vec![false; region.states.len() + 1],
                     loose: loose(holes, index, region_index),
                 });
             }
@@ -717,6 +720,7 @@ impl<'m> Search<'m> {
             return;
         };
         let mut taken = Vec::new();
+        let mut is_done = true;
         if let Some(region) = self
             .regions
             .get(place.container)
@@ -724,6 +728,8 @@ impl<'m> Search<'m> {
         {
             let holes = region_holes(self.holes, place.container, place.region);
             for group in region.groups.of_source(place.source) {
+                // Also where nothing is left to be found: a state with many transitions may be looked at often.
+                self.steps_left = self.steps_left.saturating_sub(group.len());
                 let done = self
                     .containers
                     .get(place.container)
@@ -735,11 +741,12 @@ impl<'m> Search<'m> {
                 let is_never = |atom| place.is_never(model, self.holes, &self.containers, atom);
                 self.diagrams.restart(STEPS_A_GROUP.min(self.steps_left));
                 let possible = possible(&mut self.diagrams, declared, group, holes, &is_never);
-                self.steps_left = self
-                    .steps_left
-                    .saturating_sub(self.diagrams.steps() + group.len());
+                self.steps_left = self.steps_left.saturating_sub(self.diagrams.steps());
                 match possible {
-                    Ok(possible) => taken.extend(possible),
+                    Ok(possible) => {
+                        is_done &= possible.len() == group.len();
+                        taken.extend(possible);
+                    }
                     Err(TooLarge) => taken.extend(group),
                 }
             }
@@ -750,6 +757,11 @@ impl<'m> Search<'m> {
             }
         }
         self.take_loose(place);
+        if let Some(region) = self.region_mut(place)
+            && let Some(known) = region.is_done.get_mut(row(place.source))
+        {
+            *known = is_done;
+        }
     }
 
     /// Notes that a transition can be taken, and what follows from it.
@@ -780,18 +792,10 @@ impl<'m> Search<'m> {
     }
 
     fn take_loose(&mut self, place: Place) {
-        let mut targets = Vec::new();
-        if let Some(region) = self.region_mut(place) {
-            let row = row(place.source);
-            let start = region.loose.partition_point(|(source, _)| *source < row);
-            let of_place = region.loose.iter().skip(start);
-            targets.extend(
-                of_place
-                    .take_while(|(source, _)| *source == row)
-                    .map(|(_, target)| *target),
-            );
-        }
-        for target in targets {
+        let targets = self
+            .region_mut(place)
+            .and_then(|region| region.loose.remove(&row(place.source)));
+        for target in targets.into_iter().flatten() {
             self.arrive(place, target);
         }
     }
@@ -868,6 +872,7 @@ impl<'m> Search<'m> {
         let row = row(place.source);
         if let Some(region) = self.region_mut(place)
             && region.is_reached.get(row) == Some(&true)
+            && region.is_done.get(row) != Some(&true)
             && let Some(is_queued) = region.is_queued.get_mut(row)
             && !std::mem::replace(is_queued, true)
         {
@@ -920,16 +925,16 @@ impl<'m> Search<'m> {
 }
 
 /// Transitions that are there, but not in the model, as far as both their ends are known.
-fn loose(holes: &Holes, container: usize, region: usize) -> Vec<(usize, Target)> {
-    let Some(holes) = region_holes(holes, container, region) else {
-        return Vec::new();
-    };
-    let mut loose: Vec<(usize, Target)> = holes
-        .transitions
-        .iter()
-        .filter_map(|loose| Some((row(loose.source?), loose.target?)))
-        .collect();
-    loose.sort_by_key(|(source, _)| *source);
+fn loose(holes: &Holes, container: usize, region: usize) -> BTreeMap<usize, Vec<Target>> {
+    let mut loose: BTreeMap<usize, Vec<Target>> = BTreeMap::new();
+    for transition in region_holes(holes, container, region)
+        .into_iter()
+        .flat_map(|holes| &holes.transitions)
+    {
+        if let (Some(source), Some(target)) = (transition.source, transition.target) {
+            loose.entry(row(source)).or_default().push(target);
+        }
+    }
     loose
 }
 

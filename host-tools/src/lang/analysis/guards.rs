@@ -200,11 +200,12 @@ impl Diagrams {
         if (if_so, if_not) == (Formula::ALWAYS, Formula::NEVER) {
             return Ok(condition);
         }
+        // Also for an answer that is known: whoever asks often is to come to an end.
+        self.step()?;
         let question = (condition, if_so, if_not);
         if let Some(&known) = self.chosen.get(&question) {
             return Ok(known);
         }
-        self.step()?;
         let parts = [condition, if_so, if_not];
         let Some(atom) = parts
             .into_iter()

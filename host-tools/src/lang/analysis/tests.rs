@@ -2,7 +2,11 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use proptest::prelude::*;
 
 use super::holes::Holes;
 use crate::lang::diagnostic::{Code, Sink};
@@ -293,6 +297,13 @@ fn transitions_that_compete() {
                 &["W103 2:51", "W103 2:66"],
             ),
             (
+                "with one that is not the first",
+                machine(
+                    "task A: T; state B; initial -> A; A -> B [.near]; A -> A [.far and not .near]; A -> B [.far and not .near];",
+                ),
+                &["W103 2:80"],
+            ),
+            (
                 "from initial",
                 library(
                     "state A; state B; initial -> A [^told]; initial -> B [not ^done]; initial -> A;",
@@ -424,6 +435,7 @@ fn exclusive_tasks_that_are_active_together() {
         ("outside first", "machine M { region a { task B: Right; initial -> B; } region b { super S: C; initial -> S; } }\ncontainer C { region r { task L: Left; initial -> L; } }".into(), &["W105 2:26"]),
         ("with itself", with_container("super S: C; initial -> S;", "super S: C; initial -> S;"), &["W105 2:1"]),
         ("deep inside both", format!("{}\ncontainer D {{ region r {{ super X: C; initial -> X; }} }}", with_container("super S: D; initial -> S;", "super S: D; initial -> S;")), &["W105 2:1"]),
+        ("behind two regions, in the first of them", "machine M { region a { task A: Left; super S: C; initial -> A; A -> S; } region b {\ntask B: Right; initial -> B; } }\ncontainer C { region r { task L: Left; initial -> L; } }".into(), &["W105 2:1", "W105 3:26"]),
         ("in a set without a machine", "container C { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } }".into(), &["W105 1:67"]),
         ("non-real-time", beside("task A: Left slot 0; initial -> A;", "task B: Right slot 0; initial -> B;"), &["W105 4:1"]),
         ("beside an error", beside("task A: Left; initial -> A; A -> A on G;", "task B: Right; initial -> B;"), &["E002 2:39", "W105 4:1"]),
@@ -437,6 +449,8 @@ fn exclusive_tasks_that_are_active_together() {
         ("inside and beside in one region", with_container("super S: C; task B: Right; initial -> S; S -> B;", "state X; initial -> X;"), &[]),
         ("in a container that is not used", format!("container D {{ region a {{ task A: Left; initial -> A; }} region b {{ task B: Right; initial -> B; }} }}\n{}", machine("state A; initial -> A;")), &[]),
         ("in a superstate that is never entered", with_container("super S: C; state X; initial -> X;", "task B: Right; initial -> B;"), &[]),
+        ("used twice, and once never entered", with_container("super S: C; initial -> S;", "super S: C; state X; initial -> X;"), &[]),
+        ("entered only from a container that is not used", format!("{}\ncontainer D {{ region r {{ super S: C; initial -> S; }} region q {{ super S: C; initial -> S; }} }}", with_container("super S: C; state X; initial -> X;", "super S: C; state X; initial -> X;")), &[]),
         ("in two containers of a library", "container C { region a { task A: Left; initial -> A; } }\ncontainer D { region b { task B: Right; initial -> B; } }".into(), &[]),
         ("a task that is unknown", beside("task A: Left; initial -> A;", "task B: Rihgt; initial -> B;"), &["E002 4:9"]),
         ("a transition that is unknown", beside("task A: Left; initial -> A;", "state S; task B: Right; initial -> S; S -> Bee;"), &["E002 4:44"]),
@@ -522,6 +536,7 @@ fn writers_of_one_net_that_are_active_together() {
         ("two nets joined inside", "container D { in data x: Twist; in data y: Twist; region a { task R: Reader; initial -> R; } path x, y -> R.twist; }\nmachine M { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } region c { super S: D; initial -> S; }\npath A.twist -> S.x; path B.twist -> S.y; }".into(), &["W110 3:22"]),
         ("in a set without a machine", "container D { region a { task A: Left; initial -> A; } region b { task B: Right; initial -> B; } region c { task R: Reader; initial -> R; }\npath A.twist, B.twist -> R.twist; }".into(), &["W110 2:1"]),
         ("a third one", writing("task A: Left; initial -> A;", "task B: Right; task D: Left; initial -> B; B -> D;", "path A.twist -> R.twist; path B.twist -> R.twist; path D.twist -> R.twist;"), &["W110 6:26", "W110 6:51"]),
+        ("a third one in the region of the first", writing("task A: Left; task D: Left; initial -> A; A -> D;", "task B: Right; initial -> B;", "path A.twist -> R.twist; path B.twist -> R.twist; path D.twist -> R.twist;"), &["W110 6:26", "W110 6:51"]),
         ("beside an error", writing("task A: Left; initial -> A; A -> A [.x];", "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twist;"), &["E002 2:38", "W110 6:1"]),
 
         ("in one region", writing("task A: Left; task B: Right; initial -> A; A -> B;", "state X; initial -> X;", "path A.twist, B.twist -> R.twist;"), &[]),
@@ -576,4 +591,181 @@ fn tasks_that_share_a_slot_and_are_active_together() {
             ),
         ],
     );
+}
+
+// ─── The sum of a slot, in two ways ───────────────────────────────────────────────────────────────────────────────────
+
+/// Tasks by wcet in milliseconds and `exclusive` group.
+const TASKS: [(u64, Option<&str>); 5] = [
+    (1, None),
+    (3, None),
+    (4, Some("a")),
+    (5, Some("a")),
+    (2, Some("b")),
+];
+
+/// What a state is.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    /// Index into [`TASKS`].
+    Task(usize),
+    /// An instance of an earlier container, by index.
+    Super(usize),
+}
+
+/// The states of each region of each container. The last container is the machine.
+type Nesting = Vec<Vec<Vec<Part>>>;
+
+fn nesting() -> impl Strategy<Value = Nesting> {
+    let region = prop::collection::vec((0..TASKS.len(), any::<bool>(), 0..8_usize), 1..3);
+    let container = prop::collection::vec(region, 1..3);
+    prop::collection::vec(container, 1..5).prop_map(|containers| {
+        let part = |place: usize, (task, is_task, container): (usize, bool, usize)| {
+            if is_task || place == 0 {
+                Part::Task(task)
+            } else {
+                Part::Super(container % place)
+            }
+        };
+        let containers = containers.into_iter().enumerate();
+        let containers = containers.map(|(place, regions)| {
+            let regions = regions.into_iter();
+            let regions =
+                regions.map(|states| states.into_iter().map(|it| part(place, it)).collect());
+            regions.collect()
+        });
+        containers.collect()
+    })
+}
+
+/// A set of files with such a nesting, in which every state can be entered.
+fn text_of(nesting: &Nesting) -> String {
+    let mut text = String::from(
+        "slot 1 period 1 s duration 10 ms; slot 2 period 1 s duration 9 ms; interpreter slot 1;\n",
+    );
+    for (task, (wcet, group)) in TASKS.iter().enumerate() {
+        let group = group.map_or(String::new(), |group| format!("exclusive {group}"));
+        let _ = writeln!(text, "task T{task} slot 2 wcet {wcet} ms {group} {{ }}");
+    }
+    for (place, regions) in nesting.iter().enumerate() {
+        let word = if place + 1 == nesting.len() {
+            "machine"
+        } else {
+            "container"
+        };
+        let _ = writeln!(text, "{word} C{place} {{");
+        for (region, states) in regions.iter().enumerate() {
+            let _ = writeln!(text, "region r{region} {{ initial -> S0;");
+            for (state, part) in states.iter().enumerate() {
+                let next = (state + 1) % states.len();
+                let _ = match part {
+                    Part::Task(task) => writeln!(text, "task S{state}: T{task};"),
+                    Part::Super(container) => writeln!(text, "super S{state}: C{container};"),
+                };
+                let _ = writeln!(text, "S{state} -> S{next};");
+            }
+            text += "}\n";
+        }
+        text += "}\n";
+    }
+    text
+}
+
+/// Each set of tasks that can be active together in an instance of a container.
+fn active(nesting: &Nesting, container: usize) -> Vec<Vec<usize>> {
+    let mut together: Vec<Vec<usize>> = vec![Vec::new()];
+    for states in &nesting[container] {
+        let of_region: Vec<Vec<usize>> = states
+            .iter()
+            .flat_map(|part| match *part {
+                Part::Task(task) => vec![vec![task]],
+                Part::Super(container) => active(nesting, container),
+            })
+            .collect();
+        together = together
+            .iter()
+            .flat_map(|before| of_region.iter().map(|more| [&before[..], more].concat()))
+            .collect();
+        // Only what differs: there are many ways to the same tasks.
+        for tasks in &mut together {
+            tasks.sort_unstable();
+        }
+        together.sort_unstable();
+        together.dedup();
+    }
+    together
+}
+
+/// How long tasks that are active together take at most, in milliseconds: of a group the longest alone.
+fn time_of(tasks: &[usize]) -> u64 {
+    let mut of_groups: BTreeMap<&str, u64> = BTreeMap::new();
+    let mut sum = 0;
+    for &task in tasks {
+        match TASKS[task] {
+            (wcet, None) => sum += wcet,
+            (wcet, Some(group)) => {
+                let longest = of_groups.entry(group).or_default();
+                *longest = wcet.max(*longest);
+            }
+        }
+    }
+    sum + of_groups.values().sum::<u64>()
+}
+
+proptest! {
+    #[test]
+    fn the_sum_of_a_slot_is_that_of_the_longest_tasks_that_can_be_active_together(nesting in nesting()) {
+        let text = text_of(&nesting);
+        let needed = active(&nesting, nesting.len() - 1).iter().map(|tasks| time_of(tasks)).max();
+        let expected = needed.filter(|needed| *needed > 9).map(|needed| {
+            format!("tasks that can be active together in slot 2 take up to {needed}000 us, it lasts 9000 us")
+        });
+        let checked = load_text("case.esm", &text);
+        let found: Vec<&String> =
+            checked.diagnostics.iter().filter(|found| found.code == Code::E010).map(|found| &found.message).collect();
+        prop_assert_eq!(found, Vec::from_iter(&expected), "{}", text);
+    }
+}
+
+// ─── Size ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// What takes seconds if the work grows with the square of the size takes minutes in a debug build.
+#[test]
+fn large_sets_that_ask_for_much_take_little_time() {
+    const SIZE: usize = 4_000;
+    let lines = |line: &dyn Fn(usize) -> String| (0..SIZE).map(line).collect::<String>();
+    // Flags become possible one after another, and each time the state that reads them all is looked at.
+    let flags = format!(
+        "container C {{ {} region a {{ state A; initial -> A; {} }} region b {{ initial -> S0; {} }} }}",
+        lines(&|n| format!("out flag f{n};\n")),
+        lines(&|n| format!("A -> A on X{n};\nA -> A [^f{n}];\n")),
+        lines(&|n| format!("state S{n}; S{n} -> S{} / set ^f{n};\n", (n + 1) % SIZE)),
+    );
+    // Each later transition is compared with thousands of earlier ones before one is found that it competes with.
+    let guards = machine(&format!(
+        "task A: T; state B; initial -> A; {} A -> B [.far]; {}",
+        lines(&|_| "A -> B [.near];\nA -> B [timeout];\n".into()),
+        lines(&|_| "A -> B [.far and not .near];\n".into()),
+    ));
+    // Every container has a task of every slot inside.
+    let slots = format!(
+        "{} container C0 {{ {} }} {} machine M {{ region r {{ super S: C{SIZE}; initial -> S; S -> S on *; }} }}",
+        lines(&|n| format!(
+            "slot {} period 1 s duration 1 us; task T{n} slot {} wcet 1 us {{ }}\n",
+            n + 10,
+            n + 10
+        )),
+        lines(&|n| format!("region r{n} {{ task A: T{n}; initial -> A; }}\n")),
+        lines(&|n| format!(
+            "container C{} {{ region r {{ super S: C{n}; initial -> S; }} region s {{ super S: C{n}; initial -> S; }} }}\n",
+            n + 1
+        )),
+    );
+    for (what, text) in [("flags", flags), ("guards", guards), ("slots", slots)] {
+        let started = Instant::now();
+        let checked = load_text("case.esm", &format!("{text}{REST}"));
+        assert!(!checked.diagnostics.is_empty());
+        let took = started.elapsed();
+        assert!(took < Duration::from_secs(60), "{what}: {took:?}");
+    }
 }

@@ -66,7 +66,10 @@ fn state_holes(holes: Option<&RegionHoles>, state: usize) -> StateHoles {
 
 impl Warnings<'_> {
     pub(super) fn unreachable_states(&self, sink: &mut Sink) {
-        let mut diagrams = Diagrams::default();
+        let mut reasons = Reasons {
+            diagrams: Diagrams::default(),
+            steps_left: self.possible.steps(),
+        };
         for (container, region_index, region, holes) in self.regions() {
             // What is inside a superstate that is never entered needs no report of its own.
             if !self.possible.is_live(container) {
@@ -117,8 +120,7 @@ impl Warnings<'_> {
                 });
                 for &index in leading {
                     if let Some(transition) = region.transitions.get(index) {
-                        let why =
-                            self.why_never(container, region_index, transition, &mut diagrams);
+                        let why = self.why_never(container, region_index, transition, &mut reasons);
                         diagnostic = diagnostic.related(transition.span, why);
                     }
                 }
@@ -133,7 +135,7 @@ impl Warnings<'_> {
         container: usize,
         region: usize,
         transition: &Transition,
-        diagrams: &mut Diagrams,
+        reasons: &mut Reasons,
     ) -> &'static str {
         if let Source::State(state) = transition.source
             && !self.possible.is_reachable(StateId {
@@ -154,12 +156,26 @@ impl Warnings<'_> {
                 atom,
             )
         };
-        diagrams.restart(STEPS_A_GROUP);
-        match formula(diagrams, transition, true, &is_never) {
+        let Reasons {
+            diagrams,
+            steps_left,
+        } = reasons;
+        diagrams.restart(STEPS_A_GROUP.min(*steps_left));
+        let guard = formula(diagrams, transition, true, &is_never);
+        *steps_left = steps_left.saturating_sub(diagrams.steps());
+        match guard {
             Ok(Some(Formula::NEVER)) => "its guard is never true",
-            _ => "whenever it could be taken, one before it is taken",
+            Ok(_) => "whenever it could be taken, one before it is taken",
+            Err(TooLarge) => "it is never taken",
         }
     }
+}
+
+/// What it takes to say why transitions are never taken.
+struct Reasons {
+    diagrams: Diagrams,
+    /// How many steps the guards that are left may take.
+    steps_left: usize,
 }
 
 // ─── W103: transitions that compete ───────────────────────────────────────────────────────────────────────────────────
@@ -313,7 +329,7 @@ struct Competition<'r> {
     region: &'r Region,
     group: &'r [usize],
     holes: Option<&'r RegionHoles>,
-    /// Transitions so far whose guard is known, with that.
+    /// Transitions so far whose guard is known and can be true, with that.
     before: Vec<(usize, Formula)>,
 }
 
@@ -376,7 +392,9 @@ impl<'r> Competition<'r> {
             }
         }
         *any = diagrams.or(*any, guard)?;
-        self.before.push((index, guard));
+        if guard.can_be_true() {
+            self.before.push((index, guard));
+        }
         Ok((!later.earlier.is_empty()).then_some(later))
     }
 }

@@ -11,6 +11,7 @@ use esm_core::format;
 use crate::lang::analysis::activity::Activity;
 use crate::lang::analysis::holes::{ContainerHoles, Holes};
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::lexer::{Lexer, TokenKind};
 use crate::lang::resolve::Trees;
 use crate::lang::tree;
 use crate::model::{Action, Container, Model, Span, StateKind, Transition, Trigger};
@@ -390,7 +391,6 @@ impl<'t> SendPlaces<'t> {
 
     /// From the word `send` to the end of the event's name.
     fn of_cause(&self, model: &Model, cause: &Cause) -> Span {
-        const WORD: &str = "send";
         let whole = cause.transition;
         let (Some(transition), Some(file), Some(event)) = (
             self.transitions.get(&whole),
@@ -407,12 +407,15 @@ impl<'t> SendPlaces<'t> {
         let Some(name) = name else {
             return whole;
         };
-        match text(whole.start, name.start).rfind(WORD) {
-            Some(at) => Span {
-                start: whole.start + at as u32,
-                ..name
-            },
-            None => name,
+        let mut lexer = Lexer::new(text(whole.start, name.start));
+        let mut start = name.start;
+        loop {
+            let token = lexer.next_token();
+            match token.kind {
+                TokenKind::EndOfFile => return Span { start, ..name },
+                TokenKind::Send => start = whole.start + token.start,
+                _ => {}
+            }
         }
     }
 }

@@ -121,6 +121,22 @@ fn events_that_do_nothing_are_told() {
             )),
             &["3: event `E` comes into `A`, and nobody in it receives it"],
         ),
+        (
+            "heard by whoever is beside the sender, and let out to somebody who does not listen",
+            mission(&format!(
+                "container A {{ out event E; {SENDER} }} container B {{ in event E; {RECEIVER} }}
+                 container X {{ out event E; region r {{ super A: A; initial -> A; }} region s {{ super B: B; initial -> B; }} }}
+                 container Y {{ out event E; region r {{ super X: X; initial -> X; }} }} machine M {{ region r {{ super Y: Y; initial -> Y; }} }}"
+            )),
+            &[],
+        ),
+        (
+            "sent to a container that only lets it out",
+            mission(&format!(
+                "container A {{ out event E; {SENDER} {RECEIVER} }}\nmachine M {{ event E; {SENDER} region r {{ super A: A; initial -> A; }} }}"
+            )),
+            &["3: event `E` is sent in `M`, where no receiver can see it"],
+        ),
         // A container that is used twice is right if it is in one use.
         (
             "heard in one of two uses",
@@ -250,6 +266,22 @@ fn circles_of_events_are_told_once_at_their_first_send() {
             &[],
         ),
         (
+            "let out and not in",
+            mission(
+                "container P { out event A; out event B; region r { state S; initial -> S / send A; S -> S on A / send B; } }
+                 machine M { event A, B; region r { super P: P; initial -> P; } region s { state S; initial -> S; S -> S on B / send A; } }",
+            ),
+            &[],
+        ),
+        (
+            "let in and not out",
+            mission(
+                "container P { in event A; in event B; region r { state S; initial -> S; S -> S on A / send B; } }
+                 machine M { event A, B; region r { super P: P; initial -> P; } region s { state S; initial -> S / send B; S -> S on B / send A; } }",
+            ),
+            &[],
+        ),
+        (
             "a container's own events in two uses are not the same",
             mission(
                 "container P { in event A; out event B; region r { state S; initial -> S; S -> S on A / send B; } }
@@ -284,7 +316,7 @@ fn a_circle_is_shown_send_by_send() {
     let checked = load_text(
         "case.esm",
         &mission(
-            "machine M { event A, B; region r { state S; initial -> S / send A;\nS -> S on A / set /* send */ .x, send  B;\nS -> S on B / send A; } }"
+            "machine M { event A, B; region r { state S; initial -> S / send A;\nS -> S on A / set /* send */ .x, send /* send */ B;\nS -> S on B / send A; } }"
                 .replace("set /* send */ .x, ", "/* send */ ")
                 .as_str(),
         ),
@@ -303,7 +335,7 @@ fn a_circle_is_shown_send_by_send() {
     assert_eq!(
         places,
         [
-            ("send  B", "`B` is sent when `A` comes"),
+            ("send /* send */ B", "`B` is sent when `A` comes"),
             ("send A", "`A` is sent when `B` comes"),
         ]
     );

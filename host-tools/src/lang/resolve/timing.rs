@@ -3,8 +3,11 @@
 //! Tasks that share a slot run one after another in it, as far as they can be active together. That is worked out on the tree: of
 //! the states of a region one is active, of the regions of a container all are. Of an `exclusive` group one runs at a time.
 //! States that nothing leads to are never active ([`Activity`]).
+//!
+//! Each slot is added up by itself, through the containers that have one of its tasks inside, so that what is kept at a time is one
+//! sum a container.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::lang::analysis::activity::{Activity, StateId};
 use crate::lang::diagnostic::{Code, Diagnostic};
@@ -17,6 +20,9 @@ use super::{ContainerFacts, Kind, StateFacts};
 /// How many `exclusive` groups are told apart in one slot. The tasks of further groups count as if they were in none.
 const MAX_GROUPS_IN_SLOT: usize = 8;
 
+/// Steps that the sums of all slots may take together. The slots that are left then count as long enough.
+const MAX_STEPS: usize = 10_000_000;
+
 /// Reports whatever needs more time than there is.
 pub(super) fn check(
     facts: &[ContainerFacts<'_>],
@@ -28,8 +34,17 @@ pub(super) fn check(
     check_utilisation(slots, model, names);
     check_wcets(facts, slots, model, names);
     if let Some(order) = activity.children_first() {
-        let loads = Loads::new(facts, slots, model, activity);
-        loads.check(facts, order, names);
+        let mut loads = Loads::new(facts, slots, model, activity, order);
+        for slot in 0..model.slots.len() {
+            let Ok(needed_us) = loads.most_us(slot) else {
+                return;
+            };
+            if let Some((_, duration_us)) = slots.times_us(model, slot)
+                && needed_us > u64::from(duration_us)
+            {
+                loads.report(slot, needed_us, facts, names);
+            }
+        }
     }
 }
 
@@ -119,155 +134,188 @@ fn report_wcet(
 /// with at most one task of each of these groups, all other tasks counted in full.
 type Load = Vec<u64>;
 
-/// Loads by slot, of a region or container.
-type LoadBySlot = HashMap<usize, Load>;
+/// No steps are left.
+struct TooLarge;
+
+/// A task state that fits its slot.
+#[derive(Clone, Copy)]
+struct Member<'l> {
+    state: StateId,
+    wcet_us: u32,
+    /// Its `exclusive` group.
+    group: Option<&'l str>,
+}
 
 struct Loads<'l> {
-    slots: &'l SlotTable,
     model: &'l Model,
-    activity: &'l Activity,
-    /// Per slot, the groups that are told apart in it, by name.
-    groups: HashMap<usize, HashMap<&'l str, usize>>,
+    /// Per slot, its task states that can be active and fit alone, in the order of the model.
+    members: Vec<Vec<Member<'l>>>,
+    /// Per container, the superstates that are instances of it and can be active.
+    outside: Vec<Vec<StateId>>,
+    /// Per container, its place in an order in which each stands behind all that it uses.
+    rank: Vec<usize>,
+    steps_left: usize,
+    /// Per container, what its regions ask of the slot that is looked at; empty in between.
+    regions: Vec<BTreeMap<usize, Load>>,
 }
 
 impl<'l> Loads<'l> {
     fn new(
         facts: &[ContainerFacts<'_>],
-        slots: &'l SlotTable,
+        slots: &SlotTable,
         model: &'l Model,
-        activity: &'l Activity,
+        activity: &Activity,
+        order: &[usize],
     ) -> Self {
-        let mut groups: HashMap<usize, HashMap<&'l str, usize>> = HashMap::new();
-        for state in facts.iter().flat_map(|facts| &facts.states).flatten() {
-            if let (Kind::Task(task), Some(slot)) = (state.kind, state.slot)
-                && let Some(group) = model
-                    .tasks
-                    .get(task)
-                    .and_then(|task| task.exclusive.as_deref())
-            {
-                let groups = groups.entry(slot).or_default();
-                let index = groups.len();
-                if index < MAX_GROUPS_IN_SLOT {
-                    groups.entry(group).or_insert(index);
-                }
-            }
-        }
-        Loads {
-            slots,
+        let mut loads = Loads {
             model,
-            activity,
-            groups,
-        }
-    }
-
-    fn check(&self, facts: &[ContainerFacts<'_>], order: &[usize], names: &mut Names<'_, '_>) {
-        let mut loads: Vec<LoadBySlot> = vec![LoadBySlot::new(); facts.len()];
-        let mut worst: HashMap<usize, u64> = HashMap::new();
-        for &index in order {
-            let Some(facts) = facts.get(index) else {
-                continue;
-            };
-            let load = self.container(index, facts, &loads);
-            // Without a machine each container may be the whole.
-            if self.model.machine.is_none_or(|machine| machine == index) {
-                for (&slot, load) in &load {
-                    let most = load.iter().copied().max().unwrap_or(0);
-                    let known = worst.entry(slot).or_default();
-                    *known = most.max(*known);
-                }
-            }
-            if let Some(slot) = loads.get_mut(index) {
-                *slot = load;
+            members: vec![Vec::new(); model.slots.len()],
+            outside: vec![Vec::new(); facts.len()],
+            rank: vec![0; facts.len()],
+            steps_left: MAX_STEPS,
+            regions: vec![BTreeMap::new(); facts.len()],
+        };
+        for (place, &container) in order.iter().enumerate() {
+            if let Some(rank) = loads.rank.get_mut(container) {
+                *rank = place;
             }
         }
-        for index in 0..self.model.slots.len() {
-            if let (Some(&needed_us), Some((_, duration_us))) =
-                (worst.get(&index), self.slots.times_us(self.model, index))
-                && needed_us > u64::from(duration_us)
-            {
-                self.report(index, needed_us, facts, names);
-            }
-        }
-    }
-
-    fn container(
-        &self,
-        container: usize,
-        facts: &ContainerFacts<'_>,
-        loads: &[LoadBySlot],
-    ) -> LoadBySlot {
-        let mut sum = LoadBySlot::new();
-        for (region, states) in facts.states.iter().enumerate() {
-            for (slot, load) in self.region(container, region, states, loads) {
-                let before = sum.remove(&slot);
-                sum.insert(
-                    slot,
-                    before.map_or_else(|| load.clone(), |before| together(&before, &load)),
-                );
-            }
-        }
-        sum
-    }
-
-    fn region(
-        &self,
-        container: usize,
-        region: usize,
-        states: &[StateFacts],
-        loads: &[LoadBySlot],
-    ) -> LoadBySlot {
-        let mut most = LoadBySlot::new();
-        for (state, facts) in states.iter().enumerate() {
-            let id = StateId {
-                container,
-                region,
-                state,
-            };
-            if !self.activity.is_reachable(id) {
+        for (state, facts) in states(facts) {
+            if !activity.is_active(state) {
                 continue;
             }
             match facts.kind {
                 Kind::Task(task) => {
                     if let Some(slot) = facts.slot
-                        && let Some(load) = self.task(task, slot)
+                        && let Some(member) = member(state, task, slot, slots, model)
+                        && let Some(members) = loads.members.get_mut(slot)
                     {
-                        either(&mut most, slot, &load);
+                        members.push(member);
                     }
                 }
                 Kind::Super(container) => {
-                    for (&slot, load) in loads.get(container).into_iter().flatten() {
-                        either(&mut most, slot, load);
+                    if let Some(outside) = loads.outside.get_mut(container) {
+                        outside.push(state);
                     }
                 }
                 Kind::Simple | Kind::Unknown => {}
             }
         }
-        most
+        loads
     }
 
-    /// What one task asks of a slot; nothing if it does not even fit alone.
-    fn task(&self, task: usize, slot: usize) -> Option<Load> {
-        let (_, duration_us) = self.slots.times_us(self.model, slot)?;
-        let task = self.model.tasks.get(task)?;
-        let wcet_us = task.wcet_us.filter(|&wcet_us| wcet_us <= duration_us)?;
-        let groups = self.groups.get(&slot);
-        let size = 1 << groups.map_or(0, HashMap::len);
-        let group = task
-            .exclusive
-            .as_deref()
-            .and_then(|group| groups?.get(group).copied());
-        Some(match group {
-            None => vec![u64::from(wcet_us); size],
-            Some(group) => (0..size)
-                .map(|set| {
-                    if set >> group & 1 == 1 {
-                        u64::from(wcet_us)
-                    } else {
-                        0
-                    }
+    /// The most that can be active in a slot at a time, in microseconds.
+    fn most_us(&mut self, slot: usize) -> Result<u64, TooLarge> {
+        let members = self
+            .members
+            .get_mut(slot)
+            .map(std::mem::take)
+            .unwrap_or_default();
+        let opened = self.open(&members);
+        if let Some(of_slot) = self.members.get_mut(slot) {
+            *of_slot = members;
+        }
+        let mut most = 0;
+        for container in opened? {
+            let load = self.container(container)?;
+            // Without a machine each container may be the whole.
+            if self
+                .model
+                .machine
+                .is_none_or(|machine| machine == container)
+            {
+                most = most.max(load.iter().copied().max().unwrap_or(0));
+            }
+            let users = self
+                .outside
+                .get_mut(container)
+                .map(std::mem::take)
+                .unwrap_or_default();
+            for user in &users {
+                self.either(*user, &load)?;
+            }
+            if let Some(outside) = self.outside.get_mut(container) {
+                *outside = users;
+            }
+        }
+        Ok(most)
+    }
+
+    fn step(&mut self, steps: usize) -> Result<(), TooLarge> {
+        self.steps_left = self.steps_left.checked_sub(steps).ok_or(TooLarge)?;
+        Ok(())
+    }
+
+    /// Notes what task states ask of their slot. Gives the containers around them, each behind all that it uses.
+    fn open(&mut self, members: &[Member<'l>]) -> Result<Vec<usize>, TooLarge> {
+        let mut groups: HashMap<&str, usize> = HashMap::new();
+        for group in members.iter().filter_map(|member| member.group) {
+            let index = groups.len();
+            if index < MAX_GROUPS_IN_SLOT {
+                groups.entry(group).or_insert(index);
+            }
+        }
+        let mut is_open = HashSet::new();
+        let mut opened = Vec::new();
+        for member in members {
+            let wcet_us = u64::from(member.wcet_us);
+            let group = member.group.and_then(|group| groups.get(group).copied());
+            let load: Load = (0..1 << groups.len())
+                .map(|set: usize| match group {
+                    Some(group) if set >> group & 1 == 0 => 0,
+                    _ => wcet_us,
                 })
-                .collect(),
-        })
+                .collect();
+            self.either(member.state, &load)?;
+            if is_open.insert(member.state.container) {
+                opened.push(member.state.container);
+            }
+        }
+        let mut next = 0;
+        while let Some(&inside) = opened.get(next) {
+            next += 1;
+            let users = self.outside.get(inside).map_or(0, Vec::len);
+            self.step(1 + users)?;
+            for user in self.outside.get(inside).into_iter().flatten() {
+                if is_open.insert(user.container) {
+                    opened.push(user.container);
+                }
+            }
+        }
+        opened.sort_by_key(|&container| self.rank.get(container));
+        Ok(opened)
+    }
+
+    /// Takes one more state of a region, which is active instead of the others.
+    fn either(&mut self, state: StateId, load: &Load) -> Result<(), TooLarge> {
+        self.step(load.len())?;
+        let Some(regions) = self.regions.get_mut(state.container) else {
+            return Ok(());
+        };
+        let most = regions
+            .entry(state.region)
+            .or_insert_with(|| vec![0; load.len()]);
+        for (most, &new) in most.iter_mut().zip(load) {
+            *most = new.max(*most);
+        }
+        Ok(())
+    }
+
+    /// What a container asks of the slot, once all is known of its regions.
+    fn container(&mut self, container: usize) -> Result<Load, TooLarge> {
+        let regions = self
+            .regions
+            .get_mut(container)
+            .map(std::mem::take)
+            .unwrap_or_default();
+        let mut regions = regions.into_values();
+        let mut sum = regions.next().unwrap_or_default();
+        for load in regions {
+            // As many pairs are there of a set of groups and a part of it.
+            self.step(3_usize.pow(load.len().max(1).ilog2()))?;
+            sum = together(&sum, &load);
+        }
+        Ok(sum)
     }
 
     fn report(
@@ -289,31 +337,15 @@ impl<'l> Loads<'l> {
         let mut diagnostic = Diagnostic::new(Code::E010, slot.span, message).hint(format!(
             "give the slot at least {needed_us} us, or one of its tasks another slot"
         ));
-        let states = facts.iter().enumerate().flat_map(|(container, facts)| {
-            facts
-                .states
-                .iter()
-                .enumerate()
-                .flat_map(move |(region, states)| {
-                    states.iter().enumerate().map(move |(state, facts)| {
-                        let id = StateId {
-                            container,
-                            region,
-                            state,
-                        };
-                        (id, facts)
-                    })
-                })
-        });
-        let sharing = states
-            .filter(|(id, state)| {
-                state.slot == Some(index)
-                    && matches!(state.kind, Kind::Task(task) if self.task(task, index).is_some())
-                    && self.activity.is_active(*id)
-            })
-            .map(|(_, state)| state);
-        for state in sharing.take(MAX_SHOWN) {
-            diagnostic = diagnostic.related(state.span, "runs in it");
+        let members = self.members.get(index).into_iter().flatten();
+        for member in members.take(MAX_SHOWN) {
+            let id = member.state;
+            let state = facts
+                .get(id.container)
+                .and_then(|facts| facts.states.get(id.region)?.get(id.state));
+            if let Some(state) = state {
+                diagnostic = diagnostic.related(state.span, "runs in it");
+            }
         }
         names.report(diagnostic);
     }
@@ -338,10 +370,40 @@ fn together(a: &Load, b: &Load) -> Load {
         .collect()
 }
 
-/// Takes one more state of a region, which is active instead of the others.
-fn either(most: &mut LoadBySlot, slot: usize, load: &Load) {
-    let known = most.entry(slot).or_insert_with(|| vec![0; load.len()]);
-    for (known, &new) in known.iter_mut().zip(load) {
-        *known = new.max(*known);
-    }
+/// All states with what is known of them.
+fn states<'f>(
+    facts: &'f [ContainerFacts<'_>],
+) -> impl Iterator<Item = (StateId, &'f StateFacts)> + 'f {
+    facts.iter().enumerate().flat_map(|(container, facts)| {
+        let regions = facts.states.iter().enumerate();
+        regions.flat_map(move |(region, states)| {
+            let states = states.iter().enumerate();
+            states.map(move |(state, facts)| {
+                let id = StateId {
+                    container,
+                    region,
+                    state,
+                };
+                (id, facts)
+            })
+        })
+    })
+}
+
+/// A task state as a member of its slot; `None` if it does not even fit alone.
+fn member<'l>(
+    state: StateId,
+    task: usize,
+    slot: usize,
+    slots: &SlotTable,
+    model: &'l Model,
+) -> Option<Member<'l>> {
+    let (_, duration_us) = slots.times_us(model, slot)?;
+    let task = model.tasks.get(task)?;
+    let wcet_us = task.wcet_us.filter(|&wcet_us| wcet_us <= duration_us)?;
+    Some(Member {
+        state,
+        wcet_us,
+        group: task.exclusive.as_deref(),
+    })
 }
