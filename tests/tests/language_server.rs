@@ -77,11 +77,13 @@ machine Rover {
     region parts {
         task Listen: Sonar;
         initial -> Listen;
+        Listen -> Listen on *;
     }
 
     region wheels {
         task Drive: Motor;
         initial -> Drive;
+        Drive -> Drive on *;
     }
 
     path Listen.ranges -> Ahead.ranges, Away.ranges;
@@ -943,5 +945,86 @@ fn no_text_ends_the_server() {
             assert!(answer["error"].is_null(), "round {round}: {answer}");
         }
     }
+    assert_eq!(editor.end(), Some(0));
+}
+
+#[test]
+fn requests_do_not_pile_up_behind_changes_of_a_long_text() {
+    let mut long = mission();
+    for index in 0..40_000 {
+        long.push_str(&format!(
+            "container Spare{index} {{ region r {{ state A; initial -> A; A -> final; }} }}\n"
+        ));
+    }
+    let mut editor = Editor::new(&[("tasks.esm", TASKS)]);
+    editor.open("mission.esm", &long);
+    let at = editor.at("mission.esm", &long, "super Away: |Escape");
+    // The first answer needs a check, which shows how long one takes.
+    assert!(!editor.request("textDocument/hover", at.clone()).is_null());
+    let end = json!({ "line": 0, "character": 0 });
+    let first_id = editor.last_id + 1;
+    for _ in 0..20 {
+        let text = "// A word.\n";
+        editor.change(
+            "mission.esm",
+            json!([{ "range": { "start": end, "end": end }, "text": text }]),
+        );
+        editor.last_id += 1;
+        let id = editor.last_id;
+        let method = "textDocument/hover";
+        editor.send(&json!({ "jsonrpc": "2.0", "id": id, "method": method, "params": at }));
+    }
+    let mut overtaken = 0;
+    let last_id = editor.last_id;
+    for id in first_id..=last_id {
+        let answer = loop {
+            let message = editor.receive();
+            if message["id"] == id {
+                break message;
+            }
+        };
+        let is_overtaken = answer["error"]["code"] == -32801;
+        assert!(is_overtaken || answer["error"].is_null(), "{answer}");
+        // Nothing has overtaken the last one.
+        assert!(!is_overtaken || id < last_id);
+        overtaken += usize::from(is_overtaken);
+    }
+    // How many are taken in at once is a matter of chance.
+    assert!(overtaken >= 15, "{overtaken}");
+    assert_eq!(editor.end(), Some(0));
+}
+
+#[test]
+fn what_is_too_much_for_an_editor_is_cut() {
+    let ports: String = (0..60)
+        .map(|index| format!("    in data port{index}: Ranges;\n"))
+        .collect();
+    let tasks: String = (0..2_500)
+        .map(|index| format!("task Spare{index} slot 2 {{\n{ports}}}\n"))
+        .collect();
+    let mistakes = "task Sonar slot 2 {}\n".repeat(1_200);
+    let text = format!("{}{mistakes}{tasks}", mission());
+    let mut editor = Editor::new(&[("tasks.esm", TASKS)]);
+    editor.open("mission.esm", &text);
+    let about = json!({ "textDocument": { "uri": editor.uri("mission.esm") } });
+    let outline = editor.request("textDocument/documentSymbol", about.clone());
+    let outlined = outline.as_array().unwrap().iter();
+    let outlined = outlined.filter(|it| it["name"].as_str().unwrap().starts_with("S"));
+    assert_eq!(outlined.count(), 1_000);
+    assert_eq!(
+        editor
+            .labels("mission.esm", &text, "task Back: |Cruise")
+            .len(),
+        2_000
+    );
+    let at = editor.at("mission.esm", &text, "task |Spare0 ");
+    let told = editor.request("textDocument/hover", at);
+    let told = told["contents"]["value"].as_str().unwrap();
+    assert!(
+        told.contains("port28") && !told.contains("port40"),
+        "{told}"
+    );
+    editor.diagnostics();
+    assert_eq!(editor.shown["mission.esm"].len(), 1_000);
     assert_eq!(editor.end(), Some(0));
 }

@@ -55,6 +55,7 @@ pub struct BuildArgs {
 /// # Errors
 /// If the mission cannot be compiled or the blob cannot be written.
 pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandError> {
+    file::keep_sources(&args.output, &[&args.file])?;
     let audience = if args.json {
         Audience::Program
     } else {

@@ -1,10 +1,10 @@
 //! Files that commands read and write.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 
 use super::exit::CommandError;
 
@@ -33,13 +33,40 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, CommandError> {
     String::from_utf8(bytes).map_err(refusal)
 }
 
+/// Endings of files that people write.
+const SOURCES: [&str; 2] = ["esm", "scenario"];
+
+/// Refuses an output in the place of something that a person wrote: a file that the command reads, or any mission or scenario, which a mission may use.
+///
+/// # Errors
+/// If such a file is there: then the command line is wrong.
+pub fn keep_sources(output: &Path, inputs: &[&Path]) -> Result<(), CommandError> {
+    // What is not there or is no file cannot be lost.
+    let Ok(target) = fs::canonicalize(output) else {
+        return Ok(());
+    };
+    if !target.is_file() {
+        return Ok(());
+    }
+    let is_input = |input: &&Path| fs::canonicalize(input).is_ok_and(|input| input == target);
+    let is_source = target
+        .extension()
+        .is_some_and(|ending| SOURCES.iter().any(|source| ending == *source));
+    if is_source || inputs.iter().any(is_input) {
+        return Err(CommandError::Usage(anyhow!(
+            "{} would be overwritten, and it is no output: name another file",
+            output.display()
+        )));
+    }
+    Ok(())
+}
+
 /// Opens an output that grows while a command runs.
 ///
 /// # Errors
 /// If it cannot be created: then the outside world has failed.
 pub fn create(path: &Path, what: &str) -> Result<BufWriter<File>, CommandError> {
-    let file =
-        File::create(path).with_context(|| format!("cannot write the {what} {}", path.display()));
+    let file = File::create(path).with_context(|| unwritten(path, what));
     Ok(BufWriter::new(file.map_err(CommandError::World)?))
 }
 
@@ -49,8 +76,22 @@ pub fn create(path: &Path, what: &str) -> Result<BufWriter<File>, CommandError> 
 /// If it cannot be written: then the outside world has failed.
 pub fn write_whole(path: &Path, bytes: &[u8], what: &str) -> Result<(), CommandError> {
     replace(path, bytes)
-        .with_context(|| format!("cannot write the {what} {}", path.display()))
+        .with_context(|| unwritten(path, what))
         .map_err(CommandError::World)
+}
+
+/// What is said of an output that could not be written.
+fn unwritten(path: &Path, what: &str) -> String {
+    let said = format!("cannot write the {what} {}", path.display());
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.exists() => {
+            format!(
+                "{said}: make the folder {} first, or name another",
+                folder.display()
+            )
+        }
+        _ => said,
+    }
 }
 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
@@ -60,9 +101,17 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Ok(_) => fs::canonicalize(path)?,
         Err(_) => path.to_path_buf(),
     };
+    let permissions = fs::metadata(&target).map(|found| found.permissions()).ok();
+    if permissions.as_ref().is_some_and(Permissions::readonly) {
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            "it may not be written to",
+        ));
+    }
     let (draft_path, mut draft) = draft_beside(&target)?;
-    let written = draft
-        .write_all(bytes)
+    let permitted = permissions.map_or(Ok(()), |it| draft.set_permissions(it));
+    let written = permitted
+        .and_then(|()| draft.write_all(bytes))
         .and_then(|()| draft.sync_all())
         .and_then(|()| fs::rename(&draft_path, &target));
     if written.is_err() {
@@ -120,6 +169,48 @@ mod tests {
         write_whole(&link, b"new", "blob").unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&file).unwrap(), b"new");
+    }
+
+    #[test]
+    fn permissions_stay_and_are_heeded() {
+        use std::os::unix::fs::PermissionsExt;
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("file");
+        for (mode, is_written) in [(0o600, true), (0o755, true), (0o444, false)] {
+            fs::write(&path, "old").unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(mode)).unwrap();
+            assert_eq!(write_whole(&path, b"new", "blob").is_ok(), is_written);
+            let found = fs::metadata(&path).unwrap().permissions().mode() & 0o777;
+            assert_eq!(found, mode);
+            assert_eq!(names_in(directory.path()), ["file"]);
+        }
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+    }
+
+    #[test]
+    fn sources_are_no_outputs() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        for name in ["read.esm", "used.esm", "a.scenario", "mission", "old.blob"] {
+            fs::write(at(name), "").unwrap();
+        }
+        std::os::unix::fs::symlink(at("mission"), at("link")).unwrap();
+        for (output, is_kept) in [
+            ("read.esm", true),
+            ("used.esm", true),
+            ("a.scenario", true),
+            ("mission", true),
+            ("link", true),
+            ("old.blob", false),
+            ("new.blob", false),
+            ("new.esm", false),
+            ("", false),
+        ] {
+            let found = keep_sources(&at(output), &[&at("read.esm"), &at("mission")]);
+            assert_eq!(found.is_err(), is_kept, "{output}");
+        }
+        let null = Path::new("/dev/null");
+        assert!(keep_sources(null, &[null]).is_ok());
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::console::{Console, counted};
 use super::difference;
 use super::exit::CommandError;
 use super::file;
+use super::mission;
 use crate::lang::MAX_FILE_BYTES;
 use crate::lang::format;
 
@@ -173,6 +174,7 @@ fn collect(path: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(), Co
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, CommandError> {
+    mission::refuse_blob(path)?;
     crate::lang::read_source(path).map_err(|error| CommandError::Input(error.into()))
 }
 

@@ -27,13 +27,22 @@ pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
 /// # Errors
 /// If the file cannot be read; mistakes in it are diagnostics.
 pub fn read(path: &Path) -> Result<Checked, CommandError> {
+    refuse_blob(path)?;
+    lang::load(path).map_err(|error| CommandError::Input(error.into()))
+}
+
+/// Says so where a blob is given in the place of a source.
+///
+/// # Errors
+/// If the file is a blob.
+pub fn refuse_blob(path: &Path) -> Result<(), CommandError> {
     if is_blob(path) {
         return Err(CommandError::Input(anyhow!(
             "{} is a blob, and what is wanted here is the source that it was built from; `esm inspect` shows what is in a blob",
             path.display()
         )));
     }
-    lang::load(path).map_err(|error| CommandError::Input(error.into()))
+    Ok(())
 }
 
 /// Whether the file begins as a blob does. One that cannot be read does not; whoever reads it next says why.

@@ -149,6 +149,13 @@ pub fn execute(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(), CommandError> {
+    let mut inputs = vec![args.file.as_path()];
+    inputs.extend(args.then.iter().map(|then| then.file.as_path()));
+    inputs.extend(args.replay.as_deref());
+    inputs.extend(args.world.as_deref().map(Path::new));
+    for output in [&args.trace, &args.record].into_iter().flatten() {
+        file::keep_sources(output, &inputs)?;
+    }
     let interrupt = Interrupt::take_over()?;
     let plan = plan(args, robot, console)?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));

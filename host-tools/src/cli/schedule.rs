@@ -50,6 +50,9 @@ pub struct ScheduleArgs {
 /// # Errors
 /// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
+    if let Some(path) = &args.svg {
+        file::keep_sources(path, &[&args.file])?;
+    }
     let mut checked = mission::read(&args.file)?;
     let searching = console.spinner("searching for a schedule");
     let outcome = match checked.solve_slots(args.limit) {

@@ -152,7 +152,15 @@ pub fn execute(args: &TestArgs, console: &mut Console) -> Result<(), CommandErro
 fn cases(args: &TestArgs) -> Result<Vec<Case>, CommandError> {
     let folder = args.folder.display();
     if !args.folder.exists() {
-        return Err(CommandError::Input(anyhow!("there is no folder {folder}")));
+        return Err(CommandError::Input(anyhow!(
+            "there is no {folder}: name a folder with scenarios in it"
+        )));
+    }
+    let is_scenario = |ending: &std::ffi::OsStr| ending == suite::SCENARIO;
+    if !args.folder.is_dir() && !args.folder.extension().is_some_and(is_scenario) {
+        return Err(CommandError::Input(anyhow!(
+            "{folder} is neither a folder nor a scenario: name a folder with scenarios in it, or one file that ends in `.scenario`"
+        )));
     }
     let mut cases =
         suite::cases(&args.folder).map_err(|error| CommandError::Input(error.into()))?;

@@ -196,7 +196,9 @@ impl Checked {
 
     /// Demands that the set has a machine, as building and running do: without one it adds E013.
     pub fn require_machine(&mut self) {
-        if !self.has_machine {
+        // What could not be read may be the machine.
+        let is_whole = |found: &Diagnostic| !matches!(found.code, Code::E001 | Code::E013);
+        if !self.has_machine && self.diagnostics.iter().all(is_whole) {
             self.add(
                 Diagnostic::new(Code::E013, Span::default(), "there is no machine to run")
                     .hint("declare one: `machine M { region r { … } }`"),

@@ -7,8 +7,9 @@
 //! ```
 //!
 //! A server is a value that takes messages and gives messages; it has one thread, and a second one reads. What came in while it was busy
-//! is taken together: texts are checked once for many key strokes, and a request that is cancelled meanwhile is not worked on. Sets of
-//! files are checked as `esm check` does, with open texts over those on disk, and kept until a text changes.
+//! is taken together: texts are checked once for many key strokes, and a request that is cancelled meanwhile is not worked on. Nor is one about a
+//! text that has changed again, where a check takes so long that requests would pile up. Sets of files are checked as `esm check` does, with open
+//! texts over those on disk, and kept until a text changes.
 //!
 //! Nothing that comes in ends it but the editor's `exit` or the end of the stream.
 
@@ -25,6 +26,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::io::{self, BufReader, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, SyncSender};
+use std::time::{Duration, Instant};
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
 use lsp_types::Position;
@@ -44,6 +46,9 @@ const MESSAGES_AHEAD: usize = 256;
 
 /// How many diagnostics a file is shown with.
 const MAX_SHOWN_DIAGNOSTICS: usize = 1_000;
+
+/// How long a check may take for every request to get its answer. Where it takes longer, those that a change has overtaken are told so.
+const PROMPT: Duration = Duration::from_millis(200);
 
 /// How the editor ended the conversation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +75,9 @@ pub fn serve() -> io::Result<Ended> {
             return Ok(Ended::Abruptly);
         }
         let cancelled = cancelled(&queue);
+        let mut changes = queue.iter().filter(|it| is_change(it)).count();
         while let Some(incoming) = queue.pop_front() {
+            changes -= usize::from(is_change(&incoming));
             let answers = match incoming {
                 Incoming::Garbage(reason) => {
                     transport::refuse(&mut output, &reason)?;
@@ -86,6 +93,13 @@ pub fn serve() -> io::Result<Ended> {
                 Incoming::Message(Message::Request(request)) if cancelled.contains(&request.id) => {
                     let reason = "the editor took it back".to_owned();
                     let code = ErrorCode::RequestCanceled as i32;
+                    vec![Response::new_err(request.id, code, reason).into()]
+                }
+                Incoming::Message(Message::Request(request))
+                    if changes > 0 && server.is_slow && is_about_text(&request) =>
+                {
+                    let reason = "the text has changed since".to_owned();
+                    let code = ErrorCode::ContentModified as i32;
                     vec![Response::new_err(request.id, code, reason).into()]
                 }
                 Incoming::Message(message) => server.handle(message),
@@ -118,6 +132,24 @@ fn take_in(receiver: &Receiver<Incoming>, queue: &mut VecDeque<Incoming>) -> boo
     queue.push_back(first);
     queue.extend(receiver.try_iter().take(MESSAGES_AHEAD));
     true
+}
+
+/// Whether a message makes what is known of the texts worthless.
+fn is_change(incoming: &Incoming) -> bool {
+    let Incoming::Message(Message::Notification(note)) = incoming else {
+        return false;
+    };
+    let methods = [
+        "textDocument/didOpen",
+        "textDocument/didChange",
+        "textDocument/didClose",
+    ];
+    methods.contains(&note.method.as_str())
+}
+
+/// Whether the answer to a request depends on the texts as they are now.
+fn is_about_text(request: &Request) -> bool {
+    request.method.starts_with("textDocument/")
 }
 
 /// Requests that are taken back by a message that has come already.
@@ -222,6 +254,8 @@ struct Server {
     sets: Option<Vec<Set>>,
     /// Whether what is shown is out of date.
     is_dirty: bool,
+    /// Whether the last check took longer than [`PROMPT`].
+    is_slow: bool,
     /// Files that are shown with diagnostics.
     shown: BTreeSet<String>,
 }
@@ -416,6 +450,7 @@ impl Server {
     /// The sets of the open files. A file that another one uses is looked at as a part of that one's set.
     fn sets(&mut self) -> &[Set] {
         if self.sets.is_none() {
+            let start = Instant::now();
             let open = self.open_texts();
             let mut sets: Vec<Set> = Vec::new();
             for (identity, document) in &self.documents {
@@ -431,6 +466,7 @@ impl Server {
                 sets.push(set);
             }
             self.sets = Some(sets);
+            self.is_slow = start.elapsed() > PROMPT;
         }
         self.sets.as_deref().unwrap_or_default()
     }

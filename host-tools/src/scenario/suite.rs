@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Ending of the files that are looked for.
-const SCENARIO: &str = "scenario";
+pub const SCENARIO: &str = "scenario";
 /// Ending of missions.
 const MISSION: &str = "esm";
 
