@@ -88,6 +88,7 @@ pub struct Need {
 
 /// What a valid blob needs of each capacity. A robot takes it only if all of it is there; tools that know a robot's capacities ask here
 /// whether it will.
+#[inline(never)] // Its tables are off the stack again before anything deeper is called.
 pub fn needs<B: Deref<Target = [u8]>>(
     verified: &Verified<B>,
     capacities: &Capacities,
