@@ -322,3 +322,5 @@ impl Checked {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod work_time;
