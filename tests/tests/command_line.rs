@@ -282,6 +282,79 @@ fn sim_writes_the_trace_of_the_manual() {
     assert_eq!(to_output.out, expected);
 }
 
+/// Width and height as a PNG says them of itself.
+fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
+    let header = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")?;
+    let number = |at: usize| Some(u32::from_be_bytes(header.get(at..at + 4)?.try_into().ok()?));
+    Some([number(0)?, number(4)?])
+}
+
+#[test]
+fn draw_writes_what_the_name_asks_for_and_shows_no_more_than_it_is_told() {
+    let files = Files::new(&[("good.esm", GOOD)]);
+    let draw = |arguments: &str, name: &str| {
+        let done = files.esm(&format!("draw {{}}/good.esm -o {{}}/{name} {arguments}"));
+        assert_eq!(done.status, Some(0), "{arguments}: {}", done.err);
+        assert_eq!(done.out, "", "{arguments}");
+        std::fs::read(files.path(name)).unwrap()
+    };
+    let svg = |arguments: &str| String::from_utf8(draw(arguments, "out.svg")).unwrap();
+    let whole = svg("");
+    for word in [
+        "machine Rover",
+        "Escape : Escape",
+        "Back",
+        "motion",
+        "count",
+        "event Obstacle",
+    ] {
+        assert!(whole.contains(word), "{word}");
+    }
+    let closed = svg("--depth 0");
+    assert!(closed.contains(": Escape …") && !closed.contains(">Back<"));
+    assert_eq!(svg("--depth 1"), whole);
+    let alone = svg("--container Escape");
+    assert!(alone.contains("container Escape") && !alone.contains("Rover"));
+    assert!(!whole.contains("simple state") && svg("--legend").contains("simple state"));
+
+    let [width, height] = png_size(&draw("", "out.PNG")).unwrap();
+    let tall = png_size(&draw("--legend", "legend.png")).unwrap();
+    assert!(tall[0] >= width && tall[1] > height);
+    assert!(png_size(whole.as_bytes()).is_none());
+}
+
+#[test]
+fn draw_says_what_it_cannot_draw() {
+    let loops = "state A; initial -> A; ".to_owned() + &"A -> A on E; ".repeat(6_001);
+    let slots = "interpreter slot 1; slot 1 period 10 ms duration 1 ms;";
+    let files = Files::new(&[
+        ("good.esm", GOOD),
+        ("lib.esm", "task T slot 2 { out flag near; }"),
+        ("bad.esm", "machine M { region r { state A; } }"),
+        (
+            "large.esm",
+            &format!("{slots} machine M {{ event E; region r {{ {loops} }} }}"),
+        ),
+    ]);
+    for (arguments, status, words) in [
+        (
+            "good.esm -o {}/p.svg --container Escap",
+            2,
+            "did you mean `Escape`?",
+        ),
+        ("good.esm -o {}/p.svg --depth -1", 2, "--depth"),
+        ("good.esm -o {}/absent/p.svg", 3, "absent"),
+        ("lib.esm -o {}/p.svg", 1, "nothing to draw"),
+        ("bad.esm -o {}/p.svg", 1, "error"),
+        ("large.esm -o {}/p.svg", 1, "1 states and 6002 transitions"),
+    ] {
+        let done = files.esm(&format!("draw {{}}/{arguments}"));
+        assert_eq!(done.status, Some(status), "{arguments}: {}", done.err);
+        assert!(done.err.contains(words), "{arguments}: {}", done.err);
+        assert!(!files.path("p.svg").exists(), "{arguments}");
+    }
+}
+
 #[test]
 fn a_failed_expectation_says_where_and_what_was_current_instead() {
     let files = Files::new(&[

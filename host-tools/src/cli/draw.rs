@@ -18,7 +18,7 @@ use crate::diagram::{self, DrawError, Options};
 #[command(after_help = "\
 Examples:
   esm draw missions/patrol.esm -o patrol.svg
-  esm draw missions/patrol.esm -o avoid.svg --container Avoid
+  esm draw missions/patrol.esm -o avoid.svg --container Avoid --legend
   esm draw missions/patrol.esm -o overview.png --depth 0 --no-data")]
 pub struct DrawArgs {
     /// The mission, or a file of containers
@@ -40,6 +40,10 @@ pub struct DrawArgs {
     /// Leaves data ports and data paths away
     #[arg(long)]
     pub no_data: bool,
+
+    /// Says below the picture what the symbols mean
+    #[arg(long)]
+    pub legend: bool,
 }
 
 /// Runs the command.
@@ -57,6 +61,7 @@ pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandErro
         container: args.container.clone(),
         depth: args.depth,
         data: !args.no_data,
+        legend: args.legend,
     };
     let scene = diagram::draw(model, &options).map_err(|error| match error {
         DrawError::NoContainer { .. } => CommandError::Usage(error.into()),

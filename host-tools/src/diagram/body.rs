@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::rc::Rc;
 
 use super::Options;
-use super::face::{self, Face, Kind, Loop, PORT_NAME_GAP, PORT_ROWS, Port, Side};
+use super::face::{self, DETAIL_ROWS, Face, Kind, Loop, PORT_NAME_GAP, PORT_ROWS, Port, Side};
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line};
 use super::layered::{self, Edge, Node, Placement, Spacing, TooTangled};
@@ -16,8 +16,8 @@ use crate::model::{
     Container, Model, PathEnd, Region, Source, StateKind, Target, Transition, Trigger,
 };
 
-/// Rows of the line with the name.
-pub const HEADING_ROWS: i32 = 4;
+/// Rows of a heading without declarations.
+const HEADING_ROWS: i32 = 4;
 /// Rows of a region's name.
 const REGION_NAME_ROWS: i32 = 4;
 /// Cells around the contents of a region.
@@ -31,11 +31,18 @@ const LOOP_REACH: i32 = 3;
 /// Cells between the names of the ports on the left and on the right.
 const BETWEEN_PORT_NAMES: i32 = 6;
 
+/// Rows of a heading that holds so many lines of declarations below the name.
+pub const fn heading_rows(declarations: usize) -> i32 {
+    HEADING_ROWS + DETAIL_ROWS * declarations as i32
+}
+
 /// A container, laid out; the upper left corner is the origin.
 #[derive(Clone, Debug)]
 pub struct Body {
     /// Width and height.
     pub size: Spot,
+    /// Flags and events of the container, in words for its heading.
+    pub declarations: Vec<Line>,
     /// Its ports, seen from inside.
     pub ports: Vec<Port>,
     /// The regions in source order.
@@ -183,8 +190,10 @@ impl<'a> Workshop<'a> {
             HashMap::new()
         };
         let room = widening.unwrap_or(0);
+        let declarations = face::declarations(self.model, container);
+        let heading = heading_rows(declarations.len());
         let ports = if self.options.data {
-            face::ports(&container.data, HEADING_ROWS + PORT_ROWS / 2, |port| {
+            face::ports(&container.data, heading + PORT_ROWS / 2, |port| {
                 numbers.get(&PathEnd::Container { port }).copied()
             })
         } else {
@@ -211,7 +220,7 @@ impl<'a> Workshop<'a> {
             .iter()
             .map(|side| face::widest_name(&ports, *side))
             .sum();
-        let top = HEADING_ROWS + band_rows;
+        let top = heading + band_rows;
         let packing = pack::pack(
             &sizes,
             [
@@ -227,6 +236,7 @@ impl<'a> Workshop<'a> {
         let width = (packing.size[0] + 2 * LANE - 1) / (2 * LANE) * (2 * LANE);
         let mut body = Body {
             size: [width, packing.size[1] + top],
+            declarations,
             ports,
             regions: Vec::with_capacity(parts.len()),
             dividers: Vec::new(),
@@ -437,9 +447,10 @@ impl<'a> Workshop<'a> {
                 label: area.map(|area| (area, label)),
             });
         }
-        let name_width = grid::cells(Line::words(&region.name).width(label::REGION));
+        let name = label::name(&region.name);
+        let name_width = grid::cells(Line::words(name.as_ref()).width(label::REGION));
         let part = RegionPart {
-            name: region.name.clone(),
+            name: name.into_owned(),
             name_area: Area::new([0, 0], [name_width, label::LINE_ROWS]),
             states: placed,
             transitions,
@@ -632,7 +643,8 @@ fn wire(body: &mut Body, nets: &[Vec<PathEnd>]) -> Result<(), NoWay> {
         return Err(NoWay::Effort);
     }
     let mut board = Board::new(body.size);
-    board.block(Area::new([0, 0], [width, HEADING_ROWS - 1]));
+    let heading = heading_rows(body.declarations.len());
+    board.block(Area::new([0, 0], [width, heading - 1]));
     for port in &body.ports {
         board.block(port.name_area(Area::new([0, 0], body.size)));
     }
@@ -653,6 +665,18 @@ fn wire(body: &mut Body, nets: &[Vec<PathEnd>]) -> Result<(), NoWay> {
                 board.block(*area);
             }
             board.transition(&transition.route);
+            if transition.from == transition.to {
+                // No wire runs between a loop and its state.
+                let [start, .., end] = transition.route[..] else {
+                    continue;
+                };
+                board.block(Area {
+                    left: start[0] + 1,
+                    top: start[1],
+                    right: start[0] + LOOP_REACH,
+                    bottom: end[1],
+                });
+            }
         }
     }
     let mut terminals = Vec::with_capacity(body.nets.len());

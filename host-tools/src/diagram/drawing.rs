@@ -3,7 +3,7 @@
 //! Containers that are used several times stand here once for each use. What a diagram promises (nothing overlaps, every transition is there, …) is a
 //! statement about this, and so is tested on it; [`paint`](super::paint) only gives it colours.
 
-use super::body::{self, Body, HEADING_ROWS, NetEnd};
+use super::body::{self, Body, NetEnd};
 use super::face::{Face, Kind, Side};
 use super::grid::{self, Area, Spot};
 use super::label::Line;
@@ -41,7 +41,7 @@ pub struct Placed {
     pub is_open: bool,
     /// The name.
     pub name: Line,
-    /// What stands below the name.
+    /// What stands below the name: of an open box, its flags and events.
     pub details: Vec<Line>,
 }
 
@@ -130,7 +130,7 @@ impl Drawing {
                 kind: Kind::Root,
                 is_open: true,
                 name: name.clone(),
-                details: Vec::new(),
+                details: body.declarations.clone(),
             });
             let own_ports = drawing.add_ports(owner, &body.ports);
             drawing.add_body(owner, own_ports, body, corner);
@@ -248,12 +248,14 @@ impl Drawing {
         }
         (index, ports)
     }
+}
 
-    /// The part of an open box that holds its name.
-    pub fn heading(area: Area) -> Area {
+impl Placed {
+    /// The part of an open box that holds its name and declarations.
+    pub fn heading(&self) -> Area {
         Area {
-            bottom: area.top + HEADING_ROWS,
-            ..area
+            bottom: self.area.top + body::heading_rows(self.details.len()),
+            ..self.area
         }
     }
 }

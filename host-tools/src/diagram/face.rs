@@ -2,10 +2,10 @@
 
 use std::rc::Rc;
 
-use super::body::{Body, HEADING_ROWS};
+use super::body::{self, Body};
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line, Piece, Symbol};
-use crate::model::{DataPort, Direction, Model, SlotRef, State, StateKind, Value};
+use crate::model::{Container, DataPort, Direction, Model, SlotRef, State, StateKind, Value};
 use crate::scenario::time::Time;
 
 /// Rows from one port to the next.
@@ -21,7 +21,7 @@ const FOOT_ROWS: i32 = 1;
 /// Cells between the names of ports on the left and on the right.
 const BETWEEN_NAMES: i32 = 2;
 /// Cells on each side of a name.
-const MARGIN: i32 = 2;
+pub const MARGIN: i32 = 2;
 /// Cells across a state, at least: so wide that transitions to and fro, with their labels between, can be straight.
 const LEAST_WIDTH: i32 = 16;
 /// Width and height of the marks of `initial` and `final`.
@@ -105,7 +105,7 @@ pub struct Face {
     pub kind: Kind,
     /// The name.
     pub name: Line,
-    /// The lines below it.
+    /// The lines below it; those of a superstate that shows its inside stand in the heading.
     pub details: Vec<Line>,
     /// The data ports.
     pub ports: Vec<Port>,
@@ -144,7 +144,7 @@ impl Face {
     ) -> Self {
         let mut face = Face {
             kind: Kind::Simple,
-            name: Line::words(&state.name),
+            name: Line::words(label::name(&state.name)),
             details: Vec::new(),
             ports: Vec::new(),
             loops: Vec::new(),
@@ -164,11 +164,14 @@ impl Face {
                             model.slots.get(*index).map_or(0, |slot| slot.number)
                         }
                     };
-                    face.details
-                        .push(Line::words(format!("{} · slot {slot}", task.name)));
+                    face.details.push(Line::words(format!(
+                        "{} · slot {slot}",
+                        label::name(&task.name)
+                    )));
                     for (param, value) in task.params.iter().zip(params) {
                         if param.default != Some(*value) {
-                            let line = format!("{} = {}", param.name, literal(*value));
+                            let line =
+                                format!("{} = {}", label::name(&param.name), literal(*value));
                             face.details.push(Line::words(line));
                         }
                     }
@@ -179,11 +182,12 @@ impl Face {
                 face.kind = Kind::Super;
                 face.container = Some(*container);
                 if let Some(container) = model.containers.get(*container) {
+                    let inner = label::name(&container.name);
                     if is_open {
-                        face.name = Line::words(format!("{} : {}", state.name, container.name));
+                        face.details = declarations(model, container);
+                        face.name = Line::words(format!("{} : {inner}", label::name(&state.name)));
                     } else {
-                        face.details
-                            .push(Line::words(format!(": {} …", container.name)));
+                        face.details.push(Line::words(format!(": {inner} …")));
                     }
                     data = &container.data;
                 }
@@ -202,7 +206,7 @@ impl Face {
             }
         }
         let text_rows = if is_open {
-            HEADING_ROWS
+            body::heading_rows(face.details.len())
         } else {
             NAME_ROWS + DETAIL_ROWS * face.details.len() as i32
         };
@@ -244,6 +248,46 @@ impl Face {
     }
 }
 
+/// The width of declarations in a heading, in units of a scene, at most.
+const DECLARATIONS_WIDTH: f32 = 240.0;
+
+/// The flags and events of a container, in the words of the source: `in flag left · event Halt, Resume`.
+pub fn declarations(model: &Model, container: &Container) -> Vec<Line> {
+    let flags = |direction: Direction| {
+        let flags = container.flags.iter();
+        let chosen = flags.filter(move |flag| flag.direction == direction);
+        chosen.map(|flag| flag.name.as_str())
+    };
+    let events = |forwarded: (bool, bool)| {
+        let events = container.events.iter();
+        let chosen =
+            events.filter(move |event| (event.forwarded_in, event.forwarded_out) == forwarded);
+        chosen.filter_map(|event| model.events.get(event.event).map(String::as_str))
+    };
+    let groups: [(&str, Vec<&str>); 6] = [
+        ("in flag", flags(Direction::In).collect()),
+        ("out flag", flags(Direction::Out).collect()),
+        ("event", events((false, false)).collect()),
+        ("in event", events((true, false)).collect()),
+        ("out event", events((false, true)).collect()),
+        ("in out event", events((true, true)).collect()),
+    ];
+    let mut parts = Vec::new();
+    for (kind, names) in groups {
+        for (index, name) in names.iter().enumerate() {
+            let name = label::name(name);
+            let before = match index {
+                0 if parts.is_empty() => format!("{kind} "),
+                0 => format!(" · {kind} "),
+                _ => " ".to_owned(),
+            };
+            let after = if index + 1 < names.len() { "," } else { "" };
+            parts.push(Line::words(format!("{before}{name}{after}")));
+        }
+    }
+    label::filled(parts, DECLARATIONS_WIDTH, label::DETAIL)
+}
+
 /// Ports in rows, the first at `row`.
 pub fn ports(data: &[DataPort], row: i32, number: impl Fn(usize) -> Option<usize>) -> Vec<Port> {
     let mut next = [row; 2];
@@ -261,8 +305,8 @@ pub fn ports(data: &[DataPort], row: i32, number: impl Fn(usize) -> Option<usize
                 side,
                 row,
                 name: match number(index) {
-                    Some(number) => format!("{} #{number}", port.name),
-                    None => port.name.clone(),
+                    Some(number) => format!("{} #{number}", label::name(&port.name)),
+                    None => label::name(&port.name).into_owned(),
                 },
                 direction: port.direction,
                 optional: port.optional,

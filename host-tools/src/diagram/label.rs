@@ -2,6 +2,8 @@
 //!
 //! The language's symbols are drawn as shapes and not as letters, for few fonts have all of them.
 
+use std::borrow::Cow;
+
 use super::grid::{self, Spot};
 use crate::model::{
     Action, Container, Guard, Model, Source, StateKind, Target, Transition, Trigger,
@@ -105,6 +107,23 @@ pub const REGION: Type = Type {
 
 /// Labels longer than this, in units of a scene, go over to another line where they can.
 const LINE_WIDTH: f32 = 120.0;
+/// Lines of a label at most; what follows is left away, and a sign says so.
+pub const MAX_LINES: usize = 10;
+/// Characters of a name that are shown, at most; a longer one is cut, and a sign says so.
+pub const MAX_NAME: usize = 40;
+/// What stands for all that was cut away.
+const CUT: &str = "…";
+
+/// A name as it is shown.
+pub fn name(name: &str) -> Cow<'_, str> {
+    match name.char_indices().nth(MAX_NAME) {
+        None => Cow::Borrowed(name),
+        Some(_) => {
+            let kept = name.chars().take(MAX_NAME - 1);
+            Cow::Owned(kept.chain(CUT.chars()).collect())
+        }
+    }
+}
 
 /// A line of words and symbols.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -130,6 +149,13 @@ impl Line {
             Some(Piece::Words(last)) => last.push_str(words),
             _ => self.0.push(Piece::Words(words.into())),
         }
+    }
+
+    fn without_indent(mut self) -> Self {
+        if let Some(Piece::Words(first)) = self.0.first_mut() {
+            *first = first.trim_start().to_owned();
+        }
+        self
     }
 
     fn symbol(&mut self, symbol: Symbol) {
@@ -199,7 +225,7 @@ pub fn of_transition(
     }
     head.symbol(Symbol::Event);
     if let Trigger::Event(event) = transition.trigger {
-        head.push(names.event(event));
+        head.push(&names.event(event));
     }
     let mut parts = vec![head];
     if transition.trigger == Trigger::Star {
@@ -209,38 +235,51 @@ pub fn of_transition(
         guard.push("]");
         parts.push(guard);
     } else if let Some(guard) = &transition.guard {
-        let mut terms = names.terms(guard);
-        if let Some(first) = terms.first_mut() {
-            let mut opened = Line::words("[");
-            opened.append(std::mem::take(first));
-            *first = opened;
-        }
+        let mut terms = vec![Line::words("[")];
+        names.write(guard, false, &mut terms);
         if let Some(last) = terms.last_mut() {
             last.push("]");
         }
         parts.extend(terms);
     }
     for (index, action) in transition.actions.iter().enumerate() {
-        let mut part = Line::words(if index == 0 { " / " } else { ", " });
+        let mut part = Line::words(if index == 0 { " / " } else { " " });
         part.append(names.action(*action));
+        if index + 1 < transition.actions.len() {
+            part.push(",");
+        }
         parts.push(part);
     }
-    filled(parts)
+    filled(parts, LINE_WIDTH, LABEL)
 }
 
-/// Parts in lines that are not longer than [`LINE_WIDTH`], unless a part alone is.
-fn filled(parts: Vec<Line>) -> Vec<Line> {
+/// Parts in lines that are not longer than `width`, unless a part alone is; [`MAX_LINES`] of them at most.
+pub fn filled(parts: Vec<Line>, width: f32, set: Type) -> Vec<Line> {
     let mut lines: Vec<Line> = Vec::new();
+    let mut filled = 0.0;
     for part in parts {
+        let wide = part.width(set);
+        let is_full = lines.len() == MAX_LINES;
         match lines.last_mut() {
-            Some(last) if last.width(LABEL) + part.width(LABEL) <= LINE_WIDTH => last.append(part),
+            Some(last) if filled + wide <= width => {
+                last.append(part);
+                filled += wide;
+            }
+            Some(last) if is_full => {
+                last.push(CUT);
+                break;
+            }
             Some(_) => {
                 // What goes over is set in a little.
                 let mut line = Line::words("   ");
-                line.append(part);
+                line.append(part.without_indent());
+                filled = line.width(set);
                 lines.push(line);
             }
-            None => lines.push(part),
+            None => {
+                filled = wide;
+                lines.push(part);
+            }
         }
     }
     lines
@@ -255,11 +294,11 @@ struct Names<'a> {
 }
 
 impl Names<'_> {
-    fn event(&self, event: usize) -> &str {
-        self.model.events.get(event).map_or("", String::as_str)
+    fn event(&self, event: usize) -> Cow<'_, str> {
+        name(self.model.events.get(event).map_or("", String::as_str))
     }
 
-    fn own_flag(&self, state: Option<usize>, flag: usize) -> &str {
+    fn own_flag(&self, state: Option<usize>, flag: usize) -> Cow<'_, str> {
         let kind = state
             .and_then(|state| self.container.regions.get(self.region)?.states.get(state))
             .map(|state| &state.kind);
@@ -274,37 +313,20 @@ impl Names<'_> {
                 .map(|container| &container.flags),
             Some(StateKind::Simple) | None => None,
         };
-        flags
-            .and_then(|flags| flags.get(flag))
-            .map_or("", |flag| &flag.name)
+        let flag = flags.and_then(|flags| flags.get(flag));
+        name(flag.map_or("", |flag| &flag.name))
     }
 
-    fn parent_flag(&self, flag: usize) -> &str {
-        self.container.flags.get(flag).map_or("", |flag| &flag.name)
+    fn parent_flag(&self, flag: usize) -> Cow<'_, str> {
+        let flag = self.container.flags.get(flag);
+        name(flag.map_or("", |flag| &flag.name))
     }
 
-    /// A guard in parts, each with the sign that follows it.
-    fn terms(&self, guard: &Guard) -> Vec<Line> {
-        let (terms, sign) = match guard {
-            Guard::And(terms) => (terms.as_slice(), Symbol::And),
-            Guard::Or(terms) => (terms.as_slice(), Symbol::Or),
-            single => (std::slice::from_ref(single), Symbol::Or),
+    /// Adds a guard to the last of `parts`; after a sign that joins terms, a new part begins. Guards are as deep as the parser lets them be, which is not deep.
+    fn write(&self, guard: &Guard, in_brackets: bool, parts: &mut Vec<Line>) {
+        let Some(line) = parts.last_mut() else {
+            return;
         };
-        let binds_tight = matches!(guard, Guard::And(_));
-        let mut lines = Vec::with_capacity(terms.len());
-        for (index, term) in terms.iter().enumerate() {
-            let mut line = Line::default();
-            self.write(term, binds_tight, &mut line);
-            if index + 1 < terms.len() {
-                line.symbol(sign);
-            }
-            lines.push(line);
-        }
-        lines
-    }
-
-    /// Guards are as deep as the parser lets them be, which is not deep.
-    fn write(&self, guard: &Guard, in_brackets: bool, line: &mut Line) {
         let (terms, sign) = match guard {
             Guard::Exit => return line.symbol(Symbol::Exit),
             Guard::Timeout => return line.symbol(Symbol::Timeout),
@@ -315,16 +337,16 @@ impl Names<'_> {
                     Source::State(state) => Some(state),
                     Source::Initial => None,
                 };
-                return line.push(self.own_flag(state, *flag));
+                return line.push(&self.own_flag(state, *flag));
             }
             Guard::Parent(flag) => {
                 line.symbol(Symbol::Parent);
-                return line.push(self.parent_flag(*flag));
+                return line.push(&self.parent_flag(*flag));
             }
             Guard::Not(inner) => {
                 line.symbol(Symbol::Not);
                 let is_compound = matches!(**inner, Guard::And(_) | Guard::Or(_));
-                return self.write(inner, is_compound, line);
+                return self.write(inner, is_compound, parts);
             }
             Guard::And(terms) => (terms, Symbol::And),
             Guard::Or(terms) => (terms, Symbol::Or),
@@ -333,12 +355,15 @@ impl Names<'_> {
             line.push("(");
         }
         for (index, term) in terms.iter().enumerate() {
-            if index > 0 {
-                line.symbol(sign);
+            self.write(term, matches!(sign, Symbol::And), parts);
+            if index + 1 < terms.len() {
+                if let Some(line) = parts.last_mut() {
+                    line.symbol(sign);
+                }
+                parts.push(Line::default());
             }
-            self.write(term, matches!(sign, Symbol::And), line);
         }
-        if in_brackets {
+        if let Some(line) = parts.last_mut().filter(|_| in_brackets) {
             line.push(")");
         }
     }
@@ -348,7 +373,7 @@ impl Names<'_> {
         match action {
             Action::Send(event) => {
                 line.symbol(Symbol::Event);
-                line.push(self.event(event));
+                line.push(&self.event(event));
             }
             Action::Own(flag, sets) => {
                 if !sets {
@@ -359,14 +384,14 @@ impl Names<'_> {
                     Target::State(state) => Some(state),
                     Target::Final => None,
                 };
-                line.push(self.own_flag(state, flag));
+                line.push(&self.own_flag(state, flag));
             }
             Action::Parent(flag, sets) => {
                 if !sets {
                     line.symbol(Symbol::Not);
                 }
                 line.symbol(Symbol::Parent);
-                line.push(self.parent_flag(flag));
+                line.push(&self.parent_flag(flag));
             }
         }
         line

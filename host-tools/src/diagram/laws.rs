@@ -97,8 +97,8 @@ fn boxes_stand_apart(drawing: &Drawing, found: &mut Vec<String>) {
         if !is_inside(&placed.area, &outer) {
             found.push(format!("`{}` leaves its parent", placed.name));
         }
-        if placed.parent.is_some() {
-            let heading = Drawing::heading(outer);
+        if let Some(parent) = placed.parent {
+            let heading = drawing.boxes[parent].heading();
             if touch(&placed.area, &heading) {
                 found.push(format!(
                     "`{}` stands in the heading of its parent",
@@ -808,6 +808,156 @@ fn wide_and_deep_machines_are_told_to_be_so() {
     );
 }
 
+/// Slots, and a machine of one region with these lines.
+fn one_region(declarations: &str, lines: &str) -> Model {
+    let text = format!(
+        "interpreter slot 1; slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms;\n\
+         {declarations}\nmachine M {{ event E; region r {{ {lines} }} }}"
+    );
+    model_of("region.esm", &text)
+}
+
+/// `state S0; … initial -> S0;`
+fn states(count: usize) -> String {
+    let states: Vec<String> = (0..count).map(|index| format!("state S{index};")).collect();
+    format!("{} initial -> S0;", states.join(" "))
+}
+
+#[test]
+fn a_region_that_nobody_could_follow_is_not_drawn() {
+    // Everything to everything: every pair of ranks is joined.
+    let each = |from: usize| (0..70).map(move |to| (from, to));
+    let lines: Vec<String> = (0..70)
+        .flat_map(each)
+        .filter(|(from, to)| from != to)
+        .map(|(from, to)| format!("S{from} -> S{to} on E;"))
+        .collect();
+    let model = one_region("", &format!("{} {}", states(70), lines.join(" ")));
+    let error = draw(&model, &Options::default()).unwrap_err();
+    assert_eq!(error, super::DrawError::TooTangled);
+    assert!(
+        error.to_string().contains("100000 places") && error.to_string().contains("--container"),
+        "{error}"
+    );
+}
+
+#[test]
+fn more_states_or_transitions_than_the_limit_are_counted_and_refused() {
+    let draw = |lines: String| draw(&one_region("", &lines), &Options::default()).unwrap_err();
+    assert_eq!(
+        draw(states(2_001)),
+        super::DrawError::TooLarge {
+            states: 2_001,
+            transitions: 1
+        }
+    );
+    let loops = "S0 -> S0 on E; ".repeat(6_000);
+    assert_eq!(
+        draw(format!("{} {loops}", states(1))),
+        super::DrawError::TooLarge {
+            states: 1,
+            transitions: 6_001
+        }
+    );
+}
+
+#[test]
+fn a_container_with_too_many_ports_on_paths_carries_the_numbers_of_its_nets() {
+    let mut declarations = "task T slot 2 { out data q: D; in data p: D optional; }".to_owned();
+    let mut lines = String::new();
+    let mut paths = String::new();
+    for index in 0..81 {
+        lines += &format!("task A{index}: T; ");
+        paths += &format!("path r.A{index}.q -> r.A{}.p; ", (index + 1) % 81);
+    }
+    declarations += &format!(" container Many {{ region r {{ {lines} initial -> A0; }} {paths} }}");
+    let model = one_region(&declarations, "super S: Many; initial -> S;");
+    let drawing = lay_out(&model, &Options::default()).unwrap();
+    const { assert!(2 * 81 > wires::MAX_ENDS) };
+    assert_eq!(drawing.nets.len(), 81);
+    assert!(drawing.nets.iter().all(|net| net.lines.is_empty()));
+    // Both ends of a net, and nobody else, have its number.
+    for (number, net) in (1..).zip(&drawing.nets) {
+        let named: Vec<&str> = net
+            .ends
+            .iter()
+            .map(|(port, _)| drawing.ports[*port].name.as_str())
+            .collect();
+        assert_eq!(named, [format!("q #{number}"), format!("p #{number}")]);
+    }
+    let found = violations(&drawing);
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn what_is_too_long_to_be_read_is_cut_and_what_has_many_parts_goes_over() {
+    let long = "x".repeat(1_000);
+    let flags: Vec<String> = (0..8).map(|index| format!("out flag f{index};")).collect();
+    let terms: Vec<String> = (0..1_000).map(|index| format!(".f{}", index % 8)).collect();
+    let sends = vec!["send E"; 500].join(", ");
+    let model = one_region(
+        &format!("task T slot 2 {{ {} }}", flags.join(" ")),
+        &format!(
+            "task {long}: T; state B; initial -> {long}; {long} -> B on E [exit and ({})] / {sends}; B -> {long} on E [timeout] / send E;",
+            terms.join(" or ")
+        ),
+    );
+    let drawing = lay_out(&model, &Options::default()).unwrap();
+    let found = violations(&drawing);
+    assert!(found.is_empty(), "{}", found.join("\n"));
+    let named = drawing
+        .boxes
+        .iter()
+        .find(|placed| placed.name.to_string().starts_with('x'))
+        .unwrap();
+    assert_eq!(
+        named.name.to_string().chars().count(),
+        super::label::MAX_NAME
+    );
+    let labels = || {
+        drawing
+            .transitions
+            .iter()
+            .filter_map(|one| one.label.as_ref())
+    };
+    let longest = labels().map(|(_, lines)| lines.len()).max().unwrap();
+    assert_eq!(longest, super::label::MAX_LINES);
+    let (area, lines) = labels().find(|(_, lines)| lines.len() == longest).unwrap();
+    assert!(
+        lines.last().unwrap().to_string().ends_with('…'),
+        "{lines:?}"
+    );
+    assert!(area.width() < 25, "{area:?}");
+}
+
+#[test]
+fn headings_say_which_flags_and_events_a_container_has() {
+    let model = model_of(
+        "headings.esm",
+        "interpreter slot 1; slot 1 period 10 ms duration 1 ms;\n\
+         container C { in flag left; out flag found; in flag fast; in event Halt; in event Resume; event Own;\n\
+           region r { state A; initial -> A; A -> A on Halt [^left and ^fast] / set ^found, send Own; A -> A on Own; A -> A on Resume; } }\n\
+         machine M { event Halt, Resume; region r { super S: C; state T; initial -> T; T -> S / set .left, set .fast; S -> T [.found] / send Halt; } }",
+    );
+    let drawing = lay_out(&model, &Options::default()).unwrap();
+    let heading = |name: &str| {
+        let placed = drawing
+            .boxes
+            .iter()
+            .find(|placed| placed.name.to_string() == name);
+        let lines = placed.unwrap().details.iter().map(ToString::to_string);
+        lines.collect::<Vec<_>>()
+    };
+    assert_eq!(heading("machine M"), ["event Halt, Resume"]);
+    assert_eq!(
+        heading("S : C"),
+        [
+            "in flag left, fast · out flag found · event Own",
+            "   · in event Halt, Resume"
+        ]
+    );
+}
+
 #[test]
 fn corners_of_a_straight_line_are_its_ends() {
     assert_eq!(
@@ -847,7 +997,7 @@ fn the_pictures_of_the_book_are_those_that_the_command_draws() {
     let roaming = Options {
         container: Some("Roaming".into()),
         depth: Some(0),
-        data: true,
+        ..Options::default()
     };
     assert_golden(
         "../docs/src/img/roaming.svg",

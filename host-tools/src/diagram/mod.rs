@@ -23,6 +23,7 @@ pub mod face;
 pub mod grid;
 pub mod label;
 pub mod layered;
+mod legend;
 pub mod pack;
 pub mod paint;
 pub mod wires;
@@ -56,6 +57,8 @@ pub struct Options {
     pub depth: Option<u32>,
     /// Whether data ports and data paths are shown.
     pub data: bool,
+    /// Whether the meaning of the symbols stands below.
+    pub legend: bool,
 }
 
 impl Default for Options {
@@ -64,6 +67,7 @@ impl Default for Options {
             container: None,
             depth: None,
             data: true,
+            legend: false,
         }
     }
 }
@@ -116,10 +120,11 @@ pub enum DrawError {
 /// If there is nothing to draw, or too much.
 pub fn draw(model: &Model, options: &Options) -> Result<Scene, DrawError> {
     let drawing = lay_out(model, options)?;
-    Ok(paint::paint(
-        &drawing,
-        &title(model, &roots(model, options)?),
-    ))
+    let mut scene = paint::paint(&drawing, &title(model, &roots(model, options)?));
+    if options.legend {
+        legend::add(&mut scene);
+    }
+    Ok(scene)
 }
 
 /// Lays a model out without painting it.
@@ -145,7 +150,11 @@ pub fn lay_out(model: &Model, options: &Options) -> Result<Drawing, DrawError> {
     let mut placed = Vec::with_capacity(roots.len());
     for root in roots {
         let name = heading(model, root);
-        let least = [grid::cells(name.width(label::NAME)) + 4, 0];
+        let mut widest = grid::cells(name.width(label::NAME));
+        for line in face::declarations(model, &model.containers[root]) {
+            widest = widest.max(grid::cells(line.width(label::DETAIL)));
+        }
+        let least = [widest + 2 * face::MARGIN, 0];
         let body = workshop
             .body(root, levels, least)
             .map_err(|layered::TooTangled| DrawError::TooTangled)?;
@@ -161,7 +170,7 @@ fn heading(model: &Model, container: usize) -> Line {
     } else {
         "container"
     };
-    Line::words(format!("{kind} {}", container.name))
+    Line::words(format!("{kind} {}", label::name(&container.name)))
 }
 
 fn title(model: &Model, roots: &[usize]) -> String {

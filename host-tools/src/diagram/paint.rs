@@ -3,14 +3,15 @@
 //! Kinds of lines differ in dashes and ends, and not in colour alone, so that they can be told apart in black and white too: transitions are solid with
 //! an arrow head, data paths thin and dashed between triangles, and borders of regions long-dashed and grey.
 
+use super::body;
 use super::drawing::{Arrow, Drawing, Placed, PlacedPort};
-use super::face::{DETAIL_ROWS, Kind, NAME_ROWS, PORT_NAME_GAP, Side};
+use super::face::{DETAIL_ROWS, Kind, MARGIN, NAME_ROWS, PORT_NAME_GAP, Side};
 use super::grid::{self, Area, CELL, Spot};
 use super::label::{self, LINE_ROWS, Line, Piece, Symbol, Type};
 use crate::model::Direction;
 use crate::pictures::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
 
-const INK: Colour = Colour::opaque(0x1a1a1a);
+pub(super) const INK: Colour = Colour::opaque(0x1a1a1a);
 const SOFT_INK: Colour = Colour::opaque(0x555555);
 const REGION_INK: Colour = Colour::opaque(0x6b6b6b);
 const PAPER: Colour = Colour::opaque(0xffffff);
@@ -19,7 +20,7 @@ const SUPER_FILL: Colour = Colour::opaque(0xf8f6f0);
 const HEADING_FILL: Colour = Colour::opaque(0xece7da);
 const ROOT_HEADING_FILL: Colour = Colour::opaque(0xdfe3e8);
 /// Colours of nets, in turn; all are dark enough to be read in grey.
-const NET_INKS: [Colour; 6] = [
+pub(super) const NET_INKS: [Colour; 6] = [
     Colour::opaque(0x00695c),
     Colour::opaque(0x6a1b9a),
     Colour::opaque(0xa84300),
@@ -49,12 +50,7 @@ pub fn paint(drawing: &Drawing, title: &str) -> Scene {
         paint_box(&mut scene, placed);
     }
     for divider in &drawing.dividers {
-        let stroke = Stroke {
-            colour: REGION_INK,
-            width: 0.9,
-            dash: Some(DIVIDER_DASH),
-        };
-        scene.line(divider.ends.map(grid::point), stroke);
+        paint_border(&mut scene, divider.ends);
     }
     for region in &drawing.region_names {
         let line = Line::words(region.name.as_str());
@@ -68,13 +64,7 @@ pub fn paint(drawing: &Drawing, title: &str) -> Scene {
         let ink = NET_INKS[*count % NET_INKS.len()];
         *count += 1;
         for line in &net.lines {
-            let stroke = Stroke {
-                colour: ink,
-                width: WIRE,
-                dash: Some(WIRE_DASH),
-            };
-            let points = line.iter().map(|spot| grid::point(*spot)).collect();
-            scene.track(points, WIRE_BEND_RADIUS, stroke);
+            paint_wire(&mut scene, line, ink);
         }
         for joint in &net.joints {
             scene.circle(grid::point(*joint), 2.3, Some(ink), None);
@@ -95,7 +85,29 @@ pub fn paint(drawing: &Drawing, title: &str) -> Scene {
     scene
 }
 
-fn paint_box(scene: &mut Scene, placed: &Placed) {
+/// Paints the border between two regions.
+pub(super) fn paint_border(scene: &mut Scene, ends: [Spot; 2]) {
+    let stroke = Stroke {
+        colour: REGION_INK,
+        width: 0.9,
+        dash: Some(DIVIDER_DASH),
+    };
+    scene.line(ends.map(grid::point), stroke);
+}
+
+/// Paints a line of a net.
+pub(super) fn paint_wire(scene: &mut Scene, corners: &[Spot], ink: Colour) {
+    let stroke = Stroke {
+        colour: ink,
+        width: WIRE,
+        dash: Some(WIRE_DASH),
+    };
+    let points = corners.iter().map(|spot| grid::point(*spot)).collect();
+    scene.track(points, WIRE_BEND_RADIUS, stroke);
+}
+
+/// Paints a box with what is written in it.
+pub(super) fn paint_box(scene: &mut Scene, placed: &Placed) {
     let Area { left, top, .. } = placed.area;
     let corner = grid::point([left, top]);
     let size = grid::point([placed.area.width(), placed.area.height()]);
@@ -123,7 +135,7 @@ fn paint_box(scene: &mut Scene, placed: &Placed) {
             };
             scene.rounded(corner, size, STATE_RADIUS, Some(fill), None);
             if placed.is_open {
-                let heading = grid::point([0, super::body::HEADING_ROWS])[1];
+                let heading = grid::point([0, placed.heading().height()])[1];
                 paint_heading(scene, corner, size[0], heading, heading_fill);
             }
             scene.rounded(corner, size, STATE_RADIUS, None, outline);
@@ -138,14 +150,14 @@ fn paint_box(scene: &mut Scene, placed: &Placed) {
     }
     let middle = corner[0] + size[0] / 2.0;
     if placed.is_open {
-        let row = corner[1] + CELL * super::body::HEADING_ROWS as f32 / 2.0;
-        write_line(
-            scene,
-            &placed.name,
-            [corner[0] + 2.0 * CELL, row],
-            label::NAME,
-            INK,
-        );
+        let column = corner[0] + CELL * MARGIN as f32;
+        let mut row = corner[1] + CELL * body::heading_rows(0) as f32 / 2.0;
+        write_line(scene, &placed.name, [column, row], label::NAME, INK);
+        row += 1.0;
+        for line in &placed.details {
+            row += CELL * DETAIL_ROWS as f32;
+            write_line(scene, line, [column, row], label::DETAIL, SOFT_INK);
+        }
         return;
     }
     let mut row = corner[1] + CELL * NAME_ROWS as f32 / 2.0 + 1.0;
@@ -177,7 +189,8 @@ fn paint_heading(scene: &mut Scene, corner: Point, width: f32, height: f32, fill
     );
 }
 
-fn paint_arrow(scene: &mut Scene, arrow: &Arrow) {
+/// Paints a transition and its label.
+pub(super) fn paint_arrow(scene: &mut Scene, arrow: &Arrow) {
     let mut points: Vec<Point> = arrow.route.iter().map(|spot| grid::point(*spot)).collect();
     let [.., before, end] = points[..] else {
         return;
@@ -218,7 +231,8 @@ fn paint_arrow(scene: &mut Scene, arrow: &Arrow) {
     }
 }
 
-fn paint_port(scene: &mut Scene, port: &PlacedPort, ink: Colour) {
+/// Paints a data port and its name.
+pub(super) fn paint_port(scene: &mut Scene, port: &PlacedPort, ink: Colour) {
     let [x, y] = grid::point(port.at);
     let (half, reach) = (3.4, CELL);
     // Outside of the box, from its edge to where the wire begins.
@@ -261,7 +275,7 @@ fn paint_port(scene: &mut Scene, port: &PlacedPort, ink: Colour) {
 }
 
 /// Writes a line whose upper left corner is at a place.
-fn write_at(scene: &mut Scene, line: &Line, at: Spot, set: Type, ink: Colour) {
+pub(super) fn write_at(scene: &mut Scene, line: &Line, at: Spot, set: Type, ink: Colour) {
     let [x, y] = grid::point(at);
     let middle = y + CELL * LINE_ROWS as f32 / 2.0;
     write_line(scene, line, [x, middle], set, ink);

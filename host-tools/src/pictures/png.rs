@@ -12,11 +12,16 @@ use super::scene::{self, Anchor, Colour, Leg, Point, Scene, Shape, Stroke, Text}
 /// Dots for each unit of a scene: sharp on today's screens and fit to print.
 const DOTS_PER_UNIT: f32 = 2.0;
 
+/// Dots of a picture at most: they take four bytes each while it is drawn.
+pub const MAX_DOTS: u64 = 100_000_000;
+
 /// Why a scene cannot become a PNG.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PngError {
-    /// It has no area, or more than can be held.
-    #[error("a picture of {width} × {height} dots cannot be made")]
+    /// It has no area, or more than [`MAX_DOTS`].
+    #[error(
+        "a PNG of {width} × {height} dots cannot be made, {MAX_DOTS} in all are the most: an SVG has no such limit"
+    )]
     Size {
         /// Dots across.
         width: u32,
@@ -32,14 +37,18 @@ impl Scene {
     /// The picture as a PNG file, two dots a unit.
     ///
     /// # Errors
-    /// If the picture has no area or is too large to be held in memory.
+    /// If the picture has no area or more than [`MAX_DOTS`].
     pub fn to_png(&self) -> Result<Vec<u8>, PngError> {
         // Float to integer conversions saturate, so that absurd sizes are refused below.
         let (width, height) = (
             (self.width * DOTS_PER_UNIT) as u32,
             (self.height * DOTS_PER_UNIT) as u32,
         );
-        let mut pixmap = Pixmap::new(width, height).ok_or(PngError::Size { width, height })?;
+        let too_large = PngError::Size { width, height };
+        if u64::from(width) * u64::from(height) > MAX_DOTS {
+            return Err(too_large);
+        }
+        let mut pixmap = Pixmap::new(width, height).ok_or(too_large)?;
         pixmap.fill(Color::WHITE);
         for shape in &self.shapes {
             draw(&mut pixmap, shape);

@@ -118,8 +118,8 @@ impl Ladder {
     fn distance(&self, left: usize, right: usize) -> i32 {
         let (left, right) = (&self.vertices[left], &self.vertices[right]);
         let gap = match (left.passes, right.passes) {
-            (true, true) if left.right == 0 => 2,
-            (true, true) => 1,
+            // A label has more room to the next line than to its own.
+            (true, true) => 2,
             _ => self.beside_nodes,
         };
         left.right + gap + right.left
@@ -269,7 +269,7 @@ fn build(
 }
 
 /// Lanes by which a node grows on each side, at most, so that its lines become straight.
-const GROWTH: i32 = 4;
+const GROWTH: i32 = 8;
 
 /// Nodes that grow a little where that makes lines straight and there is room. `columns` are in cells.
 fn straightened(nodes: &[Node], ladder: &Ladder, columns: &[i32]) -> Vec<Node> {
@@ -284,22 +284,35 @@ fn straightened(nodes: &[Node], ladder: &Ladder, columns: &[i32]) -> Vec<Node> {
                 } else {
                     (index, *other)
                 };
-                // The neighbour may grow as well.
-                (apart - ladder.distance(left, right)) / 2
+                let room = apart - ladder.distance(left, right);
+                // A neighbour that is a node may grow as well.
+                if ladder.vertices[*other].passes {
+                    room
+                } else {
+                    room / 2
+                }
             })
         };
         let left = place.checked_sub(1).and_then(|before| layer.get(before));
         let room = room_to(left, true).min(room_to(layer.get(place + 1), false));
-        let lines = ladder.above[index].iter().chain(&ladder.below[index]);
-        let wanted = lines
-            .filter(|_| node.may_grow)
-            .map(|line| (columns[*line] - columns[index]).abs() / LANE + 1)
-            .filter(|half| *half <= node.half + GROWTH.min(room))
-            .max();
-        Node {
-            half: node.half.max(wanted.unwrap_or(0)),
-            ..*node
+        let most = node.half + GROWTH.min(room);
+        let mut half = node.half;
+        if node.may_grow {
+            for lines in [&ladder.above[index], &ladder.below[index]] {
+                for sign in [-1, 1] {
+                    let mut apart: Vec<i32> = lines
+                        .iter()
+                        .map(|line| sign * (columns[*line] - columns[index]) / LANE)
+                        .filter(|apart| *apart > 0)
+                        .collect();
+                    apart.sort_unstable_by_key(|apart| std::cmp::Reverse(*apart));
+                    // Those farther out come in between it and the corner.
+                    let wanted = (1..).zip(apart).map(|(outer, apart)| apart + outer);
+                    half = half.max(wanted.filter(|half| *half <= most).max().unwrap_or(0));
+                }
+            }
         }
+        Node { half, ..*node }
     };
     nodes.iter().enumerate().map(grown).collect()
 }
