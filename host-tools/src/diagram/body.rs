@@ -121,6 +121,8 @@ pub struct Workshop<'a> {
     model: &'a Model,
     options: &'a Options,
     done: HashMap<Request, Rc<Body>>,
+    /// Steps that the search for the ways of nets may still take.
+    steps: usize,
 }
 
 impl<'a> Workshop<'a> {
@@ -130,6 +132,7 @@ impl<'a> Workshop<'a> {
             model,
             options,
             done: HashMap::new(),
+            steps: wires::MAX_STEPS_IN_ALL,
         }
     }
 
@@ -165,7 +168,7 @@ impl<'a> Workshop<'a> {
         if ends <= wires::MAX_ENDS {
             for widening in 0..=WIDENINGS {
                 let mut body = self.arrange(container, &nets, levels, least, Some(widening))?;
-                match wire(&mut body, &nets) {
+                match wire(&mut body, &nets, &mut self.steps) {
                     Ok(()) => return Ok(body),
                     Err(NoWay::Narrow) => {}
                     Err(NoWay::Effort) => break,
@@ -634,7 +637,7 @@ fn outer_terminal(area: &Area, port: &Port) -> Terminal {
 }
 
 /// Leads the wires of a body around what is in it.
-fn wire(body: &mut Body, nets: &[Vec<PathEnd>]) -> Result<(), NoWay> {
+fn wire(body: &mut Body, nets: &[Vec<PathEnd>], steps: &mut usize) -> Result<(), NoWay> {
     if nets.is_empty() {
         return Ok(());
     }
@@ -688,7 +691,7 @@ fn wire(body: &mut Body, nets: &[Vec<PathEnd>]) -> Result<(), NoWay> {
                 .collect(),
         );
     }
-    let wirings = wires::lead(&mut board, &terminals)?;
+    let wirings = wires::lead(&mut board, &terminals, steps)?;
     for (net, wiring) in body.nets.iter_mut().zip(wirings) {
         net.wiring = Some(wiring);
     }

@@ -15,6 +15,8 @@ pub const MAX_CELLS: usize = 2_000_000;
 pub const MAX_ENDS: usize = 160;
 /// Steps of the search for the ways of a container's nets, at most.
 pub const MAX_STEPS: usize = 6_000_000;
+/// Steps of the search for the ways of all nets of a diagram, at most.
+pub const MAX_STEPS_IN_ALL: usize = 20_000_000;
 
 /// Rounds in which nets are led anew.
 const IMPROVEMENTS: usize = 1;
@@ -82,7 +84,7 @@ pub struct Wiring {
 pub enum NoWay {
     /// It is too narrow.
     Narrow,
-    /// The search took more than [`MAX_STEPS`] steps.
+    /// The search took more than [`MAX_STEPS`] steps, or with those before it more than [`MAX_STEPS_IN_ALL`].
     Effort,
 }
 
@@ -246,54 +248,19 @@ struct Tree {
     cost: u32,
 }
 
-/// Leads wires for `nets` over a board.
+/// Leads wires for `nets` over a board. `steps` are those that the diagram may still take, and are used up.
 ///
 /// # Errors
 /// If a net finds no way, or the search takes too long.
-pub fn lead(board: &mut Board, nets: &[Vec<Terminal>]) -> Result<Vec<Wiring>, NoWay> {
-    for (net, terminals) in nets.iter().enumerate() {
-        for terminal in terminals {
-            board.port(terminal.at, Some(net));
-        }
-    }
-    // Short nets have the least choice.
-    let mut order: Vec<usize> = (0..nets.len()).collect();
-    order.sort_by_key(|net| (span(&nets[*net]), *net));
-    let mut search = Search::new(board);
-    let mut trees: Vec<Tree> = Vec::new();
-    trees.resize_with(nets.len(), Tree::default);
-    for net in &order {
-        let owner = NETS + *net as Owner;
-        trees[*net] = search.grow(board, owner, &nets[*net])?;
-    }
-    for _ in 0..IMPROVEMENTS {
-        for net in &order {
-            let owner = NETS + *net as Owner;
-            let old = std::mem::take(&mut trees[*net]);
-            lay_ways(board, &old.ways, NOBODY);
-            tie_terminals(board, &nets[*net], owner);
-            let old_cost = old.ways.iter().map(|way| cost_of(board, way, owner)).sum();
-            match search.grow(board, owner, &nets[*net]) {
-                Ok(new) if new.cost < old_cost => trees[*net] = new,
-                Ok(new) => {
-                    lay_ways(board, &new.ways, NOBODY);
-                    tie_terminals(board, &nets[*net], owner);
-                    lay_ways(board, &old.ways, owner);
-                    trees[*net] = old;
-                }
-                Err(NoWay::Effort) => return Err(NoWay::Effort),
-                // The old way is there still.
-                Err(NoWay::Narrow) => {
-                    lay_ways(board, &old.ways, owner);
-                    trees[*net] = old;
-                }
-            }
-        }
-    }
-    Ok((NETS..)
-        .zip(&trees)
-        .map(|(owner, tree)| wiring(board, owner, tree))
-        .collect())
+pub fn lead(
+    board: &mut Board,
+    nets: &[Vec<Terminal>],
+    steps: &mut usize,
+) -> Result<Vec<Wiring>, NoWay> {
+    let mut search = Search::new(board, MAX_STEPS.min(*steps));
+    let wirings = search.lead(board, nets);
+    *steps = steps.saturating_sub(search.steps);
+    wirings
 }
 
 fn span(terminals: &[Terminal]) -> i32 {
@@ -388,10 +355,11 @@ struct Search {
     goal: Vec<u32>,
     round: u32,
     steps: usize,
+    most_steps: usize,
 }
 
 impl Search {
-    fn new(board: &Board) -> Self {
+    fn new(board: &Board, most_steps: usize) -> Self {
         let points = board.blocked.len();
         Search {
             cost: vec![0; 4 * points],
@@ -400,7 +368,54 @@ impl Search {
             goal: vec![0; points],
             round: 0,
             steps: 0,
+            most_steps,
         }
+    }
+
+    /// Leads all nets, one after the other, and then each once more among the others.
+    fn lead(&mut self, board: &mut Board, nets: &[Vec<Terminal>]) -> Result<Vec<Wiring>, NoWay> {
+        for (net, terminals) in nets.iter().enumerate() {
+            for terminal in terminals {
+                board.port(terminal.at, Some(net));
+            }
+        }
+        // Short nets have the least choice.
+        let mut order: Vec<usize> = (0..nets.len()).collect();
+        order.sort_by_key(|net| (span(&nets[*net]), *net));
+        let mut trees: Vec<Tree> = Vec::new();
+        trees.resize_with(nets.len(), Tree::default);
+        for net in &order {
+            let owner = NETS + *net as Owner;
+            trees[*net] = self.grow(board, owner, &nets[*net])?;
+        }
+        for _ in 0..IMPROVEMENTS {
+            for net in &order {
+                let owner = NETS + *net as Owner;
+                let old = std::mem::take(&mut trees[*net]);
+                lay_ways(board, &old.ways, NOBODY);
+                tie_terminals(board, &nets[*net], owner);
+                let old_cost = old.ways.iter().map(|way| cost_of(board, way, owner)).sum();
+                match self.grow(board, owner, &nets[*net]) {
+                    Ok(new) if new.cost < old_cost => trees[*net] = new,
+                    Ok(new) => {
+                        lay_ways(board, &new.ways, NOBODY);
+                        tie_terminals(board, &nets[*net], owner);
+                        lay_ways(board, &old.ways, owner);
+                        trees[*net] = old;
+                    }
+                    Err(NoWay::Effort) => return Err(NoWay::Effort),
+                    // The old way is there still.
+                    Err(NoWay::Narrow) => {
+                        lay_ways(board, &old.ways, owner);
+                        trees[*net] = old;
+                    }
+                }
+            }
+        }
+        Ok((NETS..)
+            .zip(&trees)
+            .map(|(owner, tree)| wiring(board, owner, tree))
+            .collect())
     }
 
     /// Joins the terminals of a net.
@@ -498,7 +513,7 @@ impl Search {
                 return Ok((self.trace(board, state, first), cost));
             }
             self.steps += 1;
-            if self.steps > MAX_STEPS {
+            if self.steps > self.most_steps {
                 return Err(NoWay::Effort);
             }
             let heading = HEADINGS[state % 4];
@@ -620,7 +635,7 @@ mod tests {
             terminal([5, 9], Heading::Right),
             terminal([30, 9], Heading::Left),
         ]];
-        let wiring = &lead(&mut board, &nets).unwrap()[0];
+        let wiring = &lead(&mut board, &nets, &mut { MAX_STEPS }).unwrap()[0];
         assert_eq!(wiring.lines.len(), 1);
         assert_eq!(wiring.lines[0].len(), 6, "{wiring:?}");
         assert!(wiring.joints.is_empty());
@@ -634,7 +649,7 @@ mod tests {
             terminal([30, 5], Heading::Left),
             terminal([15, 15], Heading::Right),
         ]];
-        let wiring = &lead(&mut board, &nets).unwrap()[0];
+        let wiring = &lead(&mut board, &nets, &mut { MAX_STEPS }).unwrap()[0];
         assert_eq!((wiring.lines.len(), wiring.joints.len()), (2, 1));
     }
 
@@ -651,9 +666,22 @@ mod tests {
                 terminal([18, 30], Heading::Left),
             ],
         ];
-        let wirings = lead(&mut board, &nets).unwrap();
+        let wirings = lead(&mut board, &nets, &mut { MAX_STEPS }).unwrap();
         assert_eq!(wirings[0].lines[0], [[30, 20], [5, 20]]);
         assert_eq!(wirings[1].lines.len(), 1);
+    }
+
+    #[test]
+    fn a_diagram_that_has_no_steps_left_is_told() {
+        let nets = [vec![
+            terminal([5, 20], Heading::Right),
+            terminal([30, 20], Heading::Left),
+        ]];
+        let mut steps = 60;
+        assert!(lead(&mut Board::new([40, 40]), &nets, &mut steps).is_ok());
+        assert!(steps < 60);
+        let second = lead(&mut Board::new([40, 40]), &nets, &mut steps);
+        assert_eq!((second, steps), (Err(NoWay::Effort), 0));
     }
 
     #[test]
@@ -664,6 +692,9 @@ mod tests {
             terminal([5, 9], Heading::Right),
             terminal([30, 9], Heading::Left),
         ]];
-        assert_eq!(lead(&mut board, &nets), Err(NoWay::Narrow));
+        assert_eq!(
+            lead(&mut board, &nets, &mut { MAX_STEPS }),
+            Err(NoWay::Narrow)
+        );
     }
 }
