@@ -342,7 +342,7 @@ fn draw_says_what_it_cannot_draw() {
             2,
             "did you mean `Escape`?",
         ),
-        ("good.esm -o {}/p.svg --depth -1", 2, "--depth"),
+        ("good.esm -o {}/p.svg --depth -1", 2, "-1"),
         ("good.esm -o {}/absent/p.svg", 3, "absent"),
         ("lib.esm -o {}/p.svg", 1, "nothing to draw"),
         ("bad.esm -o {}/p.svg", 1, "error"),
