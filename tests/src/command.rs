@@ -116,21 +116,36 @@ pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Done {
     run(command)
 }
 
-/// [`esm`] with at most so much memory: a command that wants more ends with a signal.
+/// [`esm`] with at most so much memory: a command that wants more fails. Comes with the processor time that it took, which other programs do not lengthen.
 ///
 /// # Panics
 /// If it cannot be started or does not end.
 #[track_caller]
-pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> Done {
+pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> (Done, Duration) {
+    let times = tempfile::NamedTempFile::new().expect("a file for the time");
     let mut command = Command::new("sh");
     // The shell counts in KiB.
     let limit = memory_mb * 1_024;
     command
-        .args(["-c", &format!("ulimit -v {limit} && exec \"$0\" \"$@\"")])
+        .args([
+            "-c",
+            &format!(
+                "ulimit -v {limit}; \"$0\" \"$@\"; status=$?; times > \"$ESM_TIMES\"; exit $status"
+            ),
+        ])
         .arg(esm_binary())
         .args(arguments.iter().map(AsRef::as_ref))
+        .env("ESM_TIMES", times.path())
         .current_dir(root());
-    run(command)
+    let done = run(command);
+    let times = std::fs::read_to_string(times.path()).unwrap_or_default();
+    // The shell's own time stands in the first line, that of its children in the second: for programs, and for the system.
+    let of_children = times.lines().nth(1).unwrap_or_default();
+    let took = of_children.split_whitespace().filter_map(|time| {
+        let (minutes, seconds) = time.strip_suffix('s')?.split_once('m')?;
+        Some(60.0 * minutes.parse::<f64>().ok()? + seconds.parse::<f64>().ok()?)
+    });
+    (done, Duration::from_secs_f64(took.sum()))
 }
 
 /// Runs a command to its end, with its output kept.
