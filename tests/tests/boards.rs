@@ -62,6 +62,26 @@ const NOT_TAKEN: &[(&str, &str, &str)] = &[
         "wheels: Drive -> final on Empty",
         "and so it is never empty",
     ),
+    (
+        "patrol",
+        "sonars: Listen -> Listen on pulse",
+        "the task never finishes",
+    ),
+    (
+        "patrol",
+        "position: Track -> Track on pulse",
+        "the task never finishes",
+    ),
+    (
+        "follow_wall",
+        "sonars: Listen -> Listen on pulse",
+        "the task never finishes",
+    ),
+    (
+        "follow_wall",
+        "position: Track -> Track on pulse",
+        "the task never finishes",
+    ),
 ];
 
 /// A mission driven in a world on both boards.
