@@ -499,7 +499,13 @@ impl<'m> Machine<'m> {
                 match flag.as_str() {
                     "exit" => self.state(place).exit,
                     "timeout" => self.state(place).timeout,
-                    "busy" => self.busy(place),
+                    // Nothing inside a superstate that is not current is active.
+                    "busy" => match self.kind(place) {
+                        StateKind::Super { .. } => {
+                            self.active().contains(state) && self.busy(place)
+                        }
+                        _ => self.busy(place),
+                    },
                     name => {
                         self.state(place).control
                             [self.flag_index(place, name).expect("a flag of the state")]

@@ -48,7 +48,7 @@ impl Refusal {
 ///
 /// ```
 /// let text = host_tools::lang::format::format("m.esm", b"slot 1 /* decides */\n  period 20ms duration 2ms  ;// fast\n").unwrap();
-/// assert_eq!(text, "slot 1 /* decides */ period 20 ms duration 2 ms;     // fast\n");
+/// assert_eq!(text, "slot 1 /* decides */ period 20 ms duration 2 ms;    // fast\n");
 /// ```
 pub fn format(name: &str, bytes: &[u8]) -> Result<String, Box<Refusal>> {
     let mut sink = Sink::default();
