@@ -106,7 +106,7 @@ fn nothing_to_test_is_an_error_that_says_what_was_looked_for() {
             &["test", "."],
             "error: . has no scenarios: a file `NAME.scenario`",
         ),
-        (&["test", "gone"], "error: there is no folder gone"),
+        (&["test", "gone"], "error: there is no gone: name a folder"),
     ];
     for (arguments, said) in cases {
         let ended = esm(folder.path(), arguments);

@@ -18,7 +18,7 @@ pub const MAX_DOTS: u64 = 100_000_000;
 /// Why a scene cannot become a PNG.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PngError {
-    /// It has no area, or more than [`MAX_DOTS`].
+    /// It has no area, or more than `MAX_DOTS`.
     #[error(
         "a PNG of {width} × {height} dots cannot be made, {MAX_DOTS} in all are the most: an SVG has no such limit"
     )]
@@ -37,7 +37,7 @@ impl Scene {
     /// The picture as a PNG file, two dots a unit.
     ///
     /// # Errors
-    /// If the picture has no area or more than [`MAX_DOTS`].
+    /// If the picture has no area or more than `MAX_DOTS`.
     pub fn to_png(&self) -> Result<Vec<u8>, PngError> {
         // Float to integer conversions saturate, so that absurd sizes are refused below.
         let (width, height) = (
