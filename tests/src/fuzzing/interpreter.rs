@@ -90,6 +90,7 @@ fn from_records(mut random: Random) {
     }
     if let Ok(verified) = esm_core::verify(records.seal()) {
         super::verifier::read_everywhere(&verified.tables());
+        super::verifier::dispatch(&verified.tables());
         watched::run(verified, &mut random, STEPS);
     }
 }

@@ -72,12 +72,12 @@ pub const TARGETS: [Target; 4] = [
         name: "interpreter",
         body: interpreter,
         seeds: seeds::decisions,
-        short_runs: 300,
+        short_runs: 1_200,
     },
     Target {
         name: "round_trip",
         body: round_trip,
         seeds: seeds::texts_and_decisions,
-        short_runs: 80,
+        short_runs: 200,
     },
 ];

@@ -209,7 +209,7 @@ fn read_task_instance(tables: &Tables<'_>, index: usize) {
 }
 
 /// Hands out occurrences of the slots: in the order of their starts, each in its period, none at the time of another that lasts.
-fn dispatch(tables: &Tables<'_>) {
+pub fn dispatch(tables: &Tables<'_>) {
     let Ok(mut dispatcher) = Dispatcher::<SLOTS>::new(tables.slots()) else {
         assert!(
             tables.slots().len() > SLOTS,
