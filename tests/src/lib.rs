@@ -3,9 +3,11 @@
 //! [`reference`](mod@reference) says what a machine does by the shortest route from the definition, with no regard for memory or time. It
 //! shares no line with the interpreter that the firmware runs, so that where the two agree, they agree about the language.
 //! [`random_machine`] writes machines that use all of it, [`random_nets`] such as are all data paths, and [`shrink`] makes a failing one small enough to think about; [`huge`] makes what is
-//! large or hostile. [`command`] drives the project from outside, as a person at a terminal does.
+//! large or hostile. [`command`] drives the project from outside, as a person at a terminal does, and
+//! [`environment`] reads what a person sets for a longer run.
 
 pub mod command;
+pub mod environment;
 pub mod fuzzing;
 pub mod huge;
 pub mod random;

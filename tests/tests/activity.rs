@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use esm_tests::random::Random;
 use esm_tests::scenario::{Action, Entry, Scenario};
-use esm_tests::{random_machine, reference, subject};
+use esm_tests::{environment, random_machine, reference, subject};
 use host_tools::lang::analysis::activity::{Activity, StateId, View};
 use host_tools::lang::analysis::holes::Holes;
 use host_tools::lang::analysis::side_by_side::SideBySide;
@@ -17,15 +17,6 @@ use host_tools::model::{Direction, Model, Source, StateKind, Target, Trigger};
 
 const DEFAULT_MACHINES: u64 = 150;
 const SCENARIOS_A_MACHINE: u64 = 3;
-
-fn from_environment(name: &str, default: u64) -> u64 {
-    match std::env::var(name) {
-        Ok(text) => text
-            .parse()
-            .unwrap_or_else(|_| panic!("{name} is a whole number, not `{text}`")),
-        Err(_) => default,
-    }
-}
 
 /// Where a local state is: its container and region, and which state it is; none for a pseudo-state.
 fn local(model: &Model, path: &str) -> (usize, usize, Option<usize>) {
@@ -187,8 +178,8 @@ struct Sample {
 
 #[test]
 fn what_is_called_impossible_never_happens() {
-    let first = from_environment("ESM_SEED", 1);
-    let machines = from_environment("ESM_MACHINES", DEFAULT_MACHINES);
+    let first = environment::number("ESM_SEED", 1);
+    let machines = environment::number("ESM_MACHINES", DEFAULT_MACHINES);
     let mut sample = Sample::default();
     for seed in first..first + machines {
         let text = random_machine::machine(seed);

@@ -9,21 +9,12 @@
 use esm_tests::reference::{self, Outcome};
 use esm_tests::scenario::Scenario;
 use esm_tests::shrink::shrink;
-use esm_tests::{random_machine, subject};
+use esm_tests::{environment, random_machine, subject};
 
 const DEFAULT_MACHINES: u64 = 300;
 const SCENARIOS_A_MACHINE: u64 = 2;
 /// Runs that may be made to shrink a failure.
 const SHRINK_BUDGET: usize = 1_500;
-
-fn from_environment(name: &str, default: u64) -> u64 {
-    match std::env::var(name) {
-        Ok(text) => text
-            .parse()
-            .unwrap_or_else(|_| panic!("{name} is a whole number, not `{text}`")),
-        Err(_) => default,
-    }
-}
 
 /// Where the two differ, for a person; nothing where they agree.
 fn difference(text: &str, scenario: &Scenario) -> Option<String> {
@@ -82,8 +73,8 @@ fn smallest(text: &str, scenario: &Scenario) -> String {
 
 #[test]
 fn random_machines_run_as_the_reference_says() {
-    let first = from_environment("ESM_SEED", 1);
-    let machines = from_environment("ESM_MACHINES", DEFAULT_MACHINES);
+    let first = environment::number("ESM_SEED", 1);
+    let machines = environment::number("ESM_MACHINES", DEFAULT_MACHINES);
     let mut sample = Sample::default();
     for seed in first..first + machines {
         let text = random_machine::machine(seed);

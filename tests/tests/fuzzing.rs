@@ -7,17 +7,12 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use esm_tests::environment;
 use esm_tests::fuzzing::{TARGETS, Target, mutations, seeds};
 use esm_tests::random::Random;
 
 /// All seeds together stay small enough to be read and to be kept.
 const MAX_CORPUS_BYTES: usize = 300 << 10;
-
-fn from_environment(name: &str) -> Option<u64> {
-    let text = std::env::var(name).ok()?;
-    let number = text.parse();
-    Some(number.unwrap_or_else(|_| panic!("{name} is a whole number, not `{text}`")))
-}
 
 fn target(name: &str) -> &'static Target {
     TARGETS.iter().find(|target| target.name == name).unwrap()
@@ -54,8 +49,8 @@ fn short_run(name: &str) {
     for seed in &seeds {
         run(target, &seed.name, &seed.bytes);
     }
-    let first = from_environment("ESM_SEED").unwrap_or(0);
-    let runs = from_environment("ESM_FUZZ_RUNS").unwrap_or(target.short_runs as u64);
+    let first = environment::number("ESM_SEED", 0);
+    let runs = environment::number("ESM_FUZZ_RUNS", target.short_runs as u64);
     for number in first..first + runs {
         let mut random = Random::new(number);
         let (seed, other) = (random.pick(&seeds).unwrap(), random.pick(&seeds).unwrap());

@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use esm_tests::{command, random_machine, random_nets};
+use esm_tests::{command, environment, random_machine, random_nets};
 use host_tools::compile::{NameTable, compile_with};
 use host_tools::inspect;
 use host_tools::lang::{self, Checked};
@@ -15,10 +15,6 @@ use host_tools::lang::{self, Checked};
 const DEFAULT_MACHINES: u64 = 300;
 /// How long start times are searched for; the slots of the tests are laid out at once.
 const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
-
-fn from_environment(name: &str, default: u64) -> u64 {
-    std::env::var(name).map_or(default, |text| text.parse().unwrap())
-}
 
 fn blob(checked: &mut Checked, names: NameTable) -> Vec<u8> {
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
@@ -62,8 +58,8 @@ fn missions_go_round() {
 
 #[test]
 fn random_machines_go_round() {
-    let first = from_environment("ESM_SEED", 1);
-    for seed in first..first + from_environment("ESM_MACHINES", DEFAULT_MACHINES) {
+    let first = environment::number("ESM_SEED", 1);
+    for seed in first..first + environment::number("ESM_MACHINES", DEFAULT_MACHINES) {
         let text = random_machine::machine(seed);
         assert_goes_round(
             &format!("seed {seed}"),
@@ -77,8 +73,8 @@ const SEEDS_A_MISSION: u64 = 12;
 
 #[test]
 fn random_nets_go_round() {
-    let first = from_environment("ESM_SEED", 1);
-    let wanted = from_environment("ESM_MACHINES", DEFAULT_MACHINES);
+    let first = environment::number("ESM_SEED", 1);
+    let wanted = environment::number("ESM_MACHINES", DEFAULT_MACHINES);
     let mut found = 0;
     for seed in first..first + wanted * SEEDS_A_MISSION {
         let text = random_nets::mission(seed);

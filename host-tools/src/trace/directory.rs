@@ -219,7 +219,16 @@ impl Directory {
         Ok(directory)
     }
 
-    /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
+    /// The superstate around an instance, if there is one. `None` for tables that no verified blob has.
+    fn owner_of(&self, tables: &Tables<'_>, instance: usize) -> Option<Option<StateId>> {
+        let (region, state) = tables.instance(instance)?.parent;
+        Some(
+            (instance != 0)
+                .then(|| self.state_at(region, state))
+                .flatten(),
+        )
+    }
+
     /// Bytes of the paths of a region instance and its states, before they are made.
     fn path_bytes(
         &self,
@@ -228,10 +237,7 @@ impl Directory {
         index: usize,
     ) -> Option<usize> {
         let region = tables.region_instance(index)?;
-        let instance = tables.instance(region.instance)?;
-        let owner = (region.instance != 0)
-            .then(|| self.state_at(instance.parent.0, instance.parent.1))
-            .flatten();
+        let owner = self.owner_of(tables, region.instance)?;
         let outline = names.regions.get(tables.region_of_state(region.initial))?;
         let around = owner.and_then(|owner| self.state(owner));
         let path = around.map_or(0, |owner| owner.path.len() + 1) + outline.name.len();
@@ -242,6 +248,7 @@ impl Directory {
         Some(path + own.sum::<usize>())
     }
 
+    /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
     fn region_entry(
         &self,
         tables: &Tables<'_>,
@@ -250,9 +257,7 @@ impl Directory {
     ) -> Option<RegionEntry> {
         let region = tables.region_instance(index)?;
         let instance = tables.instance(region.instance)?;
-        let owner = (region.instance != 0)
-            .then(|| self.state_at(instance.parent.0, instance.parent.1))
-            .flatten();
+        let owner = self.owner_of(tables, region.instance)?;
         let outline = names.regions.get(tables.region_of_state(region.initial))?;
         let path = match owner.and_then(|owner| self.state(owner)) {
             Some(owner) => format!("{}/{}", owner.path, outline.name),
