@@ -5,6 +5,8 @@
 
 use std::ffi::OsStr;
 use std::io::{self, BufWriter, IsTerminal, Stdout, Write};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -14,6 +16,9 @@ use super::exit::CommandError;
 
 const OUTPUT_BUFFER_BYTES: usize = 64 * 1024;
 const SPINNER_TICK: Duration = Duration::from_millis(100);
+
+/// Work that ends sooner shows no sign of life: it would only flicker.
+const SPINNER_DELAY: Duration = Duration::from_millis(300);
 
 /// The streams of the process and how they may be used.
 pub struct Console {
@@ -112,15 +117,15 @@ impl Console {
         bar
     }
 
-    /// A sign of life on standard error for work of unknown length. Hidden where standard error is no terminal.
-    pub fn spinner(&self, label: &str) -> ProgressBar {
-        let bar = ProgressBar::with_draw_target(None, self.progress_target());
-        bar.set_style(bar_style("{spinner} {msg} {elapsed}"));
-        bar.set_message(label.to_owned());
-        if self.error_is_terminal {
-            bar.enable_steady_tick(SPINNER_TICK);
+    /// A sign of life on standard error for work of unknown length, once it has lasted [`SPINNER_DELAY`]. None where standard error is no
+    /// terminal.
+    pub fn spinner(&self, label: &str) -> Spinner {
+        Spinner {
+            watch: self
+                .error_is_terminal
+                .then(|| Watch::begin(label))
+                .flatten(),
         }
-        bar
     }
 
     fn progress_target(&self) -> ProgressDrawTarget {
@@ -128,6 +133,58 @@ impl Console {
             ProgressDrawTarget::stderr()
         } else {
             ProgressDrawTarget::hidden()
+        }
+    }
+}
+
+/// A sign of life on a terminal, taken away when the work ends.
+#[must_use = "it goes away when it is dropped"]
+pub struct Spinner {
+    /// `None` where nobody would see it.
+    watch: Option<Watch>,
+}
+
+/// The thread that shows a sign of life.
+struct Watch {
+    /// Dropped when the work has ended.
+    work: Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Watch {
+    /// `None` where the system has no thread for it: the work goes on without.
+    fn begin(label: &str) -> Option<Self> {
+        let (work, end) = mpsc::channel::<()>();
+        let label = label.to_owned();
+        let shown = move || {
+            if end.recv_timeout(SPINNER_DELAY) != Err(RecvTimeoutError::Timeout) {
+                return;
+            }
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr())
+                .with_elapsed(SPINNER_DELAY);
+            bar.set_style(bar_style("{spinner} {msg} {elapsed}"));
+            bar.set_message(label);
+            while end.recv_timeout(SPINNER_TICK) == Err(RecvTimeoutError::Timeout) {
+                bar.tick();
+            }
+            bar.finish_and_clear();
+        };
+        let thread = thread::Builder::new().spawn(shown).ok()?;
+        Some(Watch { work, thread })
+    }
+}
+
+impl Spinner {
+    /// Takes the sign away; what is written next stands in its place.
+    pub fn finish_and_clear(self) {}
+}
+
+impl Drop for Spinner {
+    fn drop(&mut self) {
+        if let Some(Watch { work, thread }) = self.watch.take() {
+            drop(work);
+            // It ends as soon as it sees that the work has. Had it failed, there would only be no sign of life.
+            let _ = thread.join();
         }
     }
 }

@@ -41,7 +41,7 @@ pub struct ScheduleArgs {
     pub svg: Option<PathBuf>,
 
     /// How long the search may take, in seconds
-    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
     pub limit: Duration,
 }
 
