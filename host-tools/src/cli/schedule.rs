@@ -26,7 +26,7 @@ Examples:
   esm schedule missions/patrol.esm --svg slots.svg
 
 With --json: feasible (true, false, or null where undecided in time), hyperperiod_us, utilisation, slots: [slot, start_us, \
-period_us, duration_us]. It comes also where the answer is no.")]
+period_us, duration_us, growth_us], growth_factor. It comes also where the answer is no.")]
 pub struct ScheduleArgs {
     /// The file with the slots
     #[arg(value_name = "FILE")]
@@ -105,8 +105,8 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
     if !report.slots.is_empty() {
         writeln!(
             out,
-            "{:>6} {:>12} {:>12} {:>12}",
-            "slot", "start", "period", "duration"
+            "{:>6} {:>12} {:>12} {:>12} {:>12}",
+            "slot", "start", "period", "duration", "may grow"
         )?;
     }
     for SlotReport {
@@ -114,11 +114,23 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
         start_us,
         period_us,
         duration_us,
+        growth_us,
     } in &report.slots
     {
-        let [start, period, duration] =
-            [*start_us, *period_us, *duration_us].map(|us| Time { us: us.into() }.to_string());
-        writeln!(out, "{slot:>6} {start:>12} {period:>12} {duration:>12}")?;
+        let [start, period, duration, growth] = [*start_us, *period_us, *duration_us, *growth_us]
+            .map(|us| Time { us: us.into() }.to_string());
+        writeln!(
+            out,
+            "{slot:>6} {start:>12} {period:>12} {duration:>12} {growth:>12}"
+        )?;
+    }
+    if let Some(factor) = report.growth_factor {
+        // Rounded down: what is shown must fit.
+        let percent = ((factor - 1.0) * 1_000.0).floor() / 10.0;
+        writeln!(
+            out,
+            "each may grow alone by as much; all together by {percent:.1} %"
+        )?;
     }
     let hyperperiod = report
         .hyperperiod_us

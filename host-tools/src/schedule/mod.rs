@@ -18,16 +18,20 @@ mod bounds;
 mod chain;
 mod clock;
 mod ejection;
+mod growth;
+mod infeasibility;
 mod random;
 mod relax;
 mod search;
 
-use std::fmt;
 use std::time::Duration;
 
 use serde::Serialize;
 
 use crate::model::Model;
+
+pub use growth::{Growth, growth};
+pub use infeasibility::Infeasibility;
 
 /// The most slots that are laid out: more than any robot's table has, and few enough to compare each with each.
 pub const MAX_SLOTS: usize = 4_096;
@@ -78,145 +82,6 @@ pub enum Outcome {
     Infeasible(Infeasibility),
     /// The search ended without an answer: its time ran out, or there are more than [`MAX_SLOTS`] slots.
     Undecided,
-}
-
-/// Why there is no schedule. `Display` says it in words that name the slots.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Infeasibility {
-    /// A slot that cannot occur at all: its period is 0, or shorter than its duration.
-    TooLong {
-        /// Its number.
-        slot: u32,
-        /// Its duration in microseconds.
-        duration_us: u32,
-        /// Its period in microseconds.
-        period_us: u32,
-    },
-    /// The slots ask for more time than there is.
-    Utilisation {
-        /// Sum of duration over period.
-        utilisation: f64,
-    },
-    /// Slots that meet each other in every window of `window_us`, and do not fit in one together.
-    Crowded {
-        /// Their numbers.
-        slots: Vec<u32>,
-        /// Length of the window in microseconds: every common divisor of two of their periods divides it.
-        window_us: u64,
-        /// Sum of their durations in microseconds.
-        sum_us: u64,
-    },
-    /// Slots that cannot be packed into frames as long as the shortest period among them: every way was tried or ruled out by counting.
-    Packing {
-        /// Their numbers: none of them can be left out.
-        slots: Vec<u32>,
-        /// Length of a frame in microseconds.
-        frame_us: u64,
-        /// Number of the longest of them.
-        longest: u32,
-    },
-    /// Slots whose starts are given clash.
-    FixedStarts {
-        /// Number of a slot.
-        first: u32,
-        /// Number of the other.
-        second: u32,
-    },
-    /// Every way to lay them out was tried.
-    Exhausted {
-        /// How many arrangements.
-        arrangements: u64,
-    },
-}
-
-impl Infeasibility {
-    /// What to change.
-    pub fn cure(&self) -> String {
-        match self {
-            Infeasibility::TooLong { slot, .. } => {
-                format!("shorten slot {slot} or lengthen its period")
-            }
-            Infeasibility::Utilisation { .. } => {
-                "shorten durations or lengthen periods until the sum is at most 100 %".to_owned()
-            }
-            Infeasibility::Crowded {
-                window_us, sum_us, ..
-            } => format!(
-                "shorten them by {} us together, or give them periods with a greater common divisor than {window_us} us",
-                sum_us.saturating_sub(*window_us)
-            ),
-            Infeasibility::Packing { longest, .. } => format!(
-                "shorten one of them, slot {longest} first, or let one of them occur less often: without any one of them the others can be packed"
-            ),
-            Infeasibility::FixedStarts { first, second } => {
-                format!("let slot {first} or slot {second} start at another time")
-            }
-            Infeasibility::Exhausted { .. } => {
-                "shorten durations, or let periods be multiples of each other".to_owned()
-            }
-        }
-    }
-}
-
-impl fmt::Display for Infeasibility {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Infeasibility::TooLong {
-                slot,
-                duration_us,
-                period_us,
-            } => write!(
-                f,
-                "slot {slot} lasts {duration_us} us, its period is {period_us} us"
-            ),
-            Infeasibility::Utilisation { utilisation } => {
-                write!(f, "they ask for {:.2} % of the time", utilisation * 100.0)
-            }
-            Infeasibility::Crowded {
-                slots,
-                window_us,
-                sum_us,
-            } => write!(
-                f,
-                "slots {} meet in every {window_us} us and last {sum_us} us together",
-                Numbers(slots)
-            ),
-            Infeasibility::Packing {
-                slots, frame_us, ..
-            } => write!(
-                f,
-                "slots {} cannot be packed into frames of {frame_us} us",
-                Numbers(slots)
-            ),
-            Infeasibility::FixedStarts { first, second } => {
-                write!(f, "slots {first} and {second} clash at the starts given")
-            }
-            Infeasibility::Exhausted { arrangements } => {
-                write!(f, "none of all {arrangements} arrangements works")
-            }
-        }
-    }
-}
-
-/// Slot numbers in a sentence, the first of many.
-struct Numbers<'n>(&'n [u32]);
-
-impl fmt::Display for Numbers<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const MAX_SHOWN: usize = 12;
-        for (position, number) in self.0.iter().take(MAX_SHOWN).enumerate() {
-            let separator = match position {
-                0 => "",
-                _ if position + 1 == self.0.len() => " and ",
-                _ => ", ",
-            };
-            write!(f, "{separator}{number}")?;
-        }
-        match self.0.len().saturating_sub(MAX_SHOWN) {
-            0 => Ok(()),
-            more => write!(f, " and {more} more"),
-        }
-    }
 }
 
 /// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
@@ -311,6 +176,8 @@ pub struct Report {
     pub utilisation: f64,
     /// The slots with their starts; empty without a schedule.
     pub slots: Vec<SlotReport>,
+    /// By which factor all durations may grow together with these starts; `None` without a schedule, or where nothing lasts.
+    pub growth_factor: Option<f64>,
 }
 
 /// A slot of a [`Report`].
@@ -324,6 +191,8 @@ pub struct SlotReport {
     pub period_us: u32,
     /// Its duration in microseconds.
     pub duration_us: u32,
+    /// By how many microseconds it may last longer, alone, with these starts.
+    pub growth_us: u32,
 }
 
 /// Puts slots and outcome together for `esm schedule`.
@@ -333,6 +202,7 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
         Outcome::Infeasible(_) => (Some(false), &[][..]),
         Outcome::Undecided => (None, &[][..]),
     };
+    let growth = growth(slots.get(..starts_us.len()).unwrap_or(slots), starts_us);
     Report {
         feasible,
         hyperperiod_us: hyperperiod_us(slots),
@@ -340,13 +210,16 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
         slots: slots
             .iter()
             .zip(starts_us)
-            .map(|(slot, &start_us)| SlotReport {
+            .zip(&growth.alone_us)
+            .map(|((slot, &start_us), &growth_us)| SlotReport {
                 slot: slot.number,
                 start_us,
                 period_us: slot.period_us,
                 duration_us: slot.duration_us,
+                growth_us,
             })
             .collect(),
+        growth_factor: growth.together,
     }
 }
 

@@ -280,7 +280,7 @@ fn the_report_has_the_form_that_programs_read() {
     let json = serde_json::to_string(&report(&slots, &outcome)).expect("a report");
     assert_eq!(
         json,
-        r#"{"feasible":true,"hyperperiod_us":4,"utilisation":0.75,"slots":[{"slot":1,"start_us":2,"period_us":4,"duration_us":1},{"slot":2,"start_us":0,"period_us":4,"duration_us":2}]}"#
+        r#"{"feasible":true,"hyperperiod_us":4,"utilisation":0.75,"slots":[{"slot":1,"start_us":2,"period_us":4,"duration_us":1,"growth_us":1},{"slot":2,"start_us":0,"period_us":4,"duration_us":2,"growth_us":0}],"growth_factor":1.0}"#
     );
 }
 
