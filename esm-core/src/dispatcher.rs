@@ -1,8 +1,9 @@
-//! Which slot runs when: a binary heap of slots, ordered by their next nominal start.
+//! Which slot runs when: a tournament of slots, won by the one with the earliest nominal start.
 //!
-//! Times are whole microseconds since the epoch of the schedule, 64 bits wide, and every start is the one before plus the period:
-//! nothing drifts and no counter wraps in the life of a robot. Taking an occurrence costs a number of comparisons
-//! logarithmic in the number of slots; no table is as long as the hyperperiod.
+//! Times are whole microseconds since the origin of the schedule, and every start is the one before plus the period: nothing drifts, and no
+//! counter wraps in the life of a robot (a start has 56 bits, which last for 2,284 years). Taking an occurrence replays the winner's
+//! matches, one comparison for each level of the tournament: logarithmic in the number of slots, and the same number for all of them, or one less. No
+//! table is as long as the hyperperiod.
 
 use crate::tables::Slot;
 
@@ -11,10 +12,8 @@ use crate::tables::Slot;
 pub struct Occurrence {
     /// Index of the slot in the blob.
     pub slot: usize,
-    /// Nominal start in microseconds since the epoch.
+    /// Nominal start in microseconds since the origin.
     pub start_us: u64,
-    /// How many occurrences of the slot came before, missed ones included.
-    pub index: u64,
 }
 
 /// Why a dispatcher could not be made.
@@ -36,25 +35,35 @@ pub enum DispatcherError {
     },
 }
 
+/// What slots are compared by: the next nominal start, and below it, in [`SLOT_BITS`], the slot's index. So no two keys are equal, and slots with
+/// equal starts come in the order of their indices.
+type Key = u64;
+
+/// Bits of a key that hold the slot's index.
+const SLOT_BITS: u32 = 8;
+
+/// Where a match has not been played: no slot's key, since it is beyond all times.
+const NOBODY: Key = Key::MAX;
+
+fn key(slot: usize, start_us: u64) -> Key {
+    start_us << SLOT_BITS | slot as Key
+}
+
 /// What is kept for a slot.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Entry {
-    next_start_us: u64,
-    index: u64,
     period_us: u32,
     missed: u32,
 }
 
 impl Entry {
     const UNUSED: Self = Self {
-        next_start_us: 0,
-        index: 0,
         period_us: 0,
         missed: 0,
     };
 }
 
-/// Hands out the occurrences of up to `SLOTS` slots in the order of their nominal starts.
+/// Hands out the occurrences of up to `SLOTS` slots, at most 256, in the order of their nominal starts.
 ///
 /// ```
 /// use esm_core::{Dispatcher, tables::Slot};
@@ -69,39 +78,43 @@ impl Entry {
 #[derive(Clone, Debug)]
 pub struct Dispatcher<const SLOTS: usize> {
     entries: [Entry; SLOTS],
-    /// Slot indices; the first `len` form a heap, earliest start at the root.
-    heap: [u16; SLOTS],
+    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m` and `2m + 1`; the slot with index `i` enters
+    /// at the place of match `len + i`. Kept is the key of each match's loser, and in place 0 that of the one who won them all.
+    matches: [Key; SLOTS],
     len: usize,
 }
 
 impl<const SLOTS: usize> Dispatcher<SLOTS> {
-    /// A dispatcher of no slots, to be [started](Self::restart). For statics and places that are used again: nothing is copied.
+    /// A dispatcher of no slots, to be [started](Self::restart_at). For statics and places that are used again: nothing is copied.
     #[must_use]
     pub const fn idle() -> Self {
+        const { assert!(SLOTS <= 1 << SLOT_BITS, "an index fits into a key") };
         Self {
             entries: [Entry::UNUSED; SLOTS],
-            heap: [0; SLOTS],
+            matches: [0; SLOTS],
             len: 0,
         }
     }
 
-    /// A dispatcher at its epoch. The slot index of an [`Occurrence`] is the position in `slots`.
+    /// A dispatcher at its origin. The slot index of an [`Occurrence`] is the position in `slots`.
     ///
     /// # Errors
     /// See [`DispatcherError`].
     pub fn new(slots: impl ExactSizeIterator<Item = Slot>) -> Result<Self, DispatcherError> {
         let mut dispatcher = Self::idle();
-        dispatcher.restart(slots)?;
+        dispatcher.restart_at(slots, 0)?;
         Ok(dispatcher)
     }
 
-    /// Puts the dispatcher at its epoch, with other slots. After an error it has none.
+    /// Starts with other slots at a time of their schedule: the first occurrence of each is its first one that starts at or after `from_us`, in
+    /// microseconds since the origin. Nothing was missed yet. After an error there are no slots.
     ///
     /// # Errors
     /// See [`DispatcherError`].
-    pub fn restart(
+    pub fn restart_at(
         &mut self,
         slots: impl ExactSizeIterator<Item = Slot>,
+        from_us: u64,
     ) -> Result<(), DispatcherError> {
         let len = slots.len();
         self.len = 0;
@@ -114,34 +127,42 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         if len == 0 {
             return Err(DispatcherError::NoSlots);
         }
-        let places = self.entries.iter_mut().zip(&mut self.heap);
-        for (index, (slot, (entry, place))) in slots.zip(places).enumerate() {
+        self.matches.fill(NOBODY);
+        for (index, (slot, entry)) in slots.zip(&mut self.entries).enumerate() {
             if slot.period_us == 0 {
                 return Err(DispatcherError::ZeroPeriod { slot: index });
             }
             *entry = Entry {
-                next_start_us: u64::from(slot.start_us),
                 period_us: slot.period_us,
-                ..Entry::UNUSED
+                missed: 0,
             };
-            *place = index as u16;
+            let first_us = u64::from(slot.start_us);
+            let past_us = match from_us.checked_sub(first_us) {
+                // Rounded up: the occurrence before would start before `from_us`.
+                Some(past_us) => {
+                    periods_in(past_us + u64::from(slot.period_us - 1), slot.period_us)
+                        * u64::from(slot.period_us)
+                }
+                None => 0,
+            };
+            enter(&mut self.matches, len, key(index, first_us + past_us));
         }
         self.len = len;
-        for at in (0..len / 2).rev() {
-            self.sift_down(at);
-        }
         Ok(())
     }
 
     /// The earliest occurrence that was not taken: what the slot timer must be set to.
     #[must_use]
     pub fn next(&self) -> Occurrence {
-        let slot = self.slot_at(0);
-        let entry = self.entry(slot);
+        let [winner, ..] = self.matches.as_slice() else {
+            return Occurrence {
+                slot: 0,
+                start_us: 0,
+            };
+        };
         Occurrence {
-            slot,
-            start_us: entry.next_start_us,
-            index: entry.index,
+            slot: (winner % (1 << SLOT_BITS)) as usize,
+            start_us: winner >> SLOT_BITS,
         }
     }
 
@@ -160,21 +181,22 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         if late_us >= period_us {
             let missed = periods_in(late_us, entry.period_us);
             occurrence.start_us += missed * period_us;
-            occurrence.index += missed;
             entry.missed = entry
                 .missed
                 .saturating_add(u32::try_from(missed).unwrap_or(u32::MAX));
         }
-        entry.next_start_us = occurrence.start_us + period_us;
-        entry.index = occurrence.index + 1;
-        self.sift_down(0);
+        replay(
+            &mut self.matches,
+            self.len,
+            key(occurrence.slot, occurrence.start_us + period_us),
+        );
         Some(occurrence)
     }
 
     /// Occurrences of a slot that did not start within their period; saturates.
     #[must_use]
     pub fn missed(&self, slot: usize) -> u32 {
-        self.entry(slot).missed
+        self.entries.get(slot).map_or(0, |entry| entry.missed)
     }
 
     /// Number of slots.
@@ -188,60 +210,61 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
+}
 
-    fn slot_at(&self, at: usize) -> usize {
-        self.heap.get(at).map_or(0, |slot| usize::from(*slot))
-    }
-
-    fn put(&mut self, at: usize, slot: usize) {
-        if let Some(place) = self.heap.get_mut(at) {
-            *place = slot as u16;
+/// Lets a slot enter: it plays up to a match that has no second player yet, and waits there. The last of `len` slots to enter plays the final.
+fn enter(matches: &mut [Key], len: usize, key: Key) {
+    let mut player = key;
+    let mut at = entrance(len, key);
+    // Each round goes a level up.
+    while at > 0 {
+        let Some(other) = matches.get_mut(at) else {
+            return;
+        };
+        if *other == NOBODY {
+            *other = player;
+            return;
         }
-    }
-
-    fn entry(&self, slot: usize) -> Entry {
-        self.entries.get(slot).copied().unwrap_or_default()
-    }
-
-    /// Slots with equal starts come in the order of their indices, so that every run is the same.
-    fn key(&self, at: usize) -> (u64, usize) {
-        let slot = self.slot_at(at);
-        (self.entry(slot).next_start_us, slot)
-    }
-
-    /// Restores the heap below `at`.
-    fn sift_down(&mut self, mut at: usize) {
-        // Each round goes a level down.
-        loop {
-            let mut child = 2 * at + 1;
-            if child >= self.len {
-                return;
-            }
-            if child + 1 < self.len && self.key(child + 1) < self.key(child) {
-                child += 1;
-            }
-            if self.key(at) <= self.key(child) {
-                return;
-            }
-            let (parent, below) = (self.slot_at(at), self.slot_at(child));
-            self.put(at, below);
-            self.put(child, parent);
-            at = child;
+        if *other < player {
+            core::mem::swap(other, &mut player);
         }
+        at /= 2;
+    }
+    if let [winner, ..] = matches {
+        *winner = player;
     }
 }
 
-/// `duration_us / period_us` without a 64-bit division, which small cores do in a long library routine.
-fn periods_in(mut duration_us: u64, period_us: u32) -> u64 {
-    let periods_in_chunk = u32::MAX / period_us;
-    let chunk_us = u64::from(periods_in_chunk * period_us);
-    let mut periods = 0;
-    // More than an hour late is a stopped clock, not a robot: one round an hour is bound enough.
-    while duration_us > u64::from(u32::MAX) {
-        duration_us -= chunk_us;
-        periods += u64::from(periods_in_chunk);
+/// Plays the winner's matches anew, with its next key. It met, on its way from where it entered to the final, everybody who can be the earliest now.
+#[inline]
+fn replay(matches: &mut [Key], len: usize, key: Key) {
+    let mut player = key;
+    let mut at = entrance(len, key);
+    while at > 0 {
+        let Some(other) = matches.get_mut(at) else {
+            return;
+        };
+        if *other < player {
+            core::mem::swap(other, &mut player);
+        }
+        at /= 2;
     }
-    periods + u64::from(duration_us as u32 / period_us)
+    if let [winner, ..] = matches {
+        *winner = player;
+    }
+}
+
+/// The first match of a slot.
+fn entrance(len: usize, key: Key) -> usize {
+    (len + (key % (1 << SLOT_BITS)) as usize) / 2
+}
+
+/// `duration_us / period_us`, by a short division where that is enough: small cores do a 64-bit one in a long library routine.
+fn periods_in(duration_us: u64, period_us: u32) -> u64 {
+    match u32::try_from(duration_us) {
+        Ok(duration_us) => u64::from(duration_us / period_us),
+        Err(_) => duration_us / u64::from(period_us),
+    }
 }
 
 #[cfg(test)]
@@ -279,8 +302,7 @@ mod tests {
                 start_us,
                 ..
             } = slots[occurrence.slot];
-            assert_eq!(occurrence.index, taken[occurrence.slot]);
-            let nominal_us = u64::from(start_us) + occurrence.index * u64::from(period_us);
+            let nominal_us = u64::from(start_us) + taken[occurrence.slot] * u64::from(period_us);
             assert_eq!(occurrence.start_us, nominal_us);
             taken[occurrence.slot] += 1;
         }
@@ -293,12 +315,16 @@ mod tests {
         assert_eq!(dispatcher.take(u64::MAX), None);
         for start_us in [500, 20] {
             dispatcher
-                .restart([slot(1_000, start_us)].into_iter())
+                .restart_at([slot(1_000, start_us)].into_iter(), 0)
                 .unwrap();
             assert_eq!(dispatcher.next().start_us, u64::from(start_us));
             dispatcher.take(1_000_000).unwrap();
         }
-        assert!(dispatcher.restart([slot(1, 0); 3].into_iter()).is_err());
+        assert!(
+            dispatcher
+                .restart_at([slot(1, 0); 3].into_iter(), 0)
+                .is_err()
+        );
         assert_eq!(
             dispatcher.take(u64::MAX),
             None,
@@ -307,10 +333,41 @@ mod tests {
     }
 
     #[test]
+    fn a_schedule_that_goes_on_begins_with_the_first_starts_at_or_after_a_time() {
+        let slots = [
+            slot(1_000, 0),
+            slot(4_000_000_000, 3_999_999_999),
+            slot(300, 299),
+        ];
+        for from_us in [
+            0,
+            1,
+            298,
+            299,
+            300,
+            1_000,
+            3_999_999_999,
+            4_000_000_000,
+            (1 << 32) - 1,
+            1 << 32,
+            (1 << 40) + 7,
+        ] {
+            for slot in slots {
+                let mut started = Dispatcher::<1>::idle();
+                started.restart_at([slot].into_iter(), from_us).unwrap();
+                let first_us = started.next().start_us;
+                let (period_us, start_us) = (u64::from(slot.period_us), u64::from(slot.start_us));
+                assert_eq!(first_us % period_us, start_us);
+                assert!(first_us >= from_us && first_us < (from_us + period_us).max(start_us + 1));
+            }
+        }
+    }
+
+    #[test]
     fn nothing_is_due_before_its_time() {
         let mut dispatcher = dispatcher(&[slot(1_000, 500)]);
         assert_eq!(dispatcher.take(499), None);
-        assert_eq!(dispatcher.take(500).map(|taken| taken.index), Some(0));
+        assert_eq!(dispatcher.take(500).map(|taken| taken.start_us), Some(500));
         assert_eq!(dispatcher.take(501), None);
     }
 
@@ -328,8 +385,11 @@ mod tests {
         for (late_us, index, missed) in cases {
             let mut dispatcher = dispatcher(&[slot(1_000, 0), slot(4_000_000_000, 999)]);
             let taken = dispatcher.take(late_us).unwrap();
-            assert_eq!((taken.slot, taken.index), (0, index), "{late_us} us late");
-            assert_eq!(taken.start_us, index * 1_000);
+            let expected = Occurrence {
+                slot: 0,
+                start_us: index * 1_000,
+            };
+            assert_eq!(taken, expected, "{late_us} us late");
             assert_eq!(dispatcher.missed(0), missed, "{late_us} us late");
         }
     }

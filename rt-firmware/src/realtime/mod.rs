@@ -603,7 +603,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
         };
         let tables = interpreter.tables();
-        if self.dispatcher.restart(tables.slots()).is_err() {
+        if self.dispatcher.restart_at(tables.slots(), 0).is_err() {
             let error = LinkError::CapacityExceeded {
                 what: Capacity::Slots,
                 needed: tables.slots().len() as u32,

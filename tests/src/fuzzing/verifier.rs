@@ -222,8 +222,7 @@ pub fn dispatch(tables: &Tables<'_>) {
         let next = dispatcher.next();
         let slot = tables.slot(next.slot).expect("a slot");
         let period_us = u64::from(slot.period_us);
-        let nominal_us = u64::from(slot.start_us) + next.index * period_us;
-        assert_eq!(next.start_us, nominal_us);
+        assert_eq!(next.start_us % period_us, u64::from(slot.start_us));
         // A slot without duration may start together with another.
         let is_point = slot.duration_us == 0 && next.start_us == busy_from_us;
         let is_apart = next.start_us >= free_from_us;
