@@ -126,7 +126,7 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
     }
     if let Some(factor) = report.growth_factor {
         // Rounded down: what is shown must fit.
-        let percent = ((factor - 1.0) * 1_000.0).floor() / 10.0;
+        let percent = libm::floor((factor - 1.0) * 1_000.0) / 10.0;
         writeln!(
             out,
             "each may grow alone by as much; all together by {percent:.1} %"
