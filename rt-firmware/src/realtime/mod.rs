@@ -51,21 +51,38 @@ impl Default for Limits {
 /// The mission that runs.
 struct Mission<'m> {
     interpreter: Interpreter<'m, BlobBuffer<'m>>,
-    /// When it started, on the board's clock.
-    epoch_ticks: u64,
-    /// When it started, since the first macro step of the first mission.
-    epoch_us: u64,
+    /// What the starts of its slots are counted from.
+    origin: Origin,
+    /// Its first macro step, which its own time is counted from, since the origin.
+    began_us: u64,
     /// Occurrences of all slots so far.
     occurrences: u64,
     /// Number of the next macro step.
     next_step: u64,
 }
 
+impl Mission<'_> {
+    /// The mission's time at a nominal start since the origin.
+    fn t_us(&self, start_us: u64) -> u64 {
+        start_us.saturating_sub(self.began_us)
+    }
+}
+
+/// What the starts of slots are counted from: the first macro step of a mission that started from standing still. It stays where it is
+/// as long as missions follow one another whose interpreter slots have one period.
+#[derive(Clone, Copy)]
+struct Origin {
+    /// On the board's clock.
+    ticks: u64,
+    /// Since the first macro step of the first mission.
+    us: u64,
+}
+
 /// An occurrence that is being executed.
 #[derive(Clone, Copy)]
 struct Occurrence {
     slot: usize,
-    /// Nominal start since the mission started.
+    /// Nominal start since the origin.
     start_us: u64,
     number: u64,
     interpreter: bool,
@@ -151,7 +168,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let Some(mission) = &mut self.mission else {
                 if self.waiting.is_some() {
                     let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
-                    self.change_mission(now + lead_ticks, self.previous_end_us);
+                    self.change_mission(Origin {
+                        ticks: now + lead_ticks,
+                        us: self.previous_end_us,
+                    });
                     if self.mission.is_some() {
                         continue;
                     }
@@ -163,7 +183,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 return now + poll_ticks;
             };
             let next = self.dispatcher.next();
-            let start_ticks = mission.epoch_ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
             let Some(late_ticks) = now.checked_sub(start_ticks) else {
                 // A slot is not delayed by a poll just before it.
                 return if start_ticks - now > 2 * poll_ticks {
@@ -183,11 +203,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .wrapping_sub(missed_before);
             let interpreter = taken.slot == mission.interpreter.tables().interpreter_slot();
             if interpreter && self.waiting.is_some() {
-                let epoch_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
-                let epoch_us = mission.epoch_us + taken.start_us;
+                let at = Origin {
+                    ticks: mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US),
+                    us: mission.origin.us + taken.start_us,
+                };
                 self.note_missed(taken.slot, missed);
                 self.give_up_before(taken.start_us);
-                self.change_mission(epoch_ticks, epoch_us);
+                self.change_mission(at);
                 continue;
             }
             let occurrence = Occurrence {
@@ -202,7 +224,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 mission.next_step += u64::from(missed);
                 self.trace.write_next_in_full();
             }
-            let start_ticks = mission.epoch_ticks + taken.start_us * u64::from(B::TICKS_PER_US);
+            let start_ticks = mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US);
             self.count_missed(board, &occurrence, missed);
             self.execute(
                 board,
@@ -279,7 +301,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let Some(slot) = mission.interpreter.tables().slot(occurrence.slot) else {
             return;
         };
-        let start_us = mission.epoch_us + occurrence.start_us;
+        let start_us = mission.origin.us + occurrence.start_us;
         let start = OccurrenceStart {
             slot: occurrence.slot,
             number: occurrence.number,
@@ -397,13 +419,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         &mut self,
         board: &mut B,
         instance: u16,
-        now_us: u64,
+        start_us: u64,
         period_us: u32,
         duration_ticks: u64,
     ) {
-        let Some(Mission { interpreter, .. }) = &mut self.mission else {
+        let Some(mission) = &mut self.mission else {
             return;
         };
+        let t_us = mission.t_us(start_us);
+        let interpreter = &mut mission.interpreter;
         let index = usize::from(instance);
         if !interpreter.is_enabled(index) {
             return;
@@ -411,7 +435,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let began_ticks = board.now_ticks();
         let outcome = if self.tasks.may_run(instance) {
             let place = self.tasks.place(instance);
-            let inputs = inputs_of(interpreter, index, now_us, period_us);
+            let inputs = inputs_of(interpreter, index, t_us, period_us);
             let tables = interpreter.tables();
             let fresh = self.tasks.is_fresh(instance);
             self.executor
@@ -485,9 +509,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.
     #[inline(never)]
     fn start_job(&mut self, occurrence: &Occurrence) {
-        let Some(Mission { interpreter, .. }) = &mut self.mission else {
+        let Some(mission) = &mut self.mission else {
             return;
         };
+        let t_us = mission.t_us(occurrence.start_us);
+        let interpreter = &mut mission.interpreter;
         let mut younger_than = None;
         while let Some((instance, age)) = oldest_waiting(&self.tasks, younger_than) {
             younger_than = Some(age);
@@ -499,7 +525,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 interpreter.set_busy(index, false);
                 continue;
             }
-            let inputs = inputs_of(interpreter, index, occurrence.start_us, 0);
+            let inputs = inputs_of(interpreter, index, t_us, 0);
             let tables = interpreter.tables();
             let job = if blocked {
                 None
@@ -527,12 +553,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     /// Switches to the mission that waits, or starts the present one anew, at this time.
-    fn change_mission(&mut self, epoch_ticks: u64, epoch_us: u64) {
+    fn change_mission(&mut self, at: Origin) {
         let Some(letter) = self.waiting.take() else {
             return;
         };
+        let mut running = None;
         let (old, arena) = match self.mission.take() {
             Some(mission) => {
+                let period_us = interpreter_period_us(&mission.interpreter.tables());
+                running = Some((mission.origin, period_us));
                 let (verified, arena) = mission.interpreter.into_parts();
                 (Some(verified), Some(arena))
             }
@@ -542,7 +571,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             (Letter::Swap(new), Some(arena)) => {
                 let old = old.map(Verified::into_bytes);
                 let mission = new.hash();
-                match self.start_mission(new, arena, epoch_ticks, epoch_us) {
+                match self.start_mission(new, arena, running, at) {
                     Ok(()) => Letter::Swapped { mission, old },
                     Err((error, blob)) => Letter::SwapFailed { error, blob, old },
                 }
@@ -550,7 +579,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             (_, Some(arena)) => match old {
                 Some(verified) => {
                     self.mode = Mode::Running;
-                    match self.start_mission(verified, arena, epoch_ticks, epoch_us) {
+                    match self.start_mission(verified, arena, running, at) {
                         Ok(()) => Letter::Done,
                         Err((error, blob)) => Letter::SwapFailed {
                             error,
@@ -571,12 +600,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.send(letter);
     }
 
+    /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
+    /// period, which the slots go on with if it is the new interpreter's, too.
     fn start_mission(
         &mut self,
         verified: Verified<BlobBuffer<'m>>,
         arena: &'m mut [u32],
-        epoch_ticks: u64,
-        epoch_us: u64,
+        running: Option<(Origin, u32)>,
+        at: Origin,
     ) -> Result<(), (LinkError, BlobBuffer<'m>)> {
         self.executor.clear();
         self.running = None;
@@ -603,7 +634,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
         };
         let tables = interpreter.tables();
-        if self.dispatcher.restart_at(tables.slots(), 0).is_err() {
+        let follows = running.filter(|(_, period_us)| *period_us == interpreter_period_us(&tables));
+        let origin = follows.map_or(at, |(origin, _)| origin);
+        let began_us = at.us - origin.us;
+        if self
+            .dispatcher
+            .restart_at(tables.slots(), began_us)
+            .is_err()
+        {
             let error = LinkError::CapacityExceeded {
                 what: Capacity::Slots,
                 needed: tables.slots().len() as u32,
@@ -613,6 +651,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.arena = Some(arena);
             return Err((error, verified.into_bytes()));
         }
+        // What starts with the interpreter, and before it in the order of the slots, has been.
+        while follows.is_some()
+            && self.dispatcher.next().slot != tables.interpreter_slot()
+            && self.dispatcher.take(began_us).is_some()
+        {}
         self.tasks
             .load(&tables, self.executor.registry(), self.slots);
         let mission = interpreter.verified().hash();
@@ -623,12 +666,12 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.trace.write_next_in_full();
         self.trace.record(TraceRecord::Started {
             mission,
-            start_us: epoch_us,
+            start_us: at.us,
         });
         self.mission = Some(Mission {
             interpreter,
-            epoch_ticks,
-            epoch_us,
+            origin,
+            began_us,
             occurrences: 0,
             next_step: 0,
         });
@@ -740,6 +783,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.health.background_busy = self.executor.lent().is_some();
         self.snapshot.write(&self.health);
     }
+}
+
+/// Period of the interpreter's slot in microseconds.
+fn interpreter_period_us(tables: &Tables<'_>) -> u32 {
+    tables
+        .slot(tables.interpreter_slot())
+        .map_or(0, |slot| slot.period_us)
 }
 
 /// The current state of a region instance, or none if the region is not active.

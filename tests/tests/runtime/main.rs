@@ -494,6 +494,130 @@ fn a_swap_takes_place_at_the_interpreters_next_occurrence_and_misses_nothing() {
     });
 }
 
+/// A source in slot 2 among these slots.
+fn counting_among(slots: &[(u32, u32, u32)]) -> Mission {
+    Mission::new(slots).task(signature::SOURCE, None).region(
+        &[("Count", "Source", 2, &[1_000_000])],
+        &["initial -> Count"],
+    )
+}
+
+/// Nominal starts of a slot since the robot's first macro step.
+fn starts_us(robot: &robot::Bench<'_, '_, '_>, slot: usize) -> Vec<u64> {
+    let occurrences = robot.board.occurrences.iter();
+    let of_slot = occurrences.filter(|occurrence| occurrence.slot == slot);
+    of_slot.map(|occurrence| occurrence.start_us).collect()
+}
+
+#[test]
+fn a_slot_that_two_missions_have_goes_on_without_a_gap_and_without_a_double() {
+    // Period and start of the slot; the interpreter's are 10 ms and 0.
+    for (period_us, start_us) in [
+        (5_000, 2_000),
+        (7_000, 500),
+        (10_000, 9_700),
+        (25_000, 3_000),
+        (40_000, 39_700),
+    ] {
+        let both = [(10_000, 400, 0), (period_us, 300, start_us)];
+        let mut other = both.to_vec();
+        other.push((20_000, 100, 10_850));
+        for swap_us in (0..90_000).step_by(9_999) {
+            with_robot(|robot| {
+                let (first, second) = (counting_among(&both), counting_among(&other));
+                robot.start(&first.blob());
+                let epoch_us = robot.world.now_us();
+                robot.run_until_us(epoch_us + swap_us);
+                robot.start(&second.blob());
+                robot.run_us(50_000);
+                // There and back again.
+                robot.start(&first.blob());
+                robot.run_us(50_000);
+                for (slot, period_us) in [(0, 10_000), (1, period_us)] {
+                    let starts_us = starts_us(robot, slot);
+                    let apart = |pair: &[u64]| pair[1] - pair[0] == u64::from(period_us);
+                    assert!(
+                        starts_us.len() > 1 && starts_us.windows(2).all(apart),
+                        "slot {slot}, {period_us} µs, swap at {swap_us} µs: {starts_us:?}"
+                    );
+                }
+                assert_eq!(robot.status().missed, 0);
+            });
+        }
+    }
+}
+
+#[test]
+fn the_time_of_a_mission_counts_from_where_it_takes_over_whatever_the_slots_count_from() {
+    let slots = [(10_000, 400, 0), (25_000, 300, 3_000)];
+    with_robot(|robot| {
+        robot.start(&counting_among(&slots).blob());
+        let epoch_us = robot.world.now_us();
+        robot.run_until_us(epoch_us + 33_000);
+        assert_eq!(
+            robot.world.said(),
+            ["source enters", "source 1 at 3000", "source 2 at 28000"]
+        );
+        robot.start(&counting_among(&slots).blob());
+        assert_eq!(robot.world.now_us(), epoch_us + 40_000);
+        robot.run_us(38_000);
+        assert_eq!(
+            robot.world.said(),
+            ["source enters", "source 1 at 13000", "source 2 at 38000"],
+            "its slot is at 53 and 78 ms, 13 and 38 ms after it took over"
+        );
+        let status = robot.status();
+        assert_eq!((status.steps, status.t_us), (4, 30_000));
+    });
+}
+
+#[test]
+fn with_another_interpreter_period_all_slots_start_anew() {
+    with_robot(|robot| {
+        robot.start(&counting_among(&[(10_000, 400, 0), (25_000, 300, 3_000)]).blob());
+        let epoch_us = robot.world.now_us();
+        robot.run_until_us(epoch_us + 33_000);
+        robot.start(&counting_among(&[(5_000, 400, 0), (25_000, 300, 3_000)]).blob());
+        robot.run_us(54_000);
+        assert_eq!(starts_us(robot, 1), [3_000, 28_000, 43_000, 68_000, 93_000]);
+    });
+}
+
+#[test]
+fn a_mission_that_is_started_again_finds_its_slots_where_they_are() {
+    with_robot(|robot| {
+        robot.start(&counting_among(&[(10_000, 400, 0), (25_000, 300, 3_000)]).blob());
+        let epoch_us = robot.world.now_us();
+        robot.run_until_us(epoch_us + 31_000);
+        robot.ask(Request::Stop).unwrap();
+        robot.run_until_us(epoch_us + 62_000);
+        robot.ask(Request::Start).unwrap();
+        robot.run_until_us(epoch_us + 110_000);
+        assert_eq!(
+            starts_us(robot, 1),
+            [3_000, 28_000, 53_000, 78_000, 103_000]
+        );
+        assert_eq!(robot.status().t_us, 40_000, "its time starts anew");
+    });
+}
+
+#[test]
+fn a_slot_that_starts_with_the_interpreter_and_before_it_does_not_occur_twice() {
+    // A slot without duration may start where another does; the order of the slots decides.
+    let mission = counting_among(&[(20_000, 0, 0), (10_000, 400, 0)]).interpreter(1);
+    for swap_us in [35_000, 45_000] {
+        with_robot(|robot| {
+            robot.start(&mission.blob());
+            let epoch_us = robot.world.now_us();
+            robot.run_until_us(epoch_us + swap_us);
+            robot.start(&mission.blob());
+            robot.run_until_us(epoch_us + 100_000);
+            let expected: Vec<u64> = (0..=5).map(|index| index * 20_000).collect();
+            assert_eq!(starts_us(robot, 0), expected, "swap at {swap_us} µs");
+        });
+    }
+}
+
 #[test]
 fn a_new_mission_starts_with_empty_nets_and_fresh_tasks() {
     let with_sink = Mission::new(&SLOTS)

@@ -60,6 +60,12 @@ impl Mission {
         }
     }
 
+    /// Another slot, by its index, runs the interpreter.
+    pub fn interpreter(mut self, slot: usize) -> Self {
+        self.model.interpreter_slot = Some(slot);
+        self
+    }
+
     /// Declares a task by its signature, as `Registry` has it.
     pub fn task(mut self, signature: &str, exclusive: Option<&str>) -> Self {
         let (name, ports) = signature
