@@ -1,8 +1,9 @@
-//! The project's own commands: `cargo xtask demo`, `test`, `fuzz`, `firmware`, `size`, `setup`.
+//! The project's own commands: `cargo xtask demo`, `test`, `bench`, `fuzz`, `firmware`, `size`, `setup`.
 //!
 //! What needs the network, root or minutes is told before it is done. What cannot be done ends with the exact command that would.
 //! There are no dependencies, so that the first command on a fresh machine starts at once.
 
+mod bench;
 mod demo;
 mod elf;
 mod firmware;
@@ -26,6 +27,7 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
+  bench      Measure and print a table: `bench schedule` what the search for schedules decides, and how fast; --help tells its options
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
@@ -62,6 +64,8 @@ fn main() -> ExitCode {
             print!("{HELP}");
             Ok(())
         }
+        // What is measured has options of its own.
+        Some("bench") => bench::command(&root(), arguments),
         Some(command) => parse(arguments).and_then(|options| run(command, &options)),
     };
     match result {

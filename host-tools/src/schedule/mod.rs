@@ -20,6 +20,7 @@ mod clock;
 mod ejection;
 mod growth;
 mod infeasibility;
+pub mod instances;
 mod random;
 mod relax;
 mod search;
