@@ -4,7 +4,7 @@ use crate::link::message::SafeReason;
 
 /// A board's time, body and watchdog, as the slot timer's interrupt reaches them.
 pub trait Board {
-    /// Ticks of the clock in one microsecond.
+    /// Ticks of the clock in one microsecond: 1 to 65,535.
     const TICKS_PER_US: u32;
 
     /// How far ahead a mission starts that follows no other, in µs: longer than its tables take to be made, so that its first occurrence
@@ -43,4 +43,44 @@ pub struct OccurrenceStart {
     pub previous_end_us: u64,
     /// Whether this slot runs the interpreter.
     pub interpreter: bool,
+}
+
+/// Ticks in whole microseconds, of which each has `ticks_per_us`: 1 to 65,535.
+///
+/// By schoolbook, 16 bits at a time: small cores divide 32 bits in hardware, and 64 bits in a library routine of a kilobyte.
+pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
+    const DIGIT_BITS: u32 = u16::BITS;
+    let divisor = ticks_per_us.clamp(1, u32::from(u16::MAX));
+    let mut quotient = 0;
+    let mut rest = 0;
+    for digit in (0..u64::BITS / DIGIT_BITS).rev() {
+        // Less than the divisor before the digit is appended, so that it fits.
+        let part = rest << DIGIT_BITS | u32::from((ticks >> (digit * DIGIT_BITS)) as u16);
+        quotient = quotient << DIGIT_BITS | u64::from(part / divisor);
+        rest = part % divisor;
+    }
+    quotient
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn ticks_become_whole_microseconds(ticks: u64, shift in 0..64u32, ticks_per_us in 1..=65_535u32) {
+            let ticks = ticks >> shift;
+            prop_assert_eq!(microseconds(ticks, ticks_per_us), ticks / u64::from(ticks_per_us));
+        }
+    }
+
+    #[test]
+    fn the_greatest_numbers_are_divided_too() {
+        for ticks_per_us in [1, 2, 50, 65_534, 65_535] {
+            let expected = u64::MAX / u64::from(ticks_per_us);
+            assert_eq!(microseconds(u64::MAX, ticks_per_us), expected);
+        }
+    }
 }

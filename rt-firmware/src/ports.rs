@@ -143,10 +143,12 @@ impl<V: PortType> PortBuffers for Buffered<V> {
     }
 
     unsafe fn copy(&self, from: ErasedBuffer, to: ErasedBuffer) {
-        if let (Some(from), Some(to)) = (from.value::<V>(), to.value::<V>()) {
-            // SAFETY: the caller promises that nobody writes `from` or looks at `to`; both point to live values of type `V`, which is `Copy`.
-            // They may be one and the same.
-            unsafe { core::ptr::copy(from.as_ptr(), to.as_ptr(), 1) };
+        if let (Some(from), Some(to)) = (from.value::<V>(), to.value::<V>())
+            && from != to
+        {
+            // SAFETY: the caller promises that nobody writes `from` or looks at `to`; both point to live values of type `V`, which is `Copy`,
+            // and are of two buffers.
+            unsafe { core::ptr::copy_nonoverlapping(from.as_ptr(), to.as_ptr(), 1) };
         }
     }
 }

@@ -10,6 +10,8 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use rt_firmware::board::microseconds;
+
 use crate::registers::{sys_tick, system_control};
 
 pub use crate::settings::TICKS_PER_US;
@@ -94,7 +96,7 @@ pub fn now_ticks() -> u64 {
 
 /// Microseconds since start-up. From any context.
 pub fn now_us() -> u64 {
-    now_ticks() / u64::from(TICKS_PER_US)
+    microseconds(now_ticks(), TICKS_PER_US)
 }
 
 /// Moves the base to now, and returns it in ticks. For the slot timer's interrupt alone; it must come at least once in each round of

@@ -16,7 +16,7 @@ use esm_core::{Dispatcher, Fault, Interpreter, Verified};
 use heapless::spsc::{Consumer, Producer};
 
 use crate::blob::BlobBuffer;
-use crate::board::{Board, OccurrenceStart};
+use crate::board::{Board, OccurrenceStart, microseconds};
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, TaskCounters};
 use crate::link::trace::TraceRecord;
 use crate::mail::{Bytes, Letter};
@@ -869,13 +869,5 @@ fn apply_flags(
             flag as usize,
             outcome.flags.values >> flag & 1 != 0,
         );
-    }
-}
-
-/// Ticks in whole microseconds, by a short division where that is enough.
-fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
-    match u32::try_from(ticks) {
-        Ok(ticks) => u64::from(ticks / ticks_per_us.max(1)),
-        Err(_) => ticks / u64::from(ticks_per_us.max(1)),
     }
 }

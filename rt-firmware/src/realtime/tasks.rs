@@ -23,9 +23,18 @@ pub struct TaskEntry {
     overruns: u16,
     place: TaskPlace,
     group: u8,
-    enabled: bool,
+    activation: Activation,
+}
+
+/// Whether a task is enabled, and how far it has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Activation {
+    /// It is not enabled.
+    Off,
     /// Entered, and not executed since.
-    fresh: bool,
+    Fresh,
+    /// Executed since it was entered.
+    UnderWay,
 }
 
 impl TaskEntry {
@@ -36,8 +45,7 @@ impl TaskEntry {
         overruns: 0,
         place: TaskPlace { bank: 0, place: 0 },
         group: NO_GROUP,
-        enabled: false,
-        fresh: false,
+        activation: Activation::Off,
     };
 
     /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
@@ -157,12 +165,11 @@ impl<'m> TaskTable<'m> {
         let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
             return;
         };
-        entry.fresh = true;
-        if entry.enabled {
+        let before = core::mem::replace(&mut entry.activation, Activation::Fresh);
+        if before != Activation::Off {
             // A slot-0 run goes on under the next activation: enabled it has been all the time.
             return;
         }
-        entry.enabled = true;
         entry.order = order;
         self.next_order = order.wrapping_add(1);
         if let Some(group) = self.groups.get_mut(usize::from(entry.group))
@@ -177,8 +184,7 @@ impl<'m> TaskTable<'m> {
         let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
             return;
         };
-        entry.enabled = false;
-        entry.fresh = false;
+        entry.activation = Activation::Off;
         let group = entry.group;
         let Some(held) = self
             .groups
@@ -192,7 +198,7 @@ impl<'m> TaskTable<'m> {
             .entries
             .iter()
             .zip(0u16..)
-            .filter(|(entry, _)| entry.enabled && entry.group == group)
+            .filter(|(entry, _)| entry.activation != Activation::Off && entry.group == group)
             .max_by_key(|(entry, _)| now.wrapping_sub(entry.order))
             .map_or(NONE, |(_, instance)| instance);
     }
@@ -215,13 +221,15 @@ impl<'m> TaskTable<'m> {
 
     /// Whether the task was entered and not executed since.
     pub(crate) fn is_fresh(&self, instance: u16) -> bool {
-        self.entry(instance).fresh
+        self.entry(instance).activation == Activation::Fresh
     }
 
     /// The task is executed.
     pub(crate) fn executed(&mut self, instance: u16) {
-        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
-            entry.fresh = false;
+        if let Some(entry) = self.entries.get_mut(usize::from(instance))
+            && entry.activation == Activation::Fresh
+        {
+            entry.activation = Activation::UnderWay;
         }
     }
 
