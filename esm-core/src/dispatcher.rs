@@ -259,12 +259,23 @@ fn entrance(len: usize, key: Key) -> usize {
     (len + (key % (1 << SLOT_BITS)) as usize) / 2
 }
 
-/// `duration_us / period_us`, by a short division where that is enough: small cores do a 64-bit one in a long library routine.
+/// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one in a library routine of a kilobyte: after more
+/// than an hour, which happens once a mission at most, it is done bit by bit.
 fn periods_in(duration_us: u64, period_us: u32) -> u64 {
-    match u32::try_from(duration_us) {
-        Ok(duration_us) => u64::from(duration_us / period_us),
-        Err(_) => duration_us / u64::from(period_us),
+    if let Ok(duration_us) = u32::try_from(duration_us) {
+        return u64::from(duration_us / period_us);
     }
+    let period_us = u64::from(period_us);
+    let (mut periods, mut rest_us) = (0, 0);
+    for bit in (0..u64::BITS).rev() {
+        rest_us = rest_us << 1 | duration_us >> bit & 1;
+        periods <<= 1;
+        if rest_us >= period_us {
+            rest_us -= period_us;
+            periods |= 1;
+        }
+    }
+    periods
 }
 
 #[cfg(test)]
@@ -283,6 +294,20 @@ mod tests {
 
     fn dispatcher(slots: &[Slot]) -> Dispatcher<8> {
         Dispatcher::new(slots.iter().copied()).unwrap()
+    }
+
+    #[test]
+    fn whole_periods_of_hours_and_ages() {
+        for duration_us in [0, 1, 0xffff_ffff, 1 << 32, 1 << 40 | 12_345, u64::MAX] {
+            for period_us in [1, 2, 2_500, 1_000_000, u32::MAX] {
+                let expected = duration_us / u64::from(period_us);
+                assert_eq!(
+                    periods_in(duration_us, period_us),
+                    expected,
+                    "{duration_us} / {period_us}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -47,10 +47,14 @@ pub struct OccurrenceStart {
 
 /// Ticks in whole microseconds, of which each has `ticks_per_us`: 1 to 65,535.
 ///
-/// By schoolbook, 16 bits at a time: small cores divide 32 bits in hardware, and 64 bits in a library routine of a kilobyte.
+/// Small cores divide 32 bits in hardware, and 64 bits in a library routine of a kilobyte: what does not fit is divided by schoolbook, 16 bits at
+/// a time.
 pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
     const DIGIT_BITS: u32 = u16::BITS;
     let divisor = ticks_per_us.clamp(1, u32::from(u16::MAX));
+    if let Ok(ticks) = u32::try_from(ticks) {
+        return u64::from(ticks / divisor);
+    }
     let mut quotient = 0;
     let mut rest = 0;
     for digit in (0..u64::BITS / DIGIT_BITS).rev() {

@@ -38,18 +38,32 @@ pub enum FrameError {
 /// # Errors
 /// [`FrameError::TooLong`]
 pub fn encode(message: &impl Serialize, frame: &mut [u8]) -> Result<usize, FrameError> {
-    let mut scratch = [0; MAX_MESSAGE_BYTES];
-    let message = postcard::to_slice(message, &mut scratch).map_err(|_| FrameError::TooLong)?;
+    let (first, rest) = frame.split_first_mut().ok_or(FrameError::TooLong)?;
+    let room = rest.len().min(MAX_MESSAGE_BYTES);
+    let room = rest.get_mut(..room).ok_or(FrameError::TooLong)?;
+    let message = postcard::to_slice(message, room).map_err(|_| FrameError::TooLong)?;
     let crc = checksum(message).to_le_bytes();
-    if cobs::max_encoding_length(message.len() + CRC_BYTES) >= frame.len() {
+    let len = message.len();
+    let end = rest.get_mut(len..).ok_or(FrameError::TooLong)?;
+    let [place @ .., end] = end.get_mut(..=CRC_BYTES).ok_or(FrameError::TooLong)? else {
         return Err(FrameError::TooLong);
+    };
+    place.copy_from_slice(&crc);
+    *end = DELIMITER;
+    // COBS, in place, which a frame is short enough for: each 0 gives way to the distance to the next, the first byte tells the first distance.
+    const { assert!(MAX_MESSAGE_BYTES + CRC_BYTES < 254) };
+    let len = len + CRC_BYTES;
+    let mut distance = 1;
+    for byte in rest.iter_mut().take(len).rev() {
+        distance = if *byte == DELIMITER {
+            *byte = distance;
+            1
+        } else {
+            distance + 1
+        };
     }
-    let mut encoder = cobs::CobsEncoder::new(frame);
-    encoder.push(message).map_err(|_| FrameError::TooLong)?;
-    encoder.push(&crc).map_err(|_| FrameError::TooLong)?;
-    let len = encoder.finalize();
-    *frame.get_mut(len).ok_or(FrameError::TooLong)? = DELIMITER;
-    Ok(len + 1)
+    *first = distance;
+    Ok(len + 2)
 }
 
 /// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place, and the message borrows them.
@@ -161,6 +175,46 @@ mod tests {
             let mut frame = frame_of(request);
             assert_eq!(frame.iter().filter(|byte| **byte == DELIMITER).count(), 1);
             assert_eq!(decode(&mut frame), Ok(ToDevice { seq: 7, request }));
+        }
+    }
+
+    #[test]
+    fn a_frame_is_what_cobs_makes_of_message_and_checksum() {
+        for data in [
+            &[][..],
+            &[0; 20],
+            &[0xff; MAX_CHUNK],
+            b"\0zeros\0\0within\0",
+        ] {
+            let request = Request::Chunk { offset: 0, data };
+            let mut message = [0; MAX_MESSAGE_BYTES];
+            let len = postcard::to_slice(&ToDevice { seq: 7, request }, &mut message)
+                .unwrap()
+                .len();
+            let mut plain = message[..len].to_vec();
+            plain.extend(checksum(&plain).to_le_bytes());
+            let mut expected = [0; MAX_FRAME_BYTES];
+            let encoded = cobs::encode(&plain, &mut expected);
+            expected[encoded] = DELIMITER;
+            assert_eq!(frame_of(request), expected[..=encoded], "{data:?}");
+        }
+    }
+
+    #[test]
+    fn a_frame_needs_its_room_to_the_byte() {
+        let message = ToDevice {
+            seq: 7,
+            request: Request::Status,
+        };
+        let needed = frame_of(Request::Status).len();
+        let mut frame = [0; MAX_FRAME_BYTES];
+        assert_eq!(encode(&message, &mut frame[..needed]), Ok(needed));
+        for room in 0..needed {
+            assert_eq!(
+                encode(&message, &mut frame[..room]),
+                Err(FrameError::TooLong),
+                "{room} bytes"
+            );
         }
     }
 
