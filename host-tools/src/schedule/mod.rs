@@ -18,11 +18,12 @@ mod bounds;
 mod chain;
 mod clock;
 mod ejection;
+mod frames;
 mod growth;
 mod infeasibility;
 pub mod instances;
+mod proof;
 mod random;
-mod relax;
 mod search;
 
 use std::time::Duration;
@@ -285,3 +286,6 @@ fn exact_sum(times_us: impl Iterator<Item = (u32, u32)>) -> Option<(u128, u128)>
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod oracle;

@@ -7,10 +7,10 @@
 //!
 //! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
 //!
-//! The exhaustive search rests on pushing left: in any schedule, all slots that do not rest against the first one, directly or through
-//! others, can be moved earlier together until one does. So if there is a schedule, there is one in which each slot but the first
-//! begins exactly where another one ends (modulo the greatest common divisor of their periods), and a search that adds one slot at a
-//! time at such a place, whichever slot it is, misses none.
+//! The exhaustive search rests on pushing left. Call a slot *held* if its start is given (or is 0, for one slot of a set without given starts, because a schedule
+//! can be turned as a whole), or if it begins exactly where a slot that is held ends, modulo the greatest common divisor of their periods. In any schedule, all slots
+//! that are not held can be moved earlier together, until one of them touches one that is held; what was held stays so. So if there is a schedule, there is one in
+//! which all are held, and a search that adds one slot at a time at such a place, whichever slot it is, misses none.
 
 use std::cmp::Reverse;
 
@@ -18,7 +18,7 @@ use super::chain::{self, Chain, End as ChainEnd, Member};
 use super::clock::Clock;
 use super::ejection::Ejection;
 use super::random::Random;
-use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, relax};
+use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, proof};
 
 /// How often the constructive search begins anew.
 const MAX_RESTARTS: usize = 8;
@@ -78,27 +78,16 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
     if let Some(layout) = construct(&fixed, free.clone(), clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
+    if let Some(reason) = proof::by_packing(slots, PROOF_STEPS, clock) {
+        return Outcome::Infeasible(reason);
+    }
     // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
     let is_plain = slots.iter().all(|slot| slot.duration_us > 0);
     let members = chain::of_slots(slots).filter(|_| is_plain && fixed.len() <= 1);
-    if is_plain && fixed.len() <= 1 {
-        let implied = if members.is_some() {
-            Vec::new()
-        } else {
-            relax::chains(slots)
-        };
-        for members in members.iter().chain(&implied) {
-            let end = Chain::new(members).search(PROOF_STEPS, None, clock);
-            match end {
-                ChainEnd::Found(starts_us) if implied.is_empty() => {
-                    return Outcome::Feasible(turned(slots, members, &starts_us));
-                }
-                ChainEnd::Exhausted => {
-                    return Outcome::Infeasible(smallest_core(slots, members.clone(), clock));
-                }
-                ChainEnd::Found(_) | ChainEnd::GivenUp => {}
-            }
-        }
+    if let Some(members) = &members
+        && let ChainEnd::Found(starts_us) = Chain::new(members).search(PROOF_STEPS, None, clock)
+    {
+        return Outcome::Feasible(turned(slots, members, &starts_us));
     }
     let outcome = take_turns(slots, members.as_deref(), is_plain, free.len(), clock);
     if outcome != Outcome::Undecided || free.len() > MAX_EXHAUSTIVE || members.is_some() {
@@ -140,16 +129,16 @@ fn take_turns(
                         return Outcome::Feasible(turned(slots, members, &starts_us));
                     }
                     ChainEnd::Exhausted => {
-                        return Outcome::Infeasible(smallest_core(slots, members.to_vec(), clock));
+                        return Outcome::Infeasible(proof::smallest_core(slots, clock));
                     }
                     ChainEnd::GivenUp => {}
                 }
             }
-            if turn.is_multiple_of(8) {
-                exact_steps *= 2;
-                if chain.search(exact_steps, None, clock) == ChainEnd::Exhausted {
-                    return Outcome::Infeasible(smallest_core(slots, members.to_vec(), clock));
-                }
+        }
+        if turn.is_multiple_of(8) {
+            exact_steps *= 2;
+            if let Some(reason) = proof::by_packing(slots, exact_steps, clock) {
+                return Outcome::Infeasible(reason);
             }
         }
         if let Some(ejection) = &mut ejection
@@ -198,40 +187,6 @@ fn turned(slots: &[SlotSpec], members: &[Member], starts_us: &[u64]) -> Schedule
         }
     }
     Schedule { starts_us: turned }
-}
-
-/// As few slots as do not fit together already: one after another is left out, where the rest still has no schedule.
-fn smallest_core(slots: &[SlotSpec], mut members: Vec<Member>, clock: &mut Clock) -> Infeasibility {
-    /// Each of the smaller sets gets this many steps to prove itself.
-    const STEPS: u64 = 2_000;
-    // What repeats seldom and is short is the likeliest to matter least.
-    members.sort_by_key(|member| (Reverse(member.period_us), member.duration_us, member.index));
-    let mut at = 0;
-    while at < members.len() && members.len() > 1 && !clock.is_over() {
-        let member = members.remove(at);
-        if Chain::new(&members).search(STEPS, None, clock) != ChainEnd::Exhausted {
-            members.insert(at, member);
-            at += 1;
-        }
-    }
-    let mut numbers: Vec<u32> = members
-        .iter()
-        .filter_map(|member| Some(slots.get(member.index)?.number))
-        .collect();
-    numbers.sort_unstable();
-    Infeasibility::Packing {
-        slots: numbers,
-        frame_us: members
-            .iter()
-            .map(|member| member.period_us)
-            .min()
-            .unwrap_or(0),
-        longest: members
-            .iter()
-            .max_by_key(|member| (member.duration_us, Reverse(member.index)))
-            .and_then(|member| Some(slots.get(member.index)?.number))
-            .unwrap_or(0),
-    }
 }
 
 /// Slots whose starts are given must fit each other and start within their periods.
@@ -355,8 +310,6 @@ fn exhaust(
         let (index, slot) = free.remove(0);
         layout.push(Placed::new(index, slot, 0));
     }
-    // With several given starts, nothing can be pushed against just one of them, and a search without success proves nothing.
-    let can_prove = layout.len() <= 1;
     let mut search = Exhaustive {
         clock,
         done: Vec::new(),
@@ -364,10 +317,10 @@ fn exhaust(
     };
     match search.extend(&mut layout, &free) {
         End::Found => Outcome::Feasible(schedule_of(slots, &layout)),
-        End::Exhausted if can_prove => Outcome::Infeasible(Infeasibility::Exhausted {
+        End::Exhausted => Outcome::Infeasible(Infeasibility::Exhausted {
             arrangements: search.arrangements,
         }),
-        End::Exhausted | End::GivenUp => Outcome::Undecided,
+        End::GivenUp => Outcome::Undecided,
     }
 }
 
