@@ -98,8 +98,11 @@ impl<'a> TaskBench<'a> {
 
     /// Publishes a value on an input's net.
     pub fn give<V: PortType>(&mut self, port: impl InputPort<V>, value: V) -> &mut Self {
-        self.executor
-            .inject(port.index(), value, Box::leak(Box::new(Buffered::EMPTY)));
+        self.executor.inject(
+            port.index(),
+            value,
+            Box::leak(Box::new(Buffered::<V>::EMPTY)),
+        );
         self
     }
 

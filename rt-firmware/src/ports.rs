@@ -1,7 +1,8 @@
 //! Where values live and how tasks reach them: banks of tasks, port buffers, nets. The only `unsafe` of this crate is here.
 //!
 //! A value is stored once, in a buffer of the output port that wrote it, and is never copied on its way to its readers. An output port
-//! has three buffers: one that its net refers to, one that a slot-0 run may have pinned, one to write the next value into.
+//! has two buffers: one that its net refers to, and another, for what a slot-0 run reads or writes meanwhile. A real-time task writes over its
+//! last value, as long as nobody reads that. A port of a task that may read its own output has three ([`buffers_for`]).
 //!
 //! # Invariants
 //! The `unsafe` below rests on these, each kept by this file alone:
@@ -11,8 +12,9 @@
 //! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write into a buffer that the job refers to,
 //!    nor hand out a second job.
 //! 3. **Published or pinned is constant.** A buffer that a net refers to (`publications > 0`) or that a job reads (`pinned`) is never
-//!    given to a task for writing. The one exception is `inout`: a value is changed in place if no job reads it and the same task does
-//!    not read it through another port; nobody else can be reading it, since real-time tasks never preempt each other.
+//!    given to a task for writing. The one exception is a real-time task's own output and `inout`: a value is changed in place if no job reads
+//!    it and the same task does not read it through another port; nobody else can be reading it, since real-time tasks never preempt each
+//!    other.
 //! 4. **Types are known.** Each value carries the `TypeId` of what is in its buffer, compared at each access.
 
 #![allow(unsafe_code)]
@@ -23,11 +25,30 @@ use core::ptr::NonNull;
 
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
-    OutFlag, Param, ParamType, PortType, Step, Task,
+    OutFlag, Param, ParamType, PortType, Step, Task, same_text,
 };
 
-/// Buffers of one output port: published, pinned by a slot-0 run, being written.
-const BUFFERS_PER_PORT: usize = 3;
+/// Buffers of one output port.
+///
+/// One of them is published, on one net. A slot-0 run may have pinned one, which need not be the same; then the published one is written over by
+/// a real-time task, for nobody reads it. A slot-0 run writes one that is not published. So two are enough, unless the task may find what it
+/// published on another of its ports while it writes the next value.
+const BUFFERS: usize = 2;
+
+/// How many buffers an output port with this direction and type needs in a task with these `ports`: pairs of direction and type.
+#[doc(hidden)]
+pub const fn buffers_for(direction: &str, type_name: &str, ports: &[(&str, &str)]) -> usize {
+    let mut rest = ports;
+    while let [(other, name), tail @ ..] = rest {
+        let finds =
+            same_text(other, "in") || same_text(other, "inout") && same_text(direction, "out");
+        if finds && same_text(name, type_name) {
+            return BUFFERS + 1;
+        }
+        rest = tail;
+    }
+    BUFFERS
+}
 
 /// What is known of a buffer's use. Only the executor looks at it.
 struct Head {
@@ -82,8 +103,8 @@ impl ErasedBuffer {
 pub trait PortBuffers {
     /// Type of the values.
     fn type_id(&self) -> TypeId;
-    /// One of the three buffers; the last for a number too great.
-    fn buffer(&self, number: usize) -> ErasedBuffer;
+    /// One of the buffers.
+    fn buffer(&self, number: usize) -> Option<ErasedBuffer>;
     /// Copies a value of this port's type from one buffer into another.
     ///
     /// # Safety
@@ -92,20 +113,27 @@ pub trait PortBuffers {
 }
 
 impl dyn PortBuffers + '_ {
+    fn buffers(&self) -> impl Iterator<Item = ErasedBuffer> {
+        (0..).map_while(|number| self.buffer(number))
+    }
+
     fn free_buffer(&self) -> Option<ErasedBuffer> {
-        (0..BUFFERS_PER_PORT)
-            .map(|number| self.buffer(number))
-            .find(ErasedBuffer::is_free)
+        self.buffers().find(ErasedBuffer::is_free)
+    }
+
+    /// Whether a buffer is one of these.
+    fn owns(&self, buffer: ErasedBuffer) -> bool {
+        self.buffers().any(|own| own.head == buffer.head)
     }
 }
 
 /// Buffers of a port that the task writes.
 #[doc(hidden)]
-pub struct Buffered<V> {
-    buffers: [Buffer<V>; BUFFERS_PER_PORT],
+pub struct Buffered<V, const N: usize = BUFFERS> {
+    buffers: [Buffer<V>; N],
 }
 
-impl<V: PortType> Buffered<V> {
+impl<V: PortType, const N: usize> Buffered<V, N> {
     #[expect(
         clippy::declare_interior_mutable_const,
         reason = "it is what each bank's buffers are made of, not a value to share"
@@ -119,27 +147,22 @@ impl<V: PortType> Buffered<V> {
                 },
                 value: UnsafeCell::new(V::INIT),
             }
-        }; BUFFERS_PER_PORT],
+        }; N],
     };
 }
 
 #[allow(private_interfaces)]
-impl<V: PortType> PortBuffers for Buffered<V> {
+impl<V: PortType, const N: usize> PortBuffers for Buffered<V, N> {
     fn type_id(&self) -> TypeId {
         TypeId::of::<V>()
     }
 
-    fn buffer(&self, number: usize) -> ErasedBuffer {
-        let [first, second, third] = &self.buffers;
-        let buffer = match number {
-            0 => first,
-            1 => second,
-            _ => third,
-        };
-        ErasedBuffer {
+    fn buffer(&self, number: usize) -> Option<ErasedBuffer> {
+        let buffer = self.buffers.get(number)?;
+        Some(ErasedBuffer {
             head: NonNull::from(buffer).cast(),
             type_id: const { &TypeId::of::<V>() },
-        }
+        })
     }
 
     unsafe fn copy(&self, from: ErasedBuffer, to: ErasedBuffer) {
@@ -178,8 +201,8 @@ impl PortSlot for Unbuffered {
     }
 }
 
-impl<V: PortType> sealed::Sealed for Buffered<V> {}
-impl<V: PortType> PortSlot for Buffered<V> {
+impl<V: PortType, const N: usize> sealed::Sealed for Buffered<V, N> {}
+impl<V: PortType, const N: usize> PortSlot for Buffered<V, N> {
     const EMPTY: Self = Self::EMPTY;
     fn buffers(&self) -> Option<&dyn PortBuffers> {
         Some(self)
@@ -817,7 +840,7 @@ impl<'m> Executor<'m> {
         *buffer.value.get_mut() = value;
         let storage: &'m Buffered<V> = storage;
         if let Some(net) = self.nets.get_mut(net) {
-            net.publish(Some(storage.buffer(0)));
+            net.publish(storage.buffer(0));
         }
     }
 
@@ -864,15 +887,30 @@ impl<'m> Executor<'m> {
             }
             state.writable |= bit8(index);
             let buffers = bank.output(usize::from(task.place), index)?;
-            let value = if port.direction == Direction::Out {
-                Some(buffers.free_buffer()?)
-            } else if let Some(current) = on_net(index) {
-                let read_too = ports.iter().zip(&state.values).any(|(port, value)| {
-                    port.direction == Direction::In
-                        && value.is_some_and(|value| value.head == current.head)
+            let current = on_net(index);
+            let unread = current.filter(|current| {
+                let ports = ports.iter().zip(&state.values).enumerate();
+                let mut others = ports.filter_map(|(other, (declared, value))| {
+                    match (declared.direction, port.direction) {
+                        (Direction::In, _) => *value,
+                        (Direction::InOut, Direction::Out) => on_net(other),
+                        _ => None,
+                    }
                 });
-                if in_place && !read_too && !current.head().pinned.get() {
-                    Some(current)
+                let read_too = others.any(|other| other.head == current.head);
+                in_place && !read_too && !current.head().pinned.get()
+            });
+            let value = if port.direction == Direction::Out {
+                // Another net that refers to it, or another task's buffer, is not this port's to change.
+                match unread {
+                    Some(last) if last.head().publications.get() == 1 && buffers.owns(last) => {
+                        Some(last)
+                    }
+                    _ => Some(buffers.free_buffer()?),
+                }
+            } else if let Some(current) = current {
+                if unread.is_some() {
+                    unread
                 } else {
                     let own = buffers.free_buffer()?;
                     // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
@@ -1035,6 +1073,7 @@ mod tests {
     }
 
     const SOURCE: TaskPlace = TaskPlace { bank: 0, place: 0 };
+    const OTHER_SOURCE: TaskPlace = TaskPlace { bank: 0, place: 1 };
     const ADDER: TaskPlace = TaskPlace { bank: 1, place: 0 };
     const READER: TaskPlace = TaskPlace { bank: 2, place: 0 };
     const NET: usize = 0;
@@ -1169,6 +1208,108 @@ mod tests {
                     .is_some()
             );
         });
+    }
+
+    #[test]
+    fn a_real_time_task_writes_over_its_last_value_unless_somebody_reads_it() {
+        with_robot(|executor| {
+            let published = |executor: &Executor<'_>| executor.nets[NET].value.unwrap().head;
+            step(executor, SOURCE, source_net);
+            let first = published(executor);
+            step(executor, SOURCE, source_net);
+            assert_eq!(published(executor), first);
+            let job = executor
+                .lend(READER, reader_net, &Inputs::default())
+                .unwrap();
+            step(executor, SOURCE, source_net);
+            let second = published(executor);
+            assert_ne!(second, first, "the first is being read");
+            step(executor, SOURCE, source_net);
+            assert_eq!(published(executor), second);
+            executor.harvest(job, reader_net);
+            // Another task's value is left alone.
+            step(executor, OTHER_SOURCE, source_net);
+            let others = published(executor);
+            step(executor, SOURCE, source_net);
+            assert_ne!(published(executor), others);
+            assert_eq!(executor.value_on(NET), Some(Count(5)));
+        });
+    }
+
+    #[test]
+    fn what_a_task_changes_and_what_it_writes_are_two_values_on_one_net() {
+        struct Both;
+        task! { impl Both { data { inout total: Count; out next: Count; } } }
+        impl Task for Both {
+            fn step(&mut self, io: &mut Io<'_>) -> Step {
+                *io.write(Self::NEXT) = Count(1);
+                io.update(Self::TOTAL).0 += 10;
+                Step::Run
+            }
+        }
+        let mut source = Bank::new([Source { count: 0 }]);
+        let mut both = Bank::new([Both]);
+        let mut banks: [&mut dyn TaskBank; 2] = [&mut source, &mut both];
+        let mut nets = nets::<1>();
+        let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
+        let both = TaskPlace { bank: 1, place: 0 };
+        step(&mut executor, SOURCE, source_net);
+        for _ in 0..5 {
+            assert!(step(&mut executor, both, source_net));
+            assert_eq!(
+                executor.value_on(NET),
+                Some(Count(1)),
+                "the later port wins"
+            );
+        }
+    }
+
+    #[test]
+    fn a_value_on_two_nets_stays_on_the_other() {
+        with_robot(|executor| {
+            step(executor, SOURCE, source_net);
+            executor.nets[SUM].publish(executor.nets[NET].value);
+            for expected in 2..5 {
+                assert!(step(executor, SOURCE, source_net));
+                assert_eq!(executor.value_on(NET), Some(Count(expected)));
+                assert_eq!(executor.value_on(SUM), Some(Count(1)));
+            }
+        });
+    }
+
+    #[test]
+    fn a_task_that_reads_its_own_output_goes_on_while_a_slot_0_run_reads_it_too() {
+        struct Loop;
+        task! { impl Loop { data { in last: Count optional; out next: Count; } } }
+        impl Task for Loop {
+            fn step(&mut self, io: &mut Io<'_>) -> Step {
+                let last = io.try_read(Self::LAST);
+                let before = last.map_or(0, |last| last.0);
+                *io.write(Self::NEXT) = Count(before + 1);
+                assert_eq!(last.map_or(0, |last| last.0), before);
+                Step::Run
+            }
+        }
+        let mut looping = Bank::new([Loop]);
+        let mut reader = Bank::new([Reader {
+            seen: [0; 3],
+            steps: 0,
+        }]);
+        let mut banks: [&mut dyn TaskBank; 2] = [&mut looping, &mut reader];
+        let mut nets = nets::<2>();
+        let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
+        let (looping, reader) = (SOURCE, TaskPlace { bank: 1, place: 0 });
+        assert!(step(&mut executor, looping, source_net));
+        let mut job = executor
+            .lend(reader, reader_net, &Inputs::default())
+            .unwrap();
+        for expected in 2..9 {
+            assert!(step(&mut executor, looping, source_net));
+            assert_eq!(executor.value_on(NET), Some(Count(expected)));
+        }
+        while job.step() == Step::Run {}
+        executor.harvest(job, reader_net);
+        assert_eq!(executor.value_on(SUM), Some(Count(3)));
     }
 
     #[test]

@@ -616,7 +616,7 @@ macro_rules! task {
                     ),
                 }
             };
-            type Outputs = $crate::__task_outputs!($($($direction $port_type,)*)?);
+            type Outputs = $crate::__task_outputs!([$($($direction $port_type,)*)?] $($($direction $port_type,)*)?);
         }
     };
 }
@@ -688,9 +688,16 @@ macro_rules! __task_optional {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __task_outputs {
-    () => { () };
-    (in $type:ident, $($rest:tt)*) => { ($crate::ports::Unbuffered, $crate::__task_outputs!($($rest)*)) };
-    ($direction:tt $type:ident, $($rest:tt)*) => { ($crate::ports::Buffered<$type>, $crate::__task_outputs!($($rest)*)) };
+    ([$($all:tt)*]) => { () };
+    ([$($all:tt)*] in $type:ident, $($rest:tt)*) => { ($crate::ports::Unbuffered, $crate::__task_outputs!([$($all)*] $($rest)*)) };
+    ([$($all_direction:tt $all_type:ident,)*] $direction:tt $type:ident, $($rest:tt)*) => {
+        (
+            $crate::ports::Buffered<$type, {
+                $crate::ports::buffers_for(stringify!($direction), stringify!($type), &[$((stringify!($all_direction), stringify!($all_type))),*])
+            }>,
+            $crate::__task_outputs!([$($all_direction $all_type,)*] $($rest)*)
+        )
+    };
 }
 
 #[cfg(test)]
