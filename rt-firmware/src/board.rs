@@ -39,6 +39,8 @@ pub struct OccurrenceStart {
     pub number: u64,
     /// Start of this occurrence.
     pub start_us: u64,
+    /// The same on the board's clock, in ticks since the board started.
+    pub start_ticks: u64,
     /// End of the occurrence before, which is when what its tasks wrote takes effect; equal to `start_us` in the first one.
     pub previous_end_us: u64,
     /// Whether this slot runs the interpreter.

@@ -27,7 +27,8 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
-  bench      Measure and print a table: `bench schedule` what the search for schedules decides, and how fast; --help tells its options
+  bench      Measure and print a table: `bench schedule` what the search for schedules decides, and how fast; --help tells its options;
+             `bench dispatch` what starting a slot takes on the emulated board, in instructions
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
@@ -126,10 +127,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
     }
     let choice = match options.toolchain {
         Some(choice) => choice,
-        None => match std::env::var("ESM_TOOLCHAIN") {
-            Ok(name) => Choice::from_name(&name)?,
-            Err(_) => Choice::Auto,
-        },
+        None => Choice::from_environment()?,
     };
     match command {
         "setup" => {

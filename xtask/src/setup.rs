@@ -56,6 +56,14 @@ impl Choice {
             ))),
         }
     }
+
+    /// What `ESM_TOOLCHAIN` says.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] if it names no toolchain.
+    pub fn from_environment() -> Result<Self, Failure> {
+        std::env::var("ESM_TOOLCHAIN").map_or(Ok(Choice::Auto), |name| Choice::from_name(&name))
+    }
 }
 
 /// A compiler that can build firmware.

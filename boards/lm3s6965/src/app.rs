@@ -4,9 +4,27 @@
 ///
 /// `robot` is the registry's type, with the function that builds it from the pins (a `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that
 /// the robot tells of itself, in at most 40 bytes.
+///
+/// A firmware of another kind, such as a benchmark, names besides what its slots run on (a [`Board`](rt_firmware::Board), with the function that builds it
+/// from this crate's), the memory of its runtime, and how many slots that has.
 #[macro_export]
 macro_rules! app {
     (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(,)?) => {
+        $crate::app! {
+            firmware: $firmware,
+            robot: $robot = $make,
+            board: $crate::slots::SlotBoard = |board| board,
+            memory: $crate::Memory<'static>,
+            slots: $crate::settings::SLOTS,
+        }
+    };
+    (
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr,
+        board: $board:ty = $make_board:expr,
+        memory: $memory:ty,
+        slots: $slots:expr $(,)?
+    ) => {
         #[$crate::rtic::app(device = $crate::pac, peripherals = false)]
         // RTIC calls unsafe functions in unsafe functions without a block around the call.
         #[allow(unsafe_op_in_unsafe_fn, missing_docs)]
@@ -18,8 +36,9 @@ macro_rules! app {
             use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pac::Interrupt;
             use $crate::rt_firmware::{About, Background, Limits, LinkSide, Mail, RealTime, TaskBank, split};
-            use $crate::slots::SlotBoard;
             use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
+
+            type MissionMemory = $memory;
 
             #[shared]
             struct Shared {}
@@ -27,8 +46,8 @@ macro_rules! app {
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
             struct Local {
-                real_time: &'static mut RealTime<'static, 'static, { $crate::settings::SLOTS }>,
-                board: SlotBoard,
+                real_time: &'static mut RealTime<'static, 'static, { $slots }>,
+                board: $board,
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
                 link_end: LinkEnd,
@@ -38,15 +57,16 @@ macro_rules! app {
             #[init(local = [
                 robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
                 banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
-                memory: $crate::Memory<'static> = $crate::Memory::new(),
+                memory: MissionMemory = MissionMemory::new(),
                 mail: Mail<'static> = Mail::new(),
-                real_time_place: MaybeUninit<RealTime<'static, 'static, { $crate::settings::SLOTS }>> = MaybeUninit::uninit(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static, { $slots }>> = MaybeUninit::uninit(),
                 link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
                 let start = $crate::start();
+                let make_board: fn($crate::slots::SlotBoard) -> $board = $make_board;
                 let robot = $crate::put(cx.local.robot, || {
                     let make: fn($crate::rt_firmware::body::Parts<'static>) -> $robot = $make;
                     make($crate::PINS.parts())
@@ -71,7 +91,7 @@ macro_rules! app {
                 watchdog::start();
                 (
                     Shared {},
-                    Local { real_time, board: start.board, background, link, link_end, line },
+                    Local { real_time, board: make_board(start.board), background, link, link_end, line },
                 )
             }
 

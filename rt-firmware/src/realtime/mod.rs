@@ -226,12 +226,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
             let start_ticks = mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US);
             self.count_missed(board, &occurrence, missed);
-            self.execute(
-                board,
-                &occurrence,
-                now,
-                u32::try_from(now - start_ticks).unwrap_or(u32::MAX),
-            );
+            self.execute(board, &occurrence, now, start_ticks);
         }
     }
 
@@ -289,14 +284,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Executes an occurrence that began at `began_ticks`, `delay_ticks` after its nominal start.
+    /// Executes an occurrence that began at `began_ticks`; its nominal start was at `start_ticks`.
     fn execute<B: Board>(
         &mut self,
         board: &mut B,
         occurrence: &Occurrence,
         began_ticks: u64,
-        delay_ticks: u32,
+        start_ticks: u64,
     ) {
+        let delay_ticks = u32::try_from(began_ticks - start_ticks).unwrap_or(u32::MAX);
         let Some(mission) = &self.mission else { return };
         let Some(slot) = mission.interpreter.tables().slot(occurrence.slot) else {
             return;
@@ -306,6 +302,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             slot: occurrence.slot,
             number: occurrence.number,
             start_us,
+            start_ticks,
             previous_end_us: self.previous_end_us.min(start_us),
             interpreter: occurrence.interpreter,
         };

@@ -1,0 +1,361 @@
+//! A robot that measures how its slots are started: `cargo xtask bench dispatch` builds, runs and reads it.
+//!
+//! Everything between the timer and the tasks is the firmware's own; only the exchange with a plant is left out, which an emulated
+//! board has and a real one has not. The mission has one slot for the interpreter and a [`Probe`] in each of the others; in slot 0 runs
+//! either [`Spin`], which calls nothing, or [`Call`], which goes through the framework all the time.
+//!
+//! The clock counts 20 ns; an instruction takes 2^8 ns (`-icount shift=8`), so what is counted is exact to an instruction. First the link sleeps
+//! and whole handlers are measured, by what they take from [`Spin`]; then it works, and the beginnings of tasks are measured.
+#![no_std]
+#![no_main]
+
+use core::array;
+use core::ffi::CStr;
+use core::fmt::{self, Write};
+use core::hint::black_box;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+use esm_core::verify;
+use lm3s6965::clock::{TICKS_PER_US, now_ticks};
+use lm3s6965::cortex_m::{self, peripheral::NVIC};
+use lm3s6965::registers::sys_tick;
+use lm3s6965::slots::SlotBoard;
+use lm3s6965::{pac::Interrupt, settings};
+use rt_firmware::body::Parts;
+use rt_firmware::link::message::SafeReason;
+use rt_firmware::{Bank, Board, Io, Memory, OccurrenceStart, PortType, Step, Task, registry, task};
+use semihosting::fd::AsFd;
+use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_writec};
+
+/// Slots that a mission may have: the interpreter's and 200 others.
+const SLOTS: usize = 201;
+/// Room for their mission.
+const BLOB_BYTES: usize = 14 * 1024;
+
+/// Nanoseconds that an instruction takes.
+const INSTRUCTION_NS: u32 = 1 << 8;
+/// Nanoseconds that a tick takes.
+const TICK_NS: u32 = 1_000 / TICKS_PER_US;
+/// Bits that SysTick counts.
+const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
+
+/// Until then the host gets its answer that the mission runs, in microseconds of the mission.
+const BEGIN_US: u32 = 200_000;
+/// Until then whole handlers are measured.
+const QUIET_US: u32 = 3_000_000;
+/// Until then beginnings of tasks are measured.
+const END_US: u32 = 12_000_000;
+
+/// Missions whose check is measured: what they are called, and their files in the emulator's folder.
+const CHECKED: [(&str, &CStr); 3] = [
+    ("verify-1", c"slots-1.blob"),
+    ("verify-64", c"slots-64.blob"),
+    ("verify-64-worst", c"slots-64-worst.blob"),
+];
+
+/// The clock's ticks when the mission's time was 0, their low half.
+static ORIGIN: AtomicU32 = AtomicU32::new(0);
+/// Probes that were executed.
+static PROBES: AtomicU32 = AtomicU32::new(0);
+/// What the last probe itself took, in ticks.
+static OWN: AtomicU32 = AtomicU32::new(0);
+/// Whether the link works.
+static LOUD: AtomicBool = AtomicBool::new(false);
+/// From a slot's nominal start to its task's first instruction.
+static START: Range = Range::new();
+/// What a handler took from the task that was interrupted, without the probe itself.
+static WHOLE: Range = Range::new();
+
+/// Shortest, longest and sum of what was measured, in ticks.
+struct Range {
+    min: AtomicU32,
+    max: AtomicU32,
+    sum: AtomicU32,
+    count: AtomicU32,
+}
+
+impl Range {
+    const fn new() -> Self {
+        Self {
+            min: AtomicU32::new(u32::MAX),
+            max: AtomicU32::new(0),
+            sum: AtomicU32::new(0),
+            count: AtomicU32::new(0),
+        }
+    }
+
+    fn note(&self, ticks: u32) {
+        self.min.store(self.min.load(Relaxed).min(ticks), Relaxed);
+        self.max.store(self.max.load(Relaxed).max(ticks), Relaxed);
+        self.sum
+            .store(self.sum.load(Relaxed).wrapping_add(ticks), Relaxed);
+        self.count.store(self.count.load(Relaxed) + 1, Relaxed);
+    }
+
+    fn print(&self, name: &str) {
+        let count = self.count.load(Relaxed);
+        let _ = writeln!(
+            Console,
+            "{name} {} {} {} {count}",
+            tenths(self.min.load(Relaxed)),
+            tenths(self.max.load(Relaxed)),
+            tenths(self.sum.load(Relaxed) / count.max(1)),
+        );
+    }
+}
+
+/// Tenths of instructions.
+fn tenths(ticks: u32) -> u32 {
+    ticks.saturating_mul(10 * TICK_NS) / INSTRUCTION_NS
+}
+
+/// What the emulator prints.
+struct Console;
+
+impl Write for Console {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        text.bytes().for_each(sys_writec);
+        Ok(())
+    }
+}
+
+/// The board without a plant.
+struct BenchBoard(SlotBoard);
+
+impl Board for BenchBoard {
+    const TICKS_PER_US: u32 = TICKS_PER_US;
+
+    fn now_ticks(&mut self) -> u64 {
+        self.0.now_ticks()
+    }
+
+    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+        if occurrence.interpreter {
+            let since_ticks = (occurrence.start_us as u32).wrapping_mul(TICKS_PER_US);
+            ORIGIN.store(
+                (occurrence.start_ticks as u32).wrapping_sub(since_ticks),
+                Relaxed,
+            );
+        }
+        Ok(())
+    }
+
+    fn motors_off(&mut self) {
+        self.0.motors_off();
+    }
+}
+
+/// Looks at the clock first of all.
+struct Probe;
+
+task! {
+    impl Probe {
+        slot 2;
+    }
+}
+
+impl Task for Probe {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        let count = sys_tick::CVR.read();
+        if LOUD.load(Relaxed) {
+            // SysTick counts down, and has done so since the clock's ticks were 0.
+            let now = SYS_TICK_MASK.wrapping_sub(count);
+            let since_ticks = (io.now_us() as u32).wrapping_mul(TICKS_PER_US);
+            let nominal = ORIGIN.load(Relaxed).wrapping_add(since_ticks);
+            START.note(now.wrapping_sub(nominal) & SYS_TICK_MASK);
+        }
+        PROBES.store(PROBES.load(Relaxed).wrapping_add(1), Relaxed);
+        let after = sys_tick::CVR.read();
+        OWN.store(count.wrapping_sub(after) & SYS_TICK_MASK, Relaxed);
+        Step::Run
+    }
+}
+
+/// What a measurement does next.
+#[derive(PartialEq)]
+enum Phase {
+    /// Nothing is counted yet.
+    Begin,
+    /// Whole handlers are measured.
+    Quiet,
+    /// Beginnings of tasks are measured.
+    Loud,
+}
+
+/// Where the measurement is. At its end it tells what it found, and ends the emulator.
+fn phase() -> Phase {
+    let since_ticks = (now_ticks() as u32).wrapping_sub(ORIGIN.load(Relaxed));
+    match since_ticks / TICKS_PER_US {
+        ..BEGIN_US => Phase::Begin,
+        ..QUIET_US => {
+            // The link would take its part of the time. It is late then, which it is made for.
+            NVIC::mask(Interrupt::SSI0);
+            NVIC::mask(Interrupt::UART0);
+            Phase::Quiet
+        }
+        ..END_US => {
+            LOUD.store(true, Relaxed);
+            // SAFETY: no critical section of this firmware rests on these two being masked.
+            unsafe {
+                NVIC::unmask(Interrupt::SSI0);
+                NVIC::unmask(Interrupt::UART0);
+            }
+            Phase::Loud
+        }
+        _ => {
+            START.print("start");
+            WHOLE.print("whole");
+            for (name, file) in CHECKED {
+                measure_check(name, file);
+            }
+            semihosting::process::exit(0);
+        }
+    }
+}
+
+/// Measures the check of the blob in a file, if there is one.
+fn measure_check(name: &str, file: &CStr) {
+    let mut blob = [0; 2048];
+    let Ok(opened) = sys_open(file, OpenMode::RDONLY_BINARY) else {
+        return;
+    };
+    let Ok(left) = sys_read_orig(opened.as_fd(), &mut blob) else {
+        return;
+    };
+    let blob = blob.get(..blob.len() - left).unwrap_or_default();
+    let (ticks, passed) = cortex_m::interrupt::free(|_| {
+        let before = sys_tick::CVR.read();
+        let passed = verify(black_box(blob)).is_ok();
+        (
+            before.wrapping_sub(sys_tick::CVR.read()) & SYS_TICK_MASK,
+            passed,
+        )
+    });
+    if passed {
+        let range = Range::new();
+        range.note(ticks);
+        range.print(name);
+    }
+}
+
+/// Does nothing but look at the clock, and notes for how long it was interrupted.
+struct Spin;
+
+task! {
+    impl Spin {
+        slot 0;
+    }
+}
+
+impl Task for Spin {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        const ROUNDS: u32 = 10_000;
+        let quiet = phase() == Phase::Quiet;
+        let (mut probes, mut last) = (PROBES.load(Relaxed), sys_tick::CVR.read());
+        let mut shortest = u32::MAX;
+        for _ in 0..ROUNDS {
+            let now = sys_tick::CVR.read();
+            let gap = last.wrapping_sub(now) & SYS_TICK_MASK;
+            shortest = shortest.min(gap);
+            last = now;
+            if gap > 10 * shortest {
+                let executed = PROBES.load(Relaxed);
+                if quiet && executed == probes.wrapping_add(1) {
+                    WHOLE.note(gap - shortest - OWN.load(Relaxed));
+                }
+                probes = executed;
+                last = sys_tick::CVR.read();
+            }
+        }
+        Step::Run
+    }
+}
+
+/// A value that is published.
+#[derive(Clone, Copy)]
+struct Number(u32);
+
+impl PortType for Number {
+    const NAME: &'static str = "Number";
+    const INIT: Self = Number(0);
+}
+
+/// Goes through the framework all the time: its run ends and begins anew, reads and writes values, sets a flag, and writes to the log, which has
+/// critical sections.
+#[derive(Default)]
+struct Call {
+    runs: u32,
+}
+
+task! {
+    impl Call {
+        slot 0;
+        data {
+            out number: Number;
+        }
+        flags {
+            out odd;
+        }
+    }
+}
+
+impl Task for Call {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        phase();
+        self.runs = self.runs.wrapping_add(1);
+        for _ in 0..20 {
+            *io.write(Self::NUMBER) = Number(self.runs);
+            io.set(Self::ODD, !self.runs.is_multiple_of(2));
+            defmt::info!("run {=u32} at {=u64} us", self.runs, io.now_us());
+        }
+        Step::Finished
+    }
+}
+
+/// Reads what [`Call`] publishes, in a slot, so that values pass from slot 0.
+struct Read;
+
+task! {
+    impl Read {
+        slot 2;
+        data {
+            in number: Number;
+        }
+    }
+}
+
+impl Task for Read {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        black_box(io.read(Self::NUMBER).0);
+        Step::Run
+    }
+}
+
+registry! {
+    /// What measures.
+    struct Bench {
+        probe: Probe[SLOTS - 1],
+        spin: Spin[1],
+        call: Call[1],
+        read: Read[1],
+    }
+}
+
+impl Bench {
+    fn new(_: Parts<'static>) -> Self {
+        Self {
+            probe: Bank::new(array::from_fn(|_| Probe)),
+            spin: Bank::new([Spin]),
+            call: Bank::new([Call::default()]),
+            read: Bank::new([Read]),
+        }
+    }
+}
+
+lm3s6965::app! {
+    firmware: concat!("bench ", env!("CARGO_PKG_VERSION")),
+    robot: Bench = Bench::new,
+    board: BenchBoard = BenchBoard,
+    memory: Memory<'static, BLOB_BYTES, 1024, SLOTS, { SLOTS + 3 }, 4, 1, { settings::TRACE_BYTES }>,
+    slots: SLOTS,
+}

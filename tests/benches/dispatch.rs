@@ -1,0 +1,368 @@
+//! Runs the dispatch benchmark's firmware in the emulator and prints what it measures: what `cargo xtask bench dispatch` starts.
+//!
+//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_dispatch.rs`. What it prints last is a table in Markdown.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::fs;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+use esm_tests::random::Random;
+use host_tools::compile::{self, NameTable};
+use host_tools::lang;
+use host_tools::link_client::{LinkClient, StreamEvent};
+
+/// Nanoseconds that an instruction takes, as a power of two: 12.8 ticks of the board's timer.
+const SHIFT: u32 = 8;
+/// Slots of the missions that are measured, the interpreter's included.
+const SLOTS: [usize; 4] = [8, 16, 64, 200];
+/// The one that the limits hold for.
+const MAIN_SLOTS: usize = 16;
+/// Time for the interpreter: an instruction takes long here, and a machine with 200 tasks many of them.
+const INTERPRETER_US: usize = 30_000;
+/// From one slot with a probe to the next, in microseconds.
+const DISTANCE_US: usize = 4_000;
+/// Slots that have a probe, at most: tasks take more of a blob than slots do.
+const PROBES: usize = 63;
+/// Duration of such a slot, in microseconds.
+const DURATION_US: usize = 3_500;
+/// How long the emulator may take for a run.
+const RUN_LIMIT: Duration = Duration::from_secs(60);
+/// The socket that is the board's UART0, in the emulator's folder.
+const UART_SOCKET: &str = "uart0";
+/// What the firmware prints, in the emulator's folder.
+const CONSOLE: &str = "console";
+
+/// What runs in slot 0.
+#[derive(Clone, Copy, PartialEq)]
+enum Background {
+    /// A task that calls nothing.
+    Spin,
+    /// A task that goes through the framework all the time.
+    Call,
+}
+
+/// Least, most and mean of what was counted, in tenths of an instruction.
+#[derive(Clone, Copy)]
+struct Range {
+    min: u32,
+    max: u32,
+    mean: u32,
+    count: u32,
+}
+
+/// What a run of the firmware printed.
+struct Measured {
+    slots: usize,
+    background: Background,
+    rows: Vec<(String, Range)>,
+    /// Bytes that the link sent and received in a second of the board's time.
+    bytes_a_second: (u64, u64),
+}
+
+impl Measured {
+    fn row(&self, name: &str) -> Option<Range> {
+        let found = self.rows.iter().find(|(of, _)| of == name);
+        found.map(|(_, range)| *range)
+    }
+}
+
+fn main() -> ExitCode {
+    // Cargo adds an option of its own.
+    let firmware = std::env::args_os()
+        .skip(1)
+        .find(|argument| argument != "--bench");
+    let Some(firmware) = firmware else {
+        eprintln!("the benchmark of the dispatcher needs a firmware: cargo xtask bench dispatch");
+        return ExitCode::from(2);
+    };
+    match bench(Path::new(&firmware)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("the benchmark of the dispatcher: {error}");
+            ExitCode::from(3)
+        }
+    }
+}
+
+fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
+    let mut runs = Vec::new();
+    for slots in SLOTS {
+        for background in [Background::Spin, Background::Call] {
+            let measured = run(firmware, slots, background)?;
+            println!("{}", told(&measured));
+            runs.push(measured);
+        }
+    }
+    println!("\n{}", table(&runs));
+    Ok(())
+}
+
+/// The mission: a slot for the interpreter and probes in others, [`DISTANCE_US`] apart.
+fn mission(slots: usize, background: Background) -> Result<Vec<u8>, Box<dyn Error>> {
+    let period_us = INTERPRETER_US + slots * DISTANCE_US;
+    let mut text = String::from(
+        "interpreter slot 1;\ntask Probe slot 2 { }\ntask Spin slot 0 { }\n\
+         task Call slot 0 { out data number: Number; out flag odd; }\ntask Read slot 2 { in data number: Number; }\n",
+    );
+    writeln!(
+        text,
+        "slot 1 period {period_us} us duration {INTERPRETER_US} us;"
+    )?;
+    for slot in 2..=slots {
+        writeln!(
+            text,
+            "slot {slot} period {period_us} us duration {DURATION_US} us;"
+        )?;
+    }
+    text.push_str("machine Bench {\n");
+    for slot in 2..=slots.min(1 + PROBES) {
+        writeln!(
+            text,
+            "region r{slot} {{ task Look: Probe slot {slot}; initial -> Look; Look -> Look on *; }}"
+        )?;
+    }
+    text.push_str(match background {
+        Background::Spin => "region below { task Work: Spin; initial -> Work; Work -> Work on *; }\n",
+        Background::Call => {
+            "region below { task Work: Call; initial -> Work; Work -> Work on *; }\n\
+             region reader { task Take: Read; initial -> Take; Take -> Take on *; }\npath Work.number -> Take.number;\n"
+        }
+    });
+    text.push_str("}\n");
+    let starts_us: Vec<u32> = (0..slots)
+        .map(|slot| match slot {
+            0 => 0,
+            _ => (INTERPRETER_US + slot * DISTANCE_US) as u32,
+        })
+        .collect();
+    compiled(&text, &starts_us, |_| ())
+}
+
+fn compiled(
+    text: &str,
+    starts_us: &[u32],
+    change: impl FnOnce(&mut host_tools::model::Model),
+) -> Result<Vec<u8>, Box<dyn Error>> {
+    let mut checked = lang::load_text("bench.esm", text);
+    checked.require_machine();
+    if checked.has_errors() {
+        return Err(checked.render(false).into());
+    }
+    let mut model = checked.model.ok_or("the front end gave no model")?;
+    change(&mut model);
+    // A mission of 200 tasks has no room for their names.
+    Ok(compile::compile_with(
+        &model,
+        starts_us,
+        NameTable::LeftOut,
+    )?)
+}
+
+/// The name of a file, and what is in it.
+type Checked = (&'static str, Vec<u8>);
+
+/// Missions whose check is measured.
+fn checked_missions() -> Result<Vec<Checked>, Box<dyn Error>> {
+    const FRAME_US: u32 = 2_500;
+    const MULTIPLES: [u32; 8] = [1, 2, 4, 5, 8, 10, 16, 20];
+    let of = |slots: u32| {
+        let mut text = String::from(
+            "interpreter slot 1;\nmachine Empty { region r { state S; initial -> S; S -> S; } }\n",
+        );
+        for slot in 0..slots {
+            let period_us = FRAME_US * MULTIPLES[slot as usize % MULTIPLES.len()];
+            let _ = writeln!(
+                text,
+                "slot {} period {period_us} us duration 30 us;",
+                slot + 1
+            );
+        }
+        text
+    };
+    // Each slot keeps to its own part of the frame.
+    let starts_us: Vec<u32> = (0..64).map(|slot| slot * 39).collect();
+    // Slots without duration never overlap, whatever their periods: the check goes on to the end.
+    let mut random = Random::new(1);
+    let worst = compiled(&of(64), &[0; 64], |model| {
+        for slot in &mut model.slots {
+            slot.duration_us = 0;
+            slot.period_us = (3_900_000_000 + random.below(100_000_000)) as u32;
+        }
+    })?;
+    Ok(vec![
+        ("slots-1.blob", compiled(&of(1), &starts_us[..1], |_| ())?),
+        ("slots-64.blob", compiled(&of(64), &starts_us, |_| ())?),
+        ("slots-64-worst.blob", worst),
+    ])
+}
+
+/// An emulator that ends with this value.
+struct Emulator(Child);
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Uploads a mission to the firmware and keeps the link busy until the firmware has told what it measured.
+fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured, Box<dyn Error>> {
+    let firmware = firmware.canonicalize()?;
+    let folder = tempfile::tempdir()?;
+    if slots == MAIN_SLOTS && background == Background::Spin {
+        for (name, blob) in checked_missions()? {
+            fs::write(folder.path().join(name), blob)?;
+        }
+    }
+    let listener = UnixListener::bind(folder.path().join(UART_SOCKET))?;
+    let console = fs::File::create(folder.path().join(CONSOLE))?;
+    let mut emulator = Emulator(
+        Command::new(host_tools::qemu::QEMU)
+            .args(["-machine", "lm3s6965evb", "-icount"])
+            .arg(format!("shift={SHIFT},sleep=off"))
+            .args(["-nographic", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native", "-chardev"])
+            .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
+            .args(["-serial", "chardev:uart0", "-kernel"])
+            .arg(firmware)
+            .current_dir(folder.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            // Where the emulator puts what the firmware prints.
+            .stderr(console)
+            .spawn()?,
+    );
+    let (uart, _) = listener.accept()?;
+    let uart: UnixStream = uart;
+    let (mut client, _) = LinkClient::connect(uart)?;
+    client.upload(&mission(slots, background)?, &mut |_| ())?;
+    let deadline = Instant::now() + RUN_LIMIT;
+    let mut received = 0;
+    let mut slot = 0;
+    let mut subscribed = false;
+    while emulator.0.try_wait()?.is_none() {
+        if Instant::now() > deadline {
+            return Err(format!(
+                "the firmware does not come to an end: {:?}",
+                client.status()
+            )
+            .into());
+        }
+        // While the firmware measures whole handlers, the link sleeps, and nothing of this is answered. At the end the line goes away.
+        subscribed = subscribed || client.subscribe(true, true).is_ok();
+        let _ = client.slot_counters(slot);
+        slot = (slot + 1) % slots as u8;
+        for event in client.take_events() {
+            if let StreamEvent::Trace(bytes) | StreamEvent::Log(bytes) = event {
+                received += bytes.len() as u64;
+            }
+        }
+    }
+    let console = fs::read_to_string(folder.path().join(CONSOLE))?;
+    Ok(Measured {
+        slots,
+        background,
+        rows: rows(&console).ok_or_else(|| format!("the firmware says:\n{console}"))?,
+        bytes_a_second: (received / LOUD_S, client.counts().bytes_sent / LOUD_S),
+    })
+}
+
+/// Seconds for which the link is busy, as the firmware counts them.
+const LOUD_S: u64 = 9;
+
+fn rows(console: &str) -> Option<Vec<(String, Range)>> {
+    // The emulator itself remarks there that a timer was stopped.
+    let lines = console.lines().filter(|line| !line.starts_with("Timer "));
+    let rows = lines.map(|line| {
+        let mut words = line.split_whitespace();
+        let name = words.next()?.to_owned();
+        let mut number = || words.next()?.parse().ok();
+        let range = Range {
+            min: number()?,
+            max: number()?,
+            mean: number()?,
+            count: number()?,
+        };
+        Some((name, range))
+    });
+    rows.collect::<Option<Vec<_>>>()
+        .filter(|rows| !rows.is_empty())
+}
+
+/// Instructions, of tenths.
+fn instructions(tenths: u32) -> String {
+    format!("{}.{}", tenths / 10, tenths % 10)
+}
+
+fn told(run: &Measured) -> String {
+    let mut text = format!(
+        "{} slots, slot 0 {}, link {} bytes/s of streams out, {} bytes/s in",
+        run.slots,
+        match run.background {
+            Background::Spin => "spinning",
+            Background::Call => "calling the framework",
+        },
+        run.bytes_a_second.0,
+        run.bytes_a_second.1,
+    );
+    for (name, range) in &run.rows {
+        let _ = write!(
+            text,
+            "\n    {name}: {} to {}, mean {}, of {}",
+            instructions(range.min),
+            instructions(range.max),
+            instructions(range.mean),
+            range.count
+        );
+    }
+    text
+}
+
+/// The results for the book.
+fn table(runs: &[Measured]) -> String {
+    let mut text = String::from(
+        "| slots | slot 0 | start of the task, instructions | spread | whole dispatch, mean (most) |\n|---|---|---|---|---|\n",
+    );
+    for run in runs {
+        let Some(start) = run.row("start") else {
+            continue;
+        };
+        let whole = run.row("whole").filter(|range| range.count > 0);
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} to {} | ±{} | {} |",
+            run.slots,
+            match run.background {
+                Background::Spin => "spins",
+                Background::Call => "calls the framework",
+            },
+            instructions(start.min),
+            instructions(start.max),
+            instructions((start.max - start.min).div_ceil(2)),
+            whole.map_or(String::new(), |whole| format!(
+                "{} ({})",
+                instructions(whole.mean),
+                instructions(whole.max)
+            )),
+        );
+    }
+    text.push_str("\n| check of a mission on the board | instructions |\n|---|---|\n");
+    for (name, says) in [
+        ("verify-1", "1 slot"),
+        ("verify-64", "64 slots"),
+        (
+            "verify-64-worst",
+            "64 slots with periods of 3,900 to 4,000 s without a common factor",
+        ),
+    ] {
+        if let Some(range) = runs.iter().find_map(|run| run.row(name)) {
+            let _ = writeln!(text, "| {says} | {} |", range.max / 10);
+        }
+    }
+    text
+}
