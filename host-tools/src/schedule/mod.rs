@@ -17,6 +17,7 @@
 mod bounds;
 mod chain;
 mod clock;
+mod construct;
 mod ejection;
 mod frames;
 mod growth;
@@ -26,6 +27,7 @@ mod proof;
 mod random;
 mod search;
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -148,21 +150,54 @@ pub fn check(slots: &[SlotSpec], starts_us: &[u32]) -> Result<(), Clash> {
             });
         }
     }
-    for (second, b) in slots.iter().zip(starts_us).enumerate() {
-        for (first, a) in slots.iter().zip(starts_us).enumerate().take(second) {
-            if !pair_fits(a, b) {
-                return Err(Clash { first, second });
+    // Slots of one period have the same divisors with others: these are worked out once for all of them.
+    let mut by_period: BTreeMap<u32, Vec<(usize, Occurring)>> = BTreeMap::new();
+    for (index, (slot, &start_us)) in slots.iter().zip(starts_us).enumerate() {
+        let occurring = Occurring {
+            start_us: start_us.into(),
+            duration_us: slot.duration_us.into(),
+        };
+        by_period
+            .entry(slot.period_us)
+            .or_default()
+            .push((index, occurring));
+    }
+    let mut clash: Option<Clash> = None;
+    for (&period_a, group_a) in &by_period {
+        for (&period_b, group_b) in by_period.range(period_a..) {
+            let divisor_us = gcd(period_a.into(), period_b.into());
+            for (first, a) in group_a {
+                for (second, b) in group_b {
+                    if first != second && !a.fits(b, divisor_us) {
+                        let found = Clash {
+                            first: *first.min(second),
+                            second: *first.max(second),
+                        };
+                        let is_earlier = clash.is_none_or(|clash| {
+                            (found.second, found.first) < (clash.second, clash.first)
+                        });
+                        clash = if is_earlier { Some(found) } else { clash };
+                    }
+                }
             }
         }
     }
-    Ok(())
+    clash.map_or(Ok(()), Err)
 }
 
-/// Whether no occurrences of two slots overlap: the theorem of Korst, Aarts and Lenstra.
-fn pair_fits((a, start_a): (&SlotSpec, &u32), (b, start_b): (&SlotSpec, &u32)) -> bool {
-    let divisor = i64::try_from(gcd(a.period_us.into(), b.period_us.into())).unwrap_or(i64::MAX);
-    let distance = (i64::from(*start_b) - i64::from(*start_a)).rem_euclid(divisor.max(1));
-    i64::from(a.duration_us) <= distance && distance <= divisor - i64::from(b.duration_us)
+/// Start and duration of a slot, in microseconds.
+#[derive(Clone, Copy)]
+struct Occurring {
+    start_us: u64,
+    duration_us: u64,
+}
+
+impl Occurring {
+    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor: the theorem of Korst, Aarts and Lenstra.
+    fn fits(&self, other: &Occurring, divisor_us: u64) -> bool {
+        let distance_us = (other.start_us + divisor_us - self.start_us % divisor_us) % divisor_us;
+        self.duration_us <= distance_us && distance_us + other.duration_us <= divisor_us
+    }
 }
 
 // ─── Report ───────────────────────────────────────────────────────────────────────────────────────────────────────────

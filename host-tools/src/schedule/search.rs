@@ -1,8 +1,6 @@
 //! The search for start times: which method has its turn when.
 //!
-//! First a quick constructive one: slots are placed one after another, each at its first start that clashes with none placed before,
-//! jumping from clash to clash. A slot that finds no place is moved to the front, and all begins anew (squeaky wheel). That is enough for most
-//! tables. Then proofs: chains of periods that the slots are or imply, searched exactly. Then those searches take turns that
+//! First a quick constructive one: slots are placed one after another into the gaps that are left. That is enough for most tables. Then proofs: chains of periods that the slots are or imply, searched exactly. Then those searches take turns that
 //! find schedules where little time is left, and for a few slots of odd periods an exhaustive one.
 //!
 //! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
@@ -16,12 +14,10 @@ use std::cmp::Reverse;
 
 use super::chain::{self, Chain, End as ChainEnd, Member};
 use super::clock::Clock;
+use super::construct::{Fit, Placed, construct, first_fit, fit};
 use super::ejection::Ejection;
 use super::random::Random;
 use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, proof};
-
-/// How often the constructive search begins anew.
-const MAX_RESTARTS: usize = 8;
 
 /// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
 /// the depth of the recursion.
@@ -29,37 +25,6 @@ const MAX_EXHAUSTIVE: usize = 24;
 
 /// As many places are looked at in one step of the exhaustive search; more are beyond exhausting.
 const MAX_PLACES: usize = 100_000;
-
-/// A slot with its start.
-#[derive(Clone, Copy, Debug)]
-struct Placed {
-    index: usize,
-    period_us: u64,
-    duration_us: u64,
-    start_us: u64,
-}
-
-impl Placed {
-    fn new(index: usize, slot: &SlotSpec, start_us: u64) -> Self {
-        Placed {
-            index,
-            period_us: slot.period_us.into(),
-            duration_us: slot.duration_us.into(),
-            start_us,
-        }
-    }
-}
-
-/// Whether a start fits beside a slot that is placed.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Fit {
-    /// It does.
-    Free,
-    /// It does not; the first later one that does is this, in microseconds.
-    Later(u64),
-    /// No start does.
-    Never,
-}
 
 /// Searches until there is an answer or the clock has run out. The slots fit alone, and together do not ask for too much.
 pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
@@ -75,7 +40,7 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
         return Outcome::Infeasible(reason);
     }
     free.sort_by_key(|(_, slot)| (slot.period_us, Reverse(slot.duration_us)));
-    if let Some(layout) = construct(&fixed, free.clone(), clock) {
+    if let Some(layout) = construct(&fixed, &free, clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
     if let Some(reason) = proof::by_packing(slots, PROOF_STEPS, clock) {
@@ -205,74 +170,6 @@ fn given_starts_clash(slots: &[SlotSpec], fixed: &[Placed]) -> Option<Infeasibil
             second: number(b),
         })
     })
-}
-
-/// Whether a slot fits at a start beside one that is placed.
-fn fit(other: &Placed, start_us: u64, period_us: u64, duration_us: u64) -> Fit {
-    let divisor = gcd(other.period_us, period_us);
-    if other.duration_us + duration_us > divisor {
-        return Fit::Never;
-    }
-    // How long before the start the other one began, modulo the divisor.
-    let since = (start_us + divisor - other.start_us % divisor) % divisor;
-    if since < other.duration_us {
-        Fit::Later(start_us + other.duration_us - since)
-    } else if since + duration_us > divisor {
-        Fit::Later(start_us + divisor - since + other.duration_us)
-    } else {
-        Fit::Free
-    }
-}
-
-/// The first start below the period that clashes with nothing placed. `None` also where the time has run out.
-fn first_fit(layout: &[Placed], slot: &SlotSpec, clock: &mut Clock) -> Option<u64> {
-    let period_us = u64::from(slot.period_us);
-    let duration_us = u64::from(slot.duration_us);
-    let mut start_us = 0;
-    // As many others in a row fit this start.
-    let mut fitting = 0;
-    let mut others = layout.iter().cycle();
-    while fitting < layout.len() {
-        if clock.tick() {
-            return None;
-        }
-        match fit(others.next()?, start_us, period_us, duration_us) {
-            Fit::Free => fitting += 1,
-            Fit::Later(later_us) if later_us < period_us => {
-                start_us = later_us;
-                fitting = 1;
-            }
-            Fit::Later(_) | Fit::Never => return None,
-        }
-    }
-    Some(start_us)
-}
-
-// ─── Construction ─────────────────────────────────────────────────────────────────────────────────────────────────────
-
-/// Places slots one after another; what finds no place is moved forward in the next attempt.
-fn construct(
-    fixed: &[Placed],
-    mut order: Vec<(usize, &SlotSpec)>,
-    clock: &mut Clock,
-) -> Option<Vec<Placed>> {
-    for _ in 0..MAX_RESTARTS {
-        let mut layout = fixed.to_vec();
-        let stuck = order.iter().position(|&(index, slot)| {
-            let start_us = first_fit(&layout, slot, clock);
-            layout.extend(start_us.map(|start_us| Placed::new(index, slot, start_us)));
-            start_us.is_none()
-        });
-        let Some(stuck) = stuck else {
-            return Some(layout);
-        };
-        if clock.is_over() {
-            return None;
-        }
-        // Half the way to the front: straight to it, those that squeak take turns for ever.
-        order.get_mut(stuck / 2..=stuck)?.rotate_right(1);
-    }
-    None
 }
 
 fn schedule_of(slots: &[SlotSpec], layout: &[Placed]) -> Schedule {
