@@ -3,6 +3,7 @@
 pub mod boards;
 pub mod cli;
 pub mod compile;
+pub mod counters;
 pub mod diagram;
 pub mod fit;
 pub mod host_board;
@@ -16,6 +17,7 @@ pub mod nearest;
 pub mod pictures;
 pub mod plant;
 pub mod qemu;
+pub mod reading;
 pub mod run;
 pub mod scenario;
 pub mod schedule;

@@ -39,6 +39,7 @@ pub mod status;
 pub mod stop;
 pub mod tasks;
 pub mod test;
+pub mod top;
 pub mod upload;
 
 use std::process::ExitCode;
@@ -98,6 +99,7 @@ pub enum Command {
     Upload(upload::UploadArgs),
     Log(log::LogArgs),
     Status(status::StatusArgs),
+    Top(top::TopArgs),
     Stop(stop::StopArgs),
     Start(start::StartArgs),
     Tasks(tasks::TasksArgs),
@@ -170,6 +172,7 @@ pub fn execute(
         Command::Upload(args) => upload::execute(args, console),
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
+        Command::Top(args) => top::execute(args, console),
         Command::Stop(args) => stop::execute(args, console),
         Command::Start(args) => start::execute(args, console),
         Command::Tasks(args) => tasks::execute(args, robot, console),

@@ -5,6 +5,7 @@ use clap::Args;
 use super::argument::Port;
 use super::exit::CommandError;
 use crate::link_client::{ClientError, LinkClient, RobotInfo};
+use crate::reading::ReadError;
 use crate::serial::{self, ByteLink};
 
 /// Where a robot is.
@@ -55,6 +56,15 @@ impl From<ClientError> for CommandError {
         match error {
             ClientError::Refused { .. } => CommandError::Input(error.into()),
             _ => CommandError::World(error.into()),
+        }
+    }
+}
+
+impl From<ReadError> for CommandError {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Client(error) => error.into(),
+            ReadError::Blob(_) => CommandError::Input(error.into()),
         }
     }
 }

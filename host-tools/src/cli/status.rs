@@ -1,20 +1,19 @@
 //! `esm status`: how a robot is.
 
 use std::fmt;
-use std::path::Path;
 
 use clap::Args;
-use rt_firmware::link::message::{LinkError, Mode, ResetReason, SlotCounters};
+use rt_firmware::link::message::{Mode, ResetReason};
 use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{Robot, RobotArgs};
-use super::stage;
-use crate::link_client::{ClientError, RobotInfo};
+use super::robot::RobotArgs;
+use crate::counters::SlotReport;
+use crate::link_client::RobotInfo;
+use crate::reading::{Reader, Reading, Tasks};
 use crate::run::mission::hash_text;
 use crate::run::story;
-use crate::trace::directory::Directory;
 
 /// Shows what a robot runs, since when, its counters and faults, and why it was last reset
 #[derive(Debug, Args)]
@@ -69,35 +68,14 @@ pub struct StatusReport {
     pub slots: Vec<SlotReport>,
 }
 
-/// Counters of a slot since the mission started.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SlotReport {
-    /// Its number in the source.
-    pub slot: u32,
-    /// Occurrences executed.
-    pub executed: u32,
-    /// Occurrences that did not start within their period.
-    pub missed: u32,
-    /// Occurrences that took longer than the slot.
-    pub overruns: u32,
-    /// Longest execution, in nanoseconds.
-    pub longest_execution_ns: u32,
-    /// Longest dispatch delay, in nanoseconds.
-    pub longest_delay_ns: u32,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
-    // A robot that loses its mission between two questions (a reset, most likely) has a shorter answer to the next.
-    let report = match ask(&mut robot, info.clone()) {
-        Err(error) if has_lost_mission(&error) => ask(&mut robot, info),
-        report => report,
-    };
-    let report = report?;
+    let reading = Reader::default().read(&mut robot, Tasks::None)?;
+    let report = StatusReport::new(info, reading);
     if args.json {
         console.json_line(&report)
     } else {
@@ -105,72 +83,40 @@ pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandEr
     }
 }
 
-fn has_lost_mission(error: &CommandError) -> bool {
-    let CommandError::Input(cause) = error else {
-        return false;
-    };
-    let refusal = cause
-        .downcast_ref::<ClientError>()
-        .and_then(ClientError::refusal);
-    refusal == Some(LinkError::NoMission)
-}
-
-fn ask(robot: &mut Robot, info: RobotInfo) -> Result<StatusReport, CommandError> {
-    let status = robot.status()?;
-    let mut active = Vec::new();
-    let mut slots = Vec::new();
-    if status.mission.is_some() {
-        let blob = robot.running_blob()?;
-        let verified = stage::verified(Path::new("the robot's mission"), blob)?;
-        let slot_count = verified.tables().slots().len();
-        // A mission without names runs as well as any; there only is less to say about it.
-        if let Ok(directory) = Directory::of(&verified.tables()) {
-            let current = robot.current_states()?.states;
-            let current = |region: usize| current.get(region).copied().map_or(0, usize::from);
-            active = directory
-                .active(current)
-                .filter_map(|state| Some(directory.state(state)?.path.clone()))
-                .collect();
-        }
-        for slot in 0..slot_count.min(usize::from(u8::MAX)) {
-            slots.push(SlotReport::from(robot.slot_counters(slot as u8)?));
-        }
-    }
-    let (mode, safe_reason) = match status.mode {
+/// The mode in a word, and why the robot is in its safe state, if it is.
+pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
+    match mode {
         Mode::Empty => ("empty", None),
         Mode::Running => ("running", None),
         Mode::Stopped => ("stopped", None),
         Mode::Safe(reason) => ("safe", Some(story::safe_reason(reason))),
-    };
-    Ok(StatusReport {
-        board: info.board,
-        firmware: info.firmware,
-        mode,
-        safe_reason,
-        mission: status.mission.map(hash_text),
-        active,
-        steps: status.steps,
-        t_us: status.t_us,
-        slots_executed: status.executed,
-        slots_missed: status.missed,
-        overruns: status.overruns,
-        longest_dispatch_delay_ns: status.max_delay_ns,
-        trace_dropped: status.trace_dropped,
-        deepest_stack_bytes: status.stack_bytes,
-        last_reset: reset_reason(status.reset),
-        slots,
-    })
+    }
 }
 
-impl From<SlotCounters> for SlotReport {
-    fn from(counters: SlotCounters) -> Self {
-        SlotReport {
-            slot: counters.number,
-            executed: counters.executed,
-            missed: counters.missed,
-            overruns: counters.overruns,
-            longest_execution_ns: counters.max_execution_ns,
-            longest_delay_ns: counters.max_delay_ns,
+impl StatusReport {
+    /// What a robot that says this of itself has told.
+    pub fn new(info: RobotInfo, reading: Reading) -> Self {
+        let status = reading.status;
+        let (mode, safe_reason) = mode_words(status.mode);
+        StatusReport {
+            board: info.board,
+            firmware: info.firmware,
+            mode,
+            safe_reason,
+            mission: status.mission.map(hash_text),
+            active: reading.active,
+            steps: status.steps,
+            t_us: status.t_us,
+            slots_executed: status.executed,
+            slots_missed: status.missed,
+            overruns: status.overruns,
+            longest_dispatch_delay_ns: status.max_delay_ns,
+            trace_dropped: status.trace_dropped,
+            deepest_stack_bytes: status.stack_bytes,
+            last_reset: reset_reason(status.reset),
+            slots: (reading.slots.into_iter())
+                .map(|slot| slot.counted)
+                .collect(),
         }
     }
 }
@@ -208,23 +154,17 @@ impl fmt::Display for StatusReport {
             row("deepest stack", format!("{bytes} bytes"))?;
         }
         for slot in &self.slots {
-            row(
-                &format!("slot {}", slot.slot),
-                format!(
-                    "{} executed, {} missed, {} overruns, at most {} us long and {} us late",
-                    slot.executed,
-                    slot.missed,
-                    slot.overruns,
-                    f64::from(slot.longest_execution_ns) / 1e3,
-                    f64::from(slot.longest_delay_ns) / 1e3
-                ),
-            )?;
+            row(&format!("slot {}", slot.slot), slot.to_string())?;
+            if slot.executed > 0 {
+                row("  start delays", slot.delays_in_words())?;
+            }
         }
         Ok(())
     }
 }
 
-fn reset_reason(reason: ResetReason) -> &'static str {
+/// Why a robot started the last time, in words.
+pub fn reset_reason(reason: ResetReason) -> &'static str {
     match reason {
         ResetReason::PowerOn => "power on",
         ResetReason::Pin => "reset pin",

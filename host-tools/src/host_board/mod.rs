@@ -248,6 +248,10 @@ fn run(
                     .gate_us
                     .store(shared.next_gate_us.load(Relaxed), Relaxed);
             } else {
+                if link.is_waiting() {
+                    // Time stands still at a gate; questions are answered all the same.
+                    real_time.on_timer(&mut body);
+                }
                 continue;
             }
         }

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, PROTOCOL_VERSION, Request,
-    ResetReason, Response, SlotCounters, Status, ToDevice,
+    ResetReason, Response, SlotCounters, Status, TaskCounters, ToDevice,
 };
 
 use crate::serial::ByteLink;
@@ -168,6 +168,21 @@ impl<L: ByteLink> LinkClient<L> {
             Request::SlotCounters { slot },
             |response| match response {
                 Response::Slot(counters) => Some(counters),
+                _ => None,
+            },
+        )
+    }
+
+    /// How a task state is, and what was counted of it; `task_instance` is its index in the running mission.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn task_counters(&mut self, task_instance: u16) -> Result<TaskCounters, ClientError> {
+        self.ask(
+            "counters",
+            Request::TaskCounters { task_instance },
+            |response| match response {
+                Response::TaskInstance(counters) => Some(counters),
                 _ => None,
             },
         )

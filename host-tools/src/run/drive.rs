@@ -15,6 +15,7 @@ use super::mission::Mission;
 use super::recording::{Entry, Head, Recording, VERSION};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
+use crate::counters::SlotReport;
 use crate::link_client::log_lines::{LogLine, LogReader};
 use crate::link_client::{ClientError, LinkClient, StreamEvent};
 use crate::lockstep::pace::Pace;
@@ -335,6 +336,9 @@ impl<W: Write> Driver<W> {
                 console: String::new(),
             },
         };
+        if let Some(last) = self.uploads.last_mut() {
+            last.slots = slot_reports(&mut self.robot).map_err(wrap)?;
+        }
         let started = Instant::now();
         let before = self.robot.status().map_err(wrap)?;
         let mut progress = |bytes| watch(Heard::Uploaded(bytes));
@@ -364,6 +368,7 @@ impl<W: Write> Driver<W> {
             started_s: 0.0,
             upload_s,
             slots_missed_in_upload: u64::from(missed.wrapping_sub(before.missed)),
+            slots: Vec::new(),
         };
         self.longest_delay_ns = self.longest_delay_ns.max(before.max_delay_ns);
         watch(Heard::UploadEnds(&summary));
@@ -475,7 +480,14 @@ impl<W: Write> Driver<W> {
         let status = {
             let _hold = self.pace.hold();
             // A robot that fell silent at the very end has told all that matters.
-            self.robot.status().ok()
+            let status = self.robot.status().ok();
+            if status.is_some()
+                && let Some(last) = self.uploads.last_mut()
+                && let Ok(slots) = slot_reports(&mut self.robot)
+            {
+                last.slots = slots;
+            }
+            status
         };
         let link_retries = self.robot.counts().retries;
         drop(self.board);
@@ -533,6 +545,27 @@ impl<W: Write> Driver<W> {
             interrupted,
         })
     }
+}
+
+/// What the robot has counted of each slot of its mission.
+fn slot_reports<L: ByteLink>(robot: &mut LinkClient<L>) -> Result<Vec<SlotReport>, ClientError> {
+    let mut slots = Vec::new();
+    for index in 0..=u8::MAX {
+        match robot.slot_counters(index) {
+            Ok(counters) => slots.push(SlotReport::from(counters)),
+            // There are no more, or there is no mission any more.
+            Err(error)
+                if matches!(
+                    error.refusal(),
+                    Some(LinkError::NoSuchIndex | LinkError::NoMission)
+                ) =>
+            {
+                break;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(slots)
 }
 
 /// Whether a refusal says something about the mission, not about the link or the robot's present state.

@@ -5,6 +5,8 @@ use std::fmt;
 use rt_firmware::link::message::Status;
 use serde::Serialize;
 
+use crate::counters::SlotReport;
+
 /// A run in figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
@@ -59,6 +61,8 @@ pub struct MissionSummary {
     pub upload_s: f64,
     /// Slot occurrences missed from the upload's first byte to the first macro step.
     pub slots_missed_in_upload: u64,
+    /// What the robot counted of its slots: up to the end of the run, or to where the upload of the next mission began.
+    pub slots: Vec<SlotReport>,
 }
 
 impl Summary {
@@ -121,6 +125,12 @@ impl fmt::Display for Summary {
                     mission.slots_missed_in_upload
                 ),
             )?;
+            for slot in &mission.slots {
+                row(&format!("slot {}", slot.slot), slot.to_string())?;
+                if slot.executed > 0 {
+                    row("  start delays", slot.delays_in_words())?;
+                }
+            }
         }
         if self.link_retries > 0 {
             row("requests sent again", self.link_retries.to_string())?;

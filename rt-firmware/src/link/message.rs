@@ -5,11 +5,13 @@ use serde::{Deserialize, Serialize};
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 2;
 /// Greatest number of bytes in [`Request::Chunk`], [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
 pub const MAX_CHUNK: usize = 128;
 /// Greatest number of bytes that one stream message carries.
 pub const MAX_STREAM_BYTES: usize = 96;
+/// Number of buckets that start delays are counted in.
+pub const DELAY_BUCKETS: usize = 8;
 
 /// A message from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -387,25 +389,65 @@ pub enum SafeReason {
     Board,
 }
 
-/// What was counted of a slot since the mission started.
+/// What was counted of a slot since the mission started. What a reader wants to know of the slot besides (period, duration, start) is in the
+/// mission's blob.
+///
+/// Counters of occurrences stay at their greatest value once they are there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SlotCounters {
     /// The slot's number in the `.esm` file.
     pub number: u32,
-    /// Occurrences that were executed.
+    /// Executions that ended, overruns included, while the mission ran. After a stop and in the safe state occurrences begin, and execute nothing.
     pub executed: u32,
     /// Occurrences that did not start within their period.
     pub missed: u32,
-    /// Occurrences that took longer than the slot's duration.
+    /// Executions that took longer than the slot's duration; stays at 65,535.
     pub overruns: u32,
+    /// Sum of all executions, in nanoseconds. It stands still where `executed` does.
+    pub total_execution_ns: u64,
     /// Shortest execution, in nanoseconds.
     pub min_execution_ns: u32,
     /// Longest execution, in nanoseconds.
     pub max_execution_ns: u32,
-    /// Shortest delay between nominal and actual start, in nanoseconds.
+    /// Shortest delay between nominal and actual start of an execution, in nanoseconds.
     pub min_delay_ns: u32,
-    /// Longest delay between nominal and actual start, in nanoseconds.
+    /// Longest delay between nominal and actual start of an execution, in nanoseconds.
     pub max_delay_ns: u32,
+    /// Delays shorter than this are in the first bucket. Each further bucket reaches four times as far; the last has no end.
+    pub first_bucket_ns: u32,
+    /// Executions by their delay; each stays at 65,535. [`delay_counts`](Self::delay_counts) knows more.
+    pub delays: [u16; DELAY_BUCKETS],
+}
+
+impl SlotCounters {
+    /// Mean execution in nanoseconds, 0 before the first.
+    pub fn mean_execution_ns(&self) -> u64 {
+        self.total_execution_ns
+            .checked_div(u64::from(self.executed))
+            .unwrap_or(0)
+    }
+
+    /// Executions by their delay, and of each number whether it is the number, or there may be more. A bucket that is full by itself has what the
+    /// others leave of all executions; of several, each has at least what it shows.
+    pub fn delay_counts(&self) -> [(u32, bool); DELAY_BUCKETS] {
+        let is_full = |count: u16| count == u16::MAX;
+        let full = self.delays.iter().filter(|count| is_full(**count)).count();
+        let others = self.delays.iter().filter(|count| !is_full(**count));
+        let rest = others.fold(self.executed, |rest, count| {
+            rest.saturating_sub(u32::from(*count))
+        });
+        self.delays.map(|count| match (is_full(count), full) {
+            (false, _) => (u32::from(count), true),
+            (true, 1) => (rest.max(u32::from(count)), self.executed < u32::MAX),
+            (true, _) => (u32::from(count), false),
+        })
+    }
+
+    /// Delays in this bucket are shorter than this, in nanoseconds; `None` for the last, which has no end.
+    pub fn bucket_end_ns(&self, bucket: usize) -> Option<u64> {
+        let factor = 4_u64.checked_pow(u32::try_from(bucket).ok()?)?;
+        (bucket + 1 < DELAY_BUCKETS).then(|| u64::from(self.first_bucket_ns).saturating_mul(factor))
+    }
 }
 
 /// How a task state is, and what was counted of it since the mission started.
@@ -423,6 +465,40 @@ pub struct TaskCounters {
 mod tests {
     use super::*;
     use crate::link::frame::{MAX_FRAME_BYTES, encode};
+
+    #[test]
+    fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
+        const FULL: u16 = u16::MAX;
+        for (executed, delays, expected) in [
+            (12, [7, 5, 0], [(7, true), (5, true), (0, true)]),
+            (
+                1_000_012,
+                [FULL, 5, 0],
+                [(1_000_007, true), (5, true), (0, true)],
+            ),
+            (
+                1_000_012,
+                [FULL, 5, FULL],
+                [(65_535, false), (5, true), (65_535, false)],
+            ),
+            (
+                u32::MAX,
+                [3, FULL, 0],
+                [(3, true), (u32::MAX - 3, false), (0, true)],
+            ),
+        ] {
+            let mut counters = SlotCounters {
+                executed,
+                ..SlotCounters::default()
+            };
+            counters.delays[..3].copy_from_slice(&delays);
+            assert_eq!(
+                counters.delay_counts()[..3],
+                expected,
+                "{executed}: {delays:?}"
+            );
+        }
+    }
 
     #[test]
     fn the_greatest_messages_fit_into_a_frame() {
@@ -485,6 +561,19 @@ mod tests {
                 total: u16::MAX,
                 states: &chunk,
             },
+            Response::Slot(SlotCounters {
+                number: u32::MAX,
+                missed: u32::MAX,
+                overruns: u32::MAX,
+                executed: u32::MAX,
+                total_execution_ns: u64::MAX,
+                min_execution_ns: u32::MAX,
+                max_execution_ns: u32::MAX,
+                min_delay_ns: u32::MAX,
+                max_delay_ns: u32::MAX,
+                first_bucket_ns: u32::MAX,
+                delays: [u16::MAX; DELAY_BUCKETS],
+            }),
         ];
         for response in responses {
             assert!(
@@ -499,6 +588,15 @@ mod tests {
                 "{response:?}"
             );
         }
+        // As the book says.
+        let counters = responses.into_iter().find_map(|response| match response {
+            Response::Slot(counters) => Some(counters),
+            _ => None,
+        });
+        let bytes = postcard::to_slice(&counters.expect("it is there"), &mut frame)
+            .expect("it fits")
+            .len();
+        assert_eq!(bytes, 79);
         let stream = Stream {
             channel: Channel::Log,
             seq: 255,

@@ -307,9 +307,6 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             interpreter: occurrence.interpreter,
         };
         self.previous_end_us = start_us + u64::from(slot.duration_us);
-        if let Some(entry) = self.slots.get_mut(occurrence.slot) {
-            entry.began(delay_ticks);
-        }
         self.health.executed = self.health.executed.wrapping_add(1);
         self.health.max_delay_ns = self
             .health
@@ -333,6 +330,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
             self.execute_tasks(board, occurrence, slot.period_us, duration_ticks);
             self.start_job(occurrence);
+            if let Some(entry) = self.slots.get_mut(occurrence.slot) {
+                entry.began(delay_ticks);
+            }
             self.count_execution(board, occurrence, began_ticks, duration_ticks);
         }
         if occurrence.interpreter {
@@ -398,7 +398,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let mut next = self
             .slots
             .get(occurrence.slot)
-            .and_then(|slot| slot.first_task);
+            .and_then(SlotEntry::first_task);
         while let Some(instance) = next {
             next = self.tasks.next_in_slot(instance);
             self.execute_task(

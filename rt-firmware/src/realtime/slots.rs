@@ -1,57 +1,96 @@
 //! What is counted of each slot.
 
-use crate::link::message::SlotCounters;
+use super::tasks::NONE;
+use crate::board::microseconds;
+use crate::link::message::{DELAY_BUCKETS, SlotCounters};
 
-/// What is kept for a slot. Times in ticks of the board's clock.
+/// Bits of the ticks that the first bucket of start delays counts: those shorter than 16 ticks.
+const FIRST_BUCKET_BITS: u32 = 4;
+/// Bits by which each further bucket reaches farther than the one before: four times as far.
+const BUCKET_BITS: u32 = 2;
+
+/// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
+///
+/// There is one of these for each slot that a mission may have, so it is narrow: 48 bytes. The mean is divided out when somebody asks. A bucket has 16
+/// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
-    executed: u32,
-    overruns: u32,
-    min_execution_ticks: u32,
-    max_execution_ticks: u32,
     min_delay_ticks: u32,
     max_delay_ticks: u32,
+    min_execution_ticks: u32,
+    max_execution_ticks: u32,
+    /// Executions that ended, overruns included.
+    executed: u32,
+    /// Sum of the executions, 48 bits: the low word and the rest. At 50 MHz that is 65 days of nothing but executions.
+    total_execution_low: u32,
+    total_execution_high: u16,
+    overruns: u16,
     overruns_in_a_row: u16,
-    /// The first task instance of the slot.
-    pub(crate) first_task: Option<u16>,
+    /// The first task instance of the slot, or [`NONE`].
+    first_task: u16,
+    /// Executions by their start delay.
+    delays: [u16; DELAY_BUCKETS],
 }
 
 impl SlotEntry {
     /// A slot of which nothing happened yet.
     pub const EMPTY: SlotEntry = SlotEntry {
-        executed: 0,
-        overruns: 0,
-        min_execution_ticks: u32::MAX,
-        max_execution_ticks: 0,
         min_delay_ticks: u32::MAX,
         max_delay_ticks: 0,
+        min_execution_ticks: u32::MAX,
+        max_execution_ticks: 0,
+        executed: 0,
+        total_execution_low: 0,
+        total_execution_high: 0,
+        overruns: 0,
         overruns_in_a_row: 0,
-        first_task: None,
+        first_task: NONE,
+        delays: [0; DELAY_BUCKETS],
     };
 
     /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
     pub(crate) const UNUSED: SlotEntry = SlotEntry {
-        min_execution_ticks: 0,
         min_delay_ticks: 0,
+        min_execution_ticks: 0,
+        first_task: 0,
         ..Self::EMPTY
     };
+
+    /// The first task instance of the slot.
+    pub(crate) fn first_task(&self) -> Option<u16> {
+        (self.first_task != NONE).then_some(self.first_task)
+    }
+
+    /// Puts a task instance before the first one, and gives the one that was the first, or [`NONE`].
+    pub(crate) fn put_first(&mut self, instance: u16) -> u16 {
+        core::mem::replace(&mut self.first_task, instance)
+    }
 
     /// Overruns since the last occurrence without one.
     pub(crate) fn overruns_in_a_row(&self) -> u16 {
         self.overruns_in_a_row
     }
 
-    /// An occurrence began so long after its nominal start.
+    /// An execution began so long after its nominal start.
     pub(crate) fn began(&mut self, delay_ticks: u32) {
-        self.executed = self.executed.wrapping_add(1);
+        if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
+            *count = count.saturating_add(1);
+        }
         self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
         self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
     }
 
-    /// An occurrence ended. Returns whether it took longer than `duration_ticks`.
+    /// An execution ended. Returns whether it took longer than `duration_ticks`.
     pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u64) -> bool {
         self.min_execution_ticks = self.min_execution_ticks.min(execution_ticks);
         self.max_execution_ticks = self.max_execution_ticks.max(execution_ticks);
+        let (low, carry) = self.total_execution_low.overflowing_add(execution_ticks);
+        let high = self.total_execution_high.checked_add(u16::from(carry));
+        // The sum and the number of its terms stand still together, so that the mean stays one.
+        if let (Some(executed), Some(high)) = (self.executed.checked_add(1), high) {
+            self.executed = executed;
+            (self.total_execution_low, self.total_execution_high) = (low, high);
+        }
         let overrun = u64::from(execution_ticks) > duration_ticks;
         if overrun {
             self.overruns = self.overruns.saturating_add(1);
@@ -62,30 +101,57 @@ impl SlotEntry {
         overrun
     }
 
+    /// What was counted, for the link; `missed` is the dispatcher's number.
     pub(crate) fn counters(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
         let ns = |ticks| nanoseconds(ticks, ticks_per_us);
-        let or_none = |ticks| if self.executed == 0 { 0 } else { ticks };
+        // Before the first one, the shortest is the greatest number there is.
+        let shortest = |ticks, longest| if ticks > longest { 0 } else { ns(ticks) };
+        let total =
+            u64::from(self.total_execution_high) << u32::BITS | u64::from(self.total_execution_low);
         SlotCounters {
             number,
-            executed: self.executed,
             missed,
-            overruns: self.overruns,
-            min_execution_ns: ns(or_none(self.min_execution_ticks)),
+            overruns: self.overruns.into(),
+            executed: self.executed,
+            total_execution_ns: total_nanoseconds(total, ticks_per_us),
+            min_execution_ns: shortest(self.min_execution_ticks, self.max_execution_ticks),
             max_execution_ns: ns(self.max_execution_ticks),
-            min_delay_ns: ns(or_none(self.min_delay_ticks)),
+            min_delay_ns: shortest(self.min_delay_ticks, self.max_delay_ticks),
             max_delay_ns: ns(self.max_delay_ticks),
+            first_bucket_ns: ns(1 << FIRST_BUCKET_BITS),
+            delays: self.delays,
         }
     }
 }
 
+/// The bucket that counts a start delay: the position of its highest bit says which, without a search.
+fn bucket(delay_ticks: u32) -> usize {
+    let bits = u32::BITS - delay_ticks.leading_zeros();
+    let beyond_first = bits.saturating_sub(FIRST_BUCKET_BITS);
+    (beyond_first.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
+}
+
+/// Nanoseconds in a microsecond.
+const NS_PER_US: u32 = 1_000;
+
 /// Ticks in nanoseconds; saturates after four seconds.
 pub(crate) fn nanoseconds(ticks: u32, ticks_per_us: u32) -> u32 {
-    const NS_PER_US: u32 = 1_000;
     let ticks_per_us = ticks_per_us.max(1);
     let (us, rest) = (ticks / ticks_per_us, ticks % ticks_per_us);
     us.checked_mul(NS_PER_US)
         .and_then(|ns| ns.checked_add(rest * NS_PER_US / ticks_per_us))
         .unwrap_or(u32::MAX)
+}
+
+/// A sum of ticks in nanoseconds; saturates after 584 years.
+fn total_nanoseconds(ticks: u64, ticks_per_us: u32) -> u64 {
+    let ticks_per_us = ticks_per_us.max(1);
+    let us = microseconds(ticks, ticks_per_us);
+    // Less than a microsecond's ticks.
+    let rest = (ticks - us * u64::from(ticks_per_us)) as u32;
+    us.checked_mul(u64::from(NS_PER_US))
+        .and_then(|ns| ns.checked_add(u64::from(rest * NS_PER_US / ticks_per_us)))
+        .unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]
@@ -108,23 +174,57 @@ mod tests {
                 u32::try_from(ns).unwrap_or(u32::MAX),
                 "{ticks} ticks"
             );
+            assert_eq!(
+                total_nanoseconds(u64::from(ticks), ticks_per_us),
+                ns,
+                "{ticks} ticks"
+            );
         }
+        assert_eq!(total_nanoseconds(u64::MAX, 1), u64::MAX);
+        assert_eq!(
+            total_nanoseconds(u64::MAX / 50, 50),
+            7_378_697_629_483_820_640
+        );
+    }
+
+    #[test]
+    fn a_bucket_reaches_four_times_as_far_as_the_one_before() {
+        for (delay_ticks, expected) in [
+            (0, 0),
+            (15, 0),
+            (16, 1),
+            (63, 1),
+            (64, 2),
+            (255, 2),
+            (256, 3),
+            (1_023, 3),
+            (1_024, 4),
+            (4_095, 4),
+            (4_096, 5),
+            (16_383, 5),
+            (16_384, 6),
+            (65_535, 6),
+            (65_536, 7),
+            (u32::MAX, 7),
+        ] {
+            assert_eq!(bucket(delay_ticks), expected, "{delay_ticks} ticks");
+        }
+        assert_eq!(DELAY_BUCKETS, 8);
     }
 
     #[test]
     fn a_slot_counts_what_happens() {
         let mut slot = SlotEntry::EMPTY;
-        assert_eq!(
-            slot.counters(3, 0, 1),
-            SlotCounters {
-                number: 3,
-                ..SlotCounters::default()
-            }
-        );
+        let nothing = SlotCounters {
+            number: 3,
+            first_bucket_ns: 16_000,
+            ..SlotCounters::default()
+        };
+        assert_eq!(slot.counters(3, 0, 1), nothing);
         for (delay, execution, overrun, in_a_row) in [
             (2, 90, false, 0),
             (1, 101, true, 1),
-            (9, 150, true, 2),
+            (90, 150, true, 2),
             (3, 100, false, 0),
         ] {
             slot.began(delay);
@@ -133,14 +233,72 @@ mod tests {
         }
         let expected = SlotCounters {
             number: 3,
-            executed: 4,
             missed: 5,
             overruns: 2,
+            executed: 4,
+            total_execution_ns: 441_000,
             min_execution_ns: 90_000,
             max_execution_ns: 150_000,
             min_delay_ns: 1_000,
-            max_delay_ns: 9_000,
+            max_delay_ns: 90_000,
+            first_bucket_ns: 16_000,
+            delays: [3, 0, 1, 0, 0, 0, 0, 0],
         };
         assert_eq!(slot.counters(3, 5, 1), expected);
+        assert_eq!(expected.mean_execution_ns(), 110_250);
+    }
+
+    #[test]
+    fn a_counter_that_is_full_stays_full() {
+        let mut slot = SlotEntry {
+            executed: 70_000,
+            total_execution_low: u32::MAX,
+            total_execution_high: u16::MAX - 1,
+            overruns: u16::MAX,
+            overruns_in_a_row: u16::MAX,
+            delays: [u16::MAX; DELAY_BUCKETS],
+            ..SlotEntry::EMPTY
+        };
+        slot.began(0);
+        assert!(slot.ended(5, 1));
+        let counters = slot.counters(1, 0, 1);
+        assert_eq!(counters.delays, [u16::MAX; DELAY_BUCKETS]);
+        assert_eq!((counters.executed, counters.overruns), (70_001, 65_535));
+        assert_eq!(slot.overruns_in_a_row(), u16::MAX);
+        let total_ticks = (u64::from(u16::MAX) << u32::BITS) + 4;
+        assert_eq!(counters.total_execution_ns, total_ticks * 1_000);
+        // Whichever of sum and number is full, they stand still together.
+        slot.ended(u32::MAX, 1);
+        assert_eq!(
+            slot.counters(1, 0, 1),
+            SlotCounters {
+                max_execution_ns: u32::MAX,
+                ..counters
+            }
+        );
+        let mut slot = SlotEntry {
+            executed: u32::MAX,
+            ..SlotEntry::EMPTY
+        };
+        slot.ended(5, 10);
+        let counters = slot.counters(1, 0, 1);
+        assert_eq!(
+            (counters.executed, counters.total_execution_ns),
+            (u32::MAX, 0)
+        );
+    }
+
+    #[test]
+    fn what_is_kept_for_a_slot_stays_narrow() {
+        assert_eq!(size_of::<SlotEntry>(), 48);
+    }
+
+    #[test]
+    fn the_first_task_of_a_slot_is_the_one_put_there_last() {
+        let mut slot = SlotEntry::EMPTY;
+        assert_eq!(slot.first_task(), None);
+        assert_eq!(slot.put_first(4), NONE);
+        assert_eq!(slot.put_first(2), 4);
+        assert_eq!(slot.first_task(), Some(2));
     }
 }

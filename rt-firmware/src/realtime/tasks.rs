@@ -125,14 +125,17 @@ impl<'m> TaskTable<'m> {
             let Some(state) = tables.task_state_of(instance) else {
                 return;
             };
-            let head = match state.slot {
-                None => &mut self.first_in_slot_0,
+            let next = match state.slot {
+                None => self
+                    .first_in_slot_0
+                    .replace(instance as u16)
+                    .unwrap_or(NONE),
                 Some(slot) => match slots.get_mut(slot) {
-                    Some(slot) => &mut slot.first_task,
+                    Some(slot) => slot.put_first(instance as u16),
                     None => continue,
                 },
             };
-            entry.next_in_slot = head.replace(instance as u16).unwrap_or(NONE);
+            entry.next_in_slot = next;
         }
     }
 

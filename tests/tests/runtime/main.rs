@@ -361,6 +361,13 @@ fn overruns_are_counted_one_by_one_and_end_in_the_safe_state() {
             let slot = robot.slot(1);
             assert_eq!((slot.number, slot.overruns, slot.missed), (2, overruns, 0));
             assert_eq!(slot.max_execution_ns, takes_us * 1_000);
+            assert_eq!(slot.min_execution_ns, takes_us * 1_000);
+            assert_eq!(slot.mean_execution_ns(), u64::from(takes_us) * 1_000);
+            // In the safe state occurrences begin, and nothing is executed.
+            let executed = if overruns == 0 { 12 } else { overruns };
+            assert_eq!(slot.executed, executed);
+            let delays: u32 = slot.delays.iter().copied().map(u32::from).sum();
+            assert_eq!(delays, executed);
             assert_eq!(u32::from(robot.task(0).overruns), overruns);
             assert_eq!(robot.board.motors_off > 0, mode != Mode::Running);
             assert_eq!(
@@ -434,7 +441,11 @@ fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
         robot.run_us(0);
         let status = robot.status();
         assert_eq!((status.steps, status.t_us), (3, 20_000));
-        assert_eq!(robot.slot(0).max_delay_ns, 2_345_000);
+        let slot = robot.slot(0);
+        assert_eq!((slot.min_delay_ns, slot.max_delay_ns), (0, 2_345_000));
+        // 16 ticks of 12 MHz; 2,345 us are below 4^6 times that, and not below 4^5 times.
+        assert_eq!((slot.first_bucket_ns, slot.executed), (1_333, 2));
+        assert_eq!(slot.delays, [1, 0, 0, 0, 0, 0, 1, 0]);
         // Step 1 was left out, so that the next one is told with its number.
         let told: Vec<&String> = (robot.trace.iter())
             .skip_while(|record| !record.starts_with("Missed { slot: 0"))

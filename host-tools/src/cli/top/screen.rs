@@ -1,0 +1,594 @@
+//! The view drawn on a terminal's screen. Whatever its size, what matters most is there: first the slots, then the state of the robot, then
+//! start delays and tasks of one slot.
+
+use std::borrow::Cow;
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState};
+
+use super::report::{TopTask, hertz, percent};
+use super::view::{SlotRow, View};
+use crate::cli::status::mode_words;
+use crate::counters::{DelayBucket, Ns};
+use crate::run::mission::hash_text;
+
+/// Lines of the head: robot and mission, load and line, states.
+const HEAD_LINES: u16 = 3;
+/// Lines of the slots' table at least: its edge, its head, a slot.
+const TABLE_LINES: u16 = 3;
+/// Lines of the panels below it: an edge, and one for each bucket of start delays.
+const PANEL_LINES: u16 = 9;
+/// Columns of the panel of start delays.
+const DELAY_COLUMNS: u16 = 42;
+/// Columns that its bars may have.
+const BAR_COLUMNS: usize = 16;
+/// Fewer columns than this show nothing.
+const LEAST_COLUMNS: u16 = 20;
+/// What keys do.
+const KEYS: &str = "arrows: slot   r: count from now   p: pause   q: quit";
+
+/// Which colours the screen may have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Palette {
+    /// Whether it may have any.
+    pub colour: bool,
+}
+
+impl Palette {
+    fn of(self, colour: Color) -> Style {
+        if self.colour {
+            Style::new().fg(colour)
+        } else {
+            Style::new()
+        }
+    }
+
+    fn good(self) -> Style {
+        self.of(Color::Green)
+    }
+
+    fn warning(self) -> Style {
+        self.of(Color::Yellow).add_modifier(Modifier::BOLD)
+    }
+
+    fn bad(self) -> Style {
+        self.of(Color::Red).add_modifier(Modifier::BOLD)
+    }
+
+    fn quiet(self) -> Style {
+        self.of(Color::DarkGray)
+    }
+}
+
+/// Draws the view.
+pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
+    let area = frame.area();
+    if area.width < LEAST_COLUMNS || area.height == 0 {
+        frame.render_widget("too small", area);
+        return;
+    }
+    // The table goes last, and has its head and the slot that is looked at as long as anything fits.
+    let spare = area.height.saturating_sub(TABLE_LINES);
+    let head_lines = if spare > HEAD_LINES {
+        HEAD_LINES
+    } else {
+        spare.min(1)
+    };
+    let foot_lines = u16::from(spare > head_lines);
+    let spare = spare.saturating_sub(head_lines + foot_lines);
+    let panel_lines = if spare >= PANEL_LINES { PANEL_LINES } else { 0 };
+    let [head, table, panels, foot] = Layout::vertical([
+        Constraint::Length(head_lines),
+        Constraint::Fill(1),
+        Constraint::Length(panel_lines),
+        Constraint::Length(foot_lines),
+    ])
+    .areas(area);
+    draw_head(frame, head, view, palette);
+    let rows = view.rows();
+    draw_table(frame, table, view, &rows, palette);
+    if panel_lines > 0 {
+        let [delays, tasks] =
+            Layout::horizontal([Constraint::Max(DELAY_COLUMNS), Constraint::Fill(1)]).areas(panels);
+        draw_delays(frame, delays, rows.get(view.selected()), palette);
+        draw_tasks(frame, tasks, view, palette);
+    }
+    frame.render_widget(Line::styled(KEYS, palette.quiet()), foot);
+}
+
+fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) {
+    let lines = vec![
+        title(view, palette),
+        load(view, palette),
+        Line::raw(match view.reading() {
+            Some(reading) if !reading.active.is_empty() => {
+                format!("states {}", reading.active.join(", "))
+            }
+            _ => String::new(),
+        }),
+    ];
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// The line that says what there is to see, or why there is nothing new.
+fn title<'v>(view: &'v View, palette: Palette) -> Line<'v> {
+    let mut spans: Vec<Span<'v>> = Vec::new();
+    if let Some((why, time)) = view.trouble() {
+        let text = format!("no answer for {} s, trying again: {why}  ", time.as_secs());
+        spans.push(Span::styled(text, palette.bad()));
+    }
+    if view.is_paused() {
+        spans.push(Span::styled("paused  ", palette.warning()));
+    }
+    let robot = view.robot();
+    spans.push(Span::styled(
+        format!("{} on {}", robot.firmware, robot.board),
+        Style::new().add_modifier(Modifier::BOLD),
+    ));
+    let Some(reading) = view.reading() else {
+        spans.push(Span::raw("  …"));
+        return Line::from(spans);
+    };
+    let status = &reading.status;
+    let (mode, reason) = mode_words(status.mode);
+    let (words, style) = match (mode, reason) {
+        ("running", _) => (mode.to_owned(), palette.good()),
+        (_, Some(reason)) => (format!("safe, motors off: {reason}"), palette.bad()),
+        ("stopped", _) => ("stopped, motors off".to_owned(), palette.warning()),
+        _ => ("no mission".to_owned(), Style::new()),
+    };
+    if let (Some(machine), Some(mission)) = (&reading.machine, status.mission) {
+        spans.push(Span::raw(format!("  {machine} {}", hash_text(mission))));
+    }
+    spans.push(Span::raw("  "));
+    spans.push(Span::styled(words, style));
+    if status.mission.is_some() {
+        spans.push(Span::raw(format!(
+            "  {:.1} s, {} steps",
+            status.t_us as f64 / 1e6,
+            status.steps
+        )));
+    }
+    Line::from(spans)
+}
+
+/// The line of load, faults and the link.
+fn load<'v>(view: &'v View, palette: Palette) -> Line<'v> {
+    let Some(reading) = view.reading() else {
+        return Line::default();
+    };
+    let status = &reading.status;
+    let mut spans: Vec<Span<'v>> = Vec::new();
+    if !reading.slots.is_empty() {
+        let load = view.load();
+        spans.push(Span::raw(format!(
+            "slots take {} of {}, {} left for slot 0{}  ",
+            percent(load.used),
+            percent(Some(load.reserved)),
+            percent(load.left()),
+            if status.background_busy {
+                " (busy)"
+            } else {
+                ""
+            }
+        )));
+    }
+    let mut count = |number: u64, what: &str, style: Style| {
+        let style = if number > 0 { style } else { Style::new() };
+        spans.push(Span::styled(format!("{number} {what}  "), style));
+    };
+    count(status.overruns.into(), "overruns", palette.bad());
+    count(status.missed.into(), "missed", palette.bad());
+    count(
+        reading.line.requests_sent_again,
+        "sent again",
+        palette.warning(),
+    );
+    count(reading.line.frames_spoiled, "spoiled", palette.warning());
+    if status.trace_dropped > 0 {
+        count(
+            status.trace_dropped.into(),
+            "records dropped",
+            palette.warning(),
+        );
+    }
+    if let Some(bytes) = status.stack_bytes {
+        spans.push(Span::raw(format!("stack {bytes}")));
+    }
+    Line::from(spans)
+}
+
+/// A column of the slots' table.
+struct Column {
+    name: &'static str,
+    width: u16,
+    /// Columns with higher numbers go first where there is no room for all.
+    rank: u8,
+    text: fn(&SlotRow) -> String,
+}
+
+const COLUMNS: [Column; 14] = [
+    Column {
+        name: "slot",
+        width: 5,
+        rank: 0,
+        text: |row| row.plan.number.to_string(),
+    },
+    Column {
+        name: "period",
+        width: 7,
+        rank: 6,
+        text: |row| micros(row.plan.period_us),
+    },
+    Column {
+        name: "duration",
+        width: 8,
+        rank: 5,
+        text: |row| micros(row.plan.duration_us),
+    },
+    Column {
+        name: "executed",
+        width: 10,
+        rank: 4,
+        text: |row| row.counted.executed.to_string(),
+    },
+    Column {
+        name: "rate",
+        width: 7,
+        rank: 8,
+        text: |row| hertz(row.rate_hz),
+    },
+    Column {
+        name: "overruns",
+        width: 8,
+        rank: 1,
+        text: |row| row.counted.overruns.to_string(),
+    },
+    Column {
+        name: "missed",
+        width: 6,
+        rank: 1,
+        text: |row| row.counted.missed.to_string(),
+    },
+    Column {
+        name: "shortest",
+        width: 8,
+        rank: 10,
+        text: |row| Ns(row.counted.shortest_execution_ns.into()).to_string(),
+    },
+    Column {
+        name: "mean",
+        width: 7,
+        rank: 7,
+        text: |row| Ns(row.counted.mean_execution_ns).to_string(),
+    },
+    Column {
+        name: "longest",
+        width: 7,
+        rank: 3,
+        text: |row| Ns(row.counted.longest_execution_ns.into()).to_string(),
+    },
+    Column {
+        name: "mean%",
+        width: 6,
+        rank: 9,
+        text: |row| percent(Some(row.mean_share())),
+    },
+    Column {
+        name: "most%",
+        width: 6,
+        rank: 2,
+        text: |row| percent(Some(row.longest_share())),
+    },
+    Column {
+        name: "delay",
+        width: 7,
+        rank: 11,
+        text: |row| Ns(row.counted.shortest_delay_ns.into()).to_string(),
+    },
+    Column {
+        name: "to",
+        width: 7,
+        rank: 2,
+        text: |row| Ns(row.counted.longest_delay_ns.into()).to_string(),
+    },
+];
+
+fn micros(us: u32) -> String {
+    const NS_PER_US: u64 = 1_000;
+    Ns(u64::from(us) * NS_PER_US).to_string()
+}
+
+/// The columns that fit into so many, the less important ones left out.
+fn columns_for(width: u16) -> Vec<&'static Column> {
+    let mut by_rank: Vec<&Column> = COLUMNS.iter().collect();
+    by_rank.sort_by_key(|column| column.rank);
+    let mut used = 0;
+    // Behind the first one that does not fit, none is looked at: so columns go in their order as a screen shrinks.
+    let fitting = by_rank.iter().take_while(|column| {
+        used += column.width + 1;
+        used <= width + 1
+    });
+    let greatest_rank = fitting.map(|column| column.rank).max().unwrap_or(0);
+    let mut columns: Vec<&Column> = COLUMNS
+        .iter()
+        .filter(|column| column.rank <= greatest_rank)
+        .collect();
+    let mut width_of_all: u16 = columns.iter().map(|column| column.width + 1).sum();
+    while width_of_all > width + 1 {
+        let Some(last) = columns.pop() else { break };
+        width_of_all -= last.width + 1;
+    }
+    columns
+}
+
+fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, rows: &[SlotRow], palette: Palette) {
+    let title: Cow<'_, str> = match view.counted_from_us() {
+        Some(us) => {
+            let seconds = us as f64 / 1e6;
+            format!(" slots, counted from {seconds:.1} s on (shortest and longest from the start) ")
+                .into()
+        }
+        None => " slots ".into(),
+    };
+    let block = Block::new().borders(Borders::TOP).title(title);
+    if rows.is_empty() {
+        let text = if view.reading().is_some() {
+            "The robot has no mission: esm upload FILE --port P gives it one."
+        } else {
+            "Reading…"
+        };
+        frame.render_widget(Paragraph::new(text).block(block), area);
+        return;
+    }
+    let columns = columns_for(area.width);
+    let head = Row::new(
+        columns
+            .iter()
+            .map(|column| Line::raw(column.name).right_aligned()),
+    )
+    .style(Style::new().add_modifier(Modifier::UNDERLINED));
+    let lines = rows.iter().map(|row| {
+        let style = match row {
+            _ if row.counted.overruns > 0 || row.counted.missed > 0 => palette.bad(),
+            _ if row.longest_share() > NEARLY_FULL => palette.warning(),
+            _ => Style::new(),
+        };
+        let cells = columns
+            .iter()
+            .map(|column| Cell::from(Line::raw((column.text)(row)).right_aligned()));
+        Row::new(cells).style(style)
+    });
+    let widths = columns
+        .iter()
+        .map(|column| Constraint::Length(column.width));
+    let table = Table::new(lines, widths)
+        .header(head)
+        .block(block)
+        .row_highlight_style(Style::new().add_modifier(Modifier::REVERSED));
+    let mut state = TableState::new().with_selected(view.selected());
+    frame.render_stateful_widget(table, area, &mut state);
+}
+
+/// A longest execution of more than this share of the slot's duration is shown as a warning.
+const NEARLY_FULL: f64 = 0.9;
+
+fn draw_delays(frame: &mut Frame<'_>, area: Rect, row: Option<&SlotRow>, palette: Palette) {
+    let title = match row {
+        Some(row) => format!(" start delays of slot {} ", row.plan.number),
+        None => " start delays ".to_owned(),
+    };
+    let block = Block::new().borders(Borders::TOP).title(title);
+    let buckets = row.map_or(&[] as &[DelayBucket], |row| &row.counted.delays);
+    let most = buckets.iter().map(|bucket| bucket.count).max().unwrap_or(0);
+    let lines: Vec<Line<'_>> = buckets
+        .iter()
+        .map(|bucket| {
+            let end = match bucket.below_ns {
+                Some(end) => format!("<{}", Ns(end)),
+                None => "more".to_owned(),
+            };
+            Line::from(vec![
+                Span::raw(format!("{end:>9} {:>10} ", bucket.words())),
+                Span::styled(bar(bucket.count, most), palette.of(Color::Cyan)),
+            ])
+        })
+        .collect();
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+/// A bar for a count beside the greatest one; whatever has happened shows.
+fn bar(count: u32, most: u32) -> String {
+    let eighths = u64::from(count) * BAR_COLUMNS as u64 * 8 / u64::from(most.max(1));
+    let eighths = if count > 0 { eighths.max(1) } else { 0 } as usize;
+    const PARTS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
+    let part = PARTS.get(eighths % 8).copied().unwrap_or_default();
+    "█".repeat(eighths / 8) + part
+}
+
+fn draw_tasks(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) {
+    let block = Block::new().borders(Borders::TOP).title(" its tasks ");
+    let lines: Vec<Line<'_>> = view
+        .tasks()
+        .map(|task| match task.counted {
+            Some(counted) => {
+                let told = TopTask {
+                    path: task.plan.path.clone(),
+                    task: task.plan.task.clone(),
+                    enabled: counted.enabled,
+                    busy: counted.busy,
+                    overruns: counted.overruns,
+                };
+                let style = match (counted.overruns > 0, counted.busy, counted.enabled) {
+                    (true, _, _) => palette.bad(),
+                    (_, true, _) => palette.warning(),
+                    (_, _, true) => Style::new(),
+                    _ => palette.quiet(),
+                };
+                Line::styled(told.to_string(), style)
+            }
+            None => Line::styled(
+                format!("{} ({})", task.plan.path, task.plan.task),
+                palette.quiet(),
+            ),
+        })
+        .collect();
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::time::Duration;
+
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use ratatui::buffer::Buffer;
+    use rt_firmware::link::message::{Mode, SafeReason};
+
+    use super::super::view::Key;
+    use super::super::view::tests::{reading, robot, view_of};
+    use super::*;
+    use crate::reading::Reading;
+
+    fn drawn(view: &View, width: u16, height: u16, colour: bool) -> Buffer {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal
+            .draw(|frame| draw(frame, view, Palette { colour }))
+            .unwrap();
+        terminal.backend().buffer().clone()
+    }
+
+    fn text(buffer: &Buffer) -> String {
+        let width = usize::from(buffer.area.width);
+        let mut text = String::new();
+        for line in buffer.content.chunks(width) {
+            let line: String = line.iter().map(|cell| cell.symbol()).collect();
+            text.push_str(line.trim_end());
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Compares with a screen that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
+    fn assert_golden(name: &str, screen: &str) {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("src/cli/top/golden")
+            .join(name)
+            .with_extension("txt");
+        if std::env::var_os("ESM_BLESS").is_some() {
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, screen).unwrap();
+        }
+        let expected = std::fs::read_to_string(&path).unwrap_or_default();
+        assert_eq!(
+            screen,
+            expected,
+            "{} differs: look at it with ESM_BLESS=1",
+            path.display()
+        );
+    }
+
+    #[test]
+    fn the_screen_is_as_it_was_when_it_was_looked_at() {
+        let running = || view_of(&[100, 150]);
+        let mut second_slot = running();
+        second_slot.press(Key::Down);
+        let mut reset = running();
+        reset.press(Key::Reset);
+        reset.take(reading(180));
+        let mut lost = running();
+        lost.press(Key::Pause);
+        lost.set_time(Duration::from_secs(3));
+        lost.lost("the line to the robot is lost".to_owned());
+        lost.set_time(Duration::from_secs(7));
+        let mut safe = reading(200);
+        safe.status.mode = Mode::Safe(SafeReason::Overruns);
+        let mut in_safe_state = View::new(robot());
+        in_safe_state.take(safe);
+        let mut empty = reading(1).status;
+        (empty.mode, empty.mission) = (Mode::Empty, None);
+        let mut without_mission = View::new(robot());
+        without_mission.take(Reading::without_mission(empty));
+        for (name, view, width, height) in [
+            ("wide", running(), 132, 24),
+            ("usual", second_slot, 80, 24),
+            ("reset", reset, 120, 20),
+            ("lost", lost, 100, 18),
+            ("safe", in_safe_state, 100, 18),
+            ("without_mission", without_mission, 80, 12),
+            ("before_the_first_reading", View::new(robot()), 60, 8),
+            ("narrow", running(), 40, 20),
+            ("low", running(), 80, 6),
+        ] {
+            assert_golden(name, &text(&drawn(&view, width, height, false)));
+        }
+    }
+
+    #[test]
+    fn any_size_of_screen_can_be_drawn_on() {
+        let mut view = view_of(&[100, 150]);
+        view.press(Key::Down);
+        for width in [1, 19, 20, 33, 60, 81, 140] {
+            for height in (1..=20).chain([40]) {
+                drawn(&view, width, height, true);
+            }
+        }
+        // As long as there is any room, the slot that is looked at shows.
+        for height in [3, 4, 5, 9, 17, 18, 26] {
+            let screen = drawn(&view, 80, height, true);
+            let reversed =
+                |cell: &ratatui::buffer::Cell| cell.modifier.contains(Modifier::REVERSED);
+            assert!(
+                screen.content.iter().any(reversed),
+                "{height} lines:\n{}",
+                text(&screen)
+            );
+        }
+    }
+
+    #[test]
+    fn columns_go_one_by_one_as_the_screen_shrinks() {
+        let all = columns_for(200).len();
+        assert_eq!(all, COLUMNS.len());
+        let mut before = all;
+        for width in (LEAST_COLUMNS..=200).rev() {
+            let columns = columns_for(width);
+            let used: u16 = columns.iter().map(|column| column.width + 1).sum();
+            assert!(used <= width + 1, "{width} columns: {used} used");
+            assert!(columns.len() <= before, "{width} columns");
+            assert_eq!(columns[0].name, "slot");
+            before = columns.len();
+        }
+    }
+
+    #[test]
+    fn where_there_is_to_be_no_colour_there_is_none() {
+        let view = view_of(&[100, 150]);
+        let colours = |colour| {
+            let screen = drawn(&view, 100, 24, colour);
+            let coloured =
+                |cell: &&ratatui::buffer::Cell| cell.fg != Color::Reset || cell.bg != Color::Reset;
+            screen.content.iter().filter(coloured).count()
+        };
+        assert_eq!(colours(false), 0);
+        assert!(colours(true) > 0);
+    }
+
+    #[test]
+    fn whatever_has_happened_has_a_bar() {
+        for (count, most, expected) in [
+            (0, 0, ""),
+            (0, 7, ""),
+            (1, u32::MAX, "▏"),
+            (u32::MAX, u32::MAX, "████████████████"),
+            (1, 2, "████████"),
+            (33, 64, "████████▎"),
+        ] {
+            assert_eq!(bar(count, most), expected, "{count} of {most}");
+        }
+    }
+}

@@ -1,0 +1,305 @@
+//! What a robot tells of itself at one moment: how it is, what runs, what was counted.
+//!
+//! The parts of a reading are asked for one after another, so that they are a few milliseconds apart. What does not change while a mission runs
+//! (its tables and names) is read once.
+
+use std::time::Instant;
+
+use esm_core::{Refusal, Verified};
+use rt_firmware::link::message::{LinkError, Status, TaskCounters};
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::counters::SlotReport;
+use crate::inspect;
+use crate::inspect::refusal::Explained;
+use crate::link_client::{ClientError, LinkClient, LinkCounts};
+use crate::serial::ByteLink;
+use crate::trace::directory::Directory;
+
+/// Why there is no reading.
+#[derive(Debug, Error)]
+pub enum ReadError {
+    /// The robot did not answer, or refused to.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// The mission that it says it runs is none.
+    #[error("the robot's mission is no valid blob: {}", Explained(*.0))]
+    Blob(Refusal),
+}
+
+impl ReadError {
+    /// Whether the robot lost or changed its mission between two questions, so that the next reading is of another one.
+    fn is_other_mission(&self) -> bool {
+        let ReadError::Client(error) = self else {
+            return false;
+        };
+        matches!(
+            error.refusal(),
+            Some(LinkError::NoMission | LinkError::NoSuchIndex)
+        )
+    }
+}
+
+/// How often a reading begins again because the robot changed its mission meanwhile.
+const ATTEMPTS: u32 = 3;
+
+/// What does not change while a mission runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Known {
+    /// Its hash.
+    mission: u32,
+    /// Name of the machine.
+    machine: String,
+    slots: Vec<SlotPlan>,
+    tasks: Vec<TaskPlan>,
+}
+
+/// When a slot runs, in microseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SlotPlan {
+    /// Its number in the source.
+    pub number: u32,
+    /// Its period.
+    pub period_us: u32,
+    /// Its duration.
+    pub duration_us: u32,
+    /// Its first start.
+    pub start_us: u32,
+}
+
+/// A task state and where it runs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TaskPlan {
+    /// Path of the state.
+    pub path: String,
+    /// Name of the task.
+    pub task: String,
+    /// Index of the slot among the mission's; `None` in slot 0.
+    pub slot: Option<usize>,
+}
+
+/// A slot at the moment of a reading.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SlotReading {
+    /// When it runs.
+    pub plan: SlotPlan,
+    /// What was counted.
+    pub counted: SlotReport,
+    /// When it was counted, in microseconds since the mission started: all slots of a large mission take a second to be asked for.
+    pub t_us: u64,
+}
+
+/// A task state at the moment of a reading.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TaskReading {
+    /// Where it runs.
+    pub plan: TaskPlan,
+    /// How it is, if it was asked for.
+    pub counted: Option<TaskCounters>,
+}
+
+/// What the host saw of the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LineReport {
+    /// Requests that had to be sent again.
+    pub requests_sent_again: u64,
+    /// Frames from the robot that were spoiled.
+    pub frames_spoiled: u64,
+    /// Bytes sent to the robot.
+    pub bytes_sent: u64,
+}
+
+impl From<LinkCounts> for LineReport {
+    fn from(counts: LinkCounts) -> Self {
+        LineReport {
+            requests_sent_again: counts.retries,
+            frames_spoiled: counts.bad_frames,
+            bytes_sent: counts.bytes_sent,
+        }
+    }
+}
+
+/// What a robot tells of itself at one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// How it is.
+    pub status: Status,
+    /// Name of the machine that it runs, made up where the mission has no names.
+    pub machine: Option<String>,
+    /// Paths of the current local states, depth first; none where the mission has no names.
+    pub active: Vec<String>,
+    /// The slots of the mission.
+    pub slots: Vec<SlotReading>,
+    /// The task states of the mission, in the order in which they run.
+    pub tasks: Vec<TaskReading>,
+    /// What the host saw of the line since the session began.
+    pub line: LineReport,
+}
+
+impl Reading {
+    /// A reading of a robot that has no mission.
+    pub fn without_mission(status: Status) -> Self {
+        Reading {
+            status,
+            machine: None,
+            active: Vec::new(),
+            slots: Vec::new(),
+            tasks: Vec::new(),
+            line: LineReport::default(),
+        }
+    }
+}
+
+/// Which task states are asked for how they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tasks {
+    /// None.
+    None,
+    /// All.
+    All,
+    /// Those of the slot with this index: an answer takes a slot's occurrence, so that all of a large mission take seconds.
+    OfSlot(usize),
+}
+
+/// Reads a robot again and again.
+#[derive(Default)]
+pub struct Reader {
+    known: Option<Known>,
+    directory: Option<Directory>,
+}
+
+impl Reader {
+    /// Asks the robot for everything, and for those tasks.
+    ///
+    /// # Errors
+    /// [`ReadError`]
+    pub fn read<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        tasks: Tasks,
+    ) -> Result<Reading, ReadError> {
+        let mut attempt = 1;
+        loop {
+            match self.read_once(robot, tasks) {
+                Ok(None) if attempt < ATTEMPTS => {}
+                Err(error) if error.is_other_mission() && attempt < ATTEMPTS => {}
+                Ok(Some(reading)) => return Ok(reading),
+                // A robot that changes its mission faster than it answers has none to tell of.
+                Ok(None) => return Ok(Reading::without_mission(robot.status()?)),
+                Err(error) => return Err(error),
+            }
+            attempt += 1;
+        }
+    }
+
+    /// A reading, or none where the mission changed meanwhile.
+    fn read_once<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        tasks: Tasks,
+    ) -> Result<Option<Reading>, ReadError> {
+        let before = robot.status()?;
+        let began = Instant::now();
+        let mut reading = Reading::without_mission(before);
+        if let Some(mission) = before.mission {
+            let known = self.know(robot, mission)?;
+            let mut asked = Vec::new();
+            reading.machine = Some(known.machine.clone());
+            for (index, &plan) in (0..=u8::MAX).zip(&known.slots) {
+                let counted = SlotReport::from(robot.slot_counters(index)?);
+                asked.push(began.elapsed());
+                reading.slots.push(SlotReading {
+                    plan,
+                    counted,
+                    t_us: before.t_us,
+                });
+            }
+            for (index, plan) in (0..=u16::MAX).zip(&known.tasks) {
+                let is_wanted = match tasks {
+                    Tasks::None => false,
+                    Tasks::All => true,
+                    Tasks::OfSlot(slot) => plan.slot == Some(slot),
+                };
+                let counted = match is_wanted {
+                    true => Some(robot.task_counters(index)?),
+                    false => None,
+                };
+                reading.tasks.push(TaskReading {
+                    plan: plan.clone(),
+                    counted,
+                });
+            }
+            if let Some(directory) = &self.directory {
+                let current = robot.current_states()?.states;
+                let current = |region: usize| current.get(region).copied().map_or(0, usize::from);
+                reading.active = directory
+                    .active(current)
+                    .filter_map(|state| Some(directory.state(state)?.path.clone()))
+                    .collect();
+            }
+            reading.status = robot.status()?;
+            if known.mission != mission || reading.status.mission != before.mission {
+                return Ok(None);
+            }
+            let passed_us = reading.status.t_us.saturating_sub(before.t_us) as f64;
+            let passed = began.elapsed().as_secs_f64();
+            for (slot, asked) in reading.slots.iter_mut().zip(asked) {
+                // Robot time goes as the clock on the wall does, or stands still.
+                slot.t_us += (passed_us * (asked.as_secs_f64() / passed)) as u64;
+            }
+        }
+        reading.line = robot.counts().into();
+        Ok(Some(reading))
+    }
+
+    /// Reads the mission, unless it is the one that was read before.
+    fn know<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        mission: u32,
+    ) -> Result<Known, ReadError> {
+        if let Some(known) = self.known.as_ref().filter(|known| known.mission == mission) {
+            return Ok(known.clone());
+        }
+        let blob = robot.running_blob()?;
+        let verified = esm_core::verify(blob).map_err(|(_, refusal)| ReadError::Blob(refusal))?;
+        // A firmware compares texts with those of its own tasks; here there are none to compare with.
+        esm_core::texts::check(&verified.tables()).map_err(ReadError::Blob)?;
+        let known = Known::of(&verified);
+        // A mission without names runs as well as any; there only is less to say about it.
+        self.directory = Directory::of(&verified.tables()).ok();
+        self.known = Some(known.clone());
+        Ok(known)
+    }
+}
+
+impl Known {
+    fn of(verified: &Verified<Vec<u8>>) -> Self {
+        let tables = verified.tables();
+        let report = inspect::Report::of(verified);
+        Known {
+            mission: verified.hash(),
+            machine: report.machine,
+            slots: tables
+                .slots()
+                .map(|slot| SlotPlan {
+                    number: slot.number,
+                    period_us: slot.period_us,
+                    duration_us: slot.duration_us,
+                    start_us: slot.start_us,
+                })
+                .collect(),
+            tasks: report
+                .task_states
+                .into_iter()
+                .enumerate()
+                .map(|(instance, row)| TaskPlan {
+                    path: row.path,
+                    task: row.task,
+                    slot: tables.task_state_of(instance).and_then(|state| state.slot),
+                })
+                .collect(),
+        }
+    }
+}
