@@ -26,7 +26,8 @@ Examples:
   esm schedule missions/patrol.esm --svg slots.svg
 
 With --json: feasible (true, false, or null where undecided in time), hyperperiod_us, utilisation, slots: [slot, start_us, \
-period_us, duration_us, growth_us], growth_factor. It comes also where the answer is no.")]
+period_us, duration_us, growth_us], growth_factor, and reason and \
+cure where the answer is no. It comes also where the answer is no.")]
 pub struct ScheduleArgs {
     /// The file with the slots
     #[arg(value_name = "FILE")]

@@ -227,7 +227,7 @@ impl Checked {
                     self.first_slot,
                     format!("there is no schedule for these slots: {reason}"),
                 )
-                .hint(reason.cure()),
+                .hint(reason.cure(&self.slots).to_string()),
             ),
             Outcome::Undecided if self.slots.len() > schedule::MAX_SLOTS => Some(
                 Diagnostic::new(

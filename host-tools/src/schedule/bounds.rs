@@ -15,9 +15,44 @@ pub(super) fn single_slots(slots: &[SlotSpec]) -> Option<Infeasibility> {
             });
         }
     }
-    let times_us = slots.iter().map(|slot| (slot.period_us, slot.duration_us));
-    exceeds_one(times_us.clone()).then(|| Infeasibility::Utilisation {
-        utilisation: utilisation(times_us),
+    overcommitted(slots)
+}
+
+/// Slots that ask for more time than there is, those with the greatest shares named until the others fit.
+pub(super) fn overcommitted(slots: &[SlotSpec]) -> Option<Infeasibility> {
+    let times_us = |slots: &[SlotSpec]| -> Vec<(u32, u32)> {
+        slots
+            .iter()
+            .map(|slot| (slot.period_us, slot.duration_us))
+            .collect()
+    };
+    let exceeds = |slots: &[SlotSpec]| exceeds_one(times_us(slots).into_iter());
+    if !exceeds(slots) {
+        return None;
+    }
+    let mut by_share = slots.to_vec();
+    by_share.sort_by(|a, b| {
+        let shares = [(a, b), (b, a)]
+            .map(|(of, other)| u64::from(of.duration_us) * u64::from(other.period_us));
+        shares[1].cmp(&shares[0]).then(a.number.cmp(&b.number))
+    });
+    // Without so many the others fit: without all of them, they do.
+    let (mut fails, mut works) = (0, by_share.len());
+    while fails + 1 < works {
+        let middle = fails + (works - fails) / 2;
+        if by_share.get(middle..).is_some_and(exceeds) {
+            fails = middle;
+        } else {
+            works = middle;
+        }
+    }
+    Some(Infeasibility::Utilisation {
+        utilisation: utilisation(times_us(slots).into_iter()),
+        heaviest: by_share
+            .iter()
+            .take(works)
+            .map(|slot| slot.number)
+            .collect(),
     })
 }
 

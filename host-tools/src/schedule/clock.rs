@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 pub(super) struct Clock {
     end: Option<Instant>,
     ticks: u32,
+    /// As much work may still be done.
+    ticks_left: u64,
     is_over: bool,
 }
 
@@ -16,8 +18,19 @@ impl Clock {
         Clock {
             end: Instant::now().checked_add(limit),
             ticks: 0,
+            ticks_left: u64::MAX,
             is_over: false,
         }
+    }
+
+    /// The clock, which also runs out after so many small pieces of work: the same ones in every run.
+    pub(super) fn with_ticks(self, ticks_left: u64) -> Self {
+        Clock { ticks_left, ..self }
+    }
+
+    /// As many small pieces of work may still be done.
+    pub(super) fn ticks_left(&self) -> u64 {
+        self.ticks_left
     }
 
     /// Whether the time had run out when it was last looked at.
@@ -34,6 +47,8 @@ impl Clock {
     pub(super) fn tick_many(&mut self, pieces: u32) -> bool {
         const TICKS_PER_LOOK: u32 = 4_096;
         self.ticks = self.ticks.saturating_add(pieces);
+        self.ticks_left = self.ticks_left.saturating_sub(pieces.into());
+        self.is_over |= self.ticks_left == 0;
         if self.ticks >= TICKS_PER_LOOK {
             self.ticks = 0;
             self.is_over |= self.end.is_some_and(|end| Instant::now() >= end);

@@ -18,6 +18,8 @@ pub enum Infeasibility {
     Utilisation {
         /// Sum of duration over period.
         utilisation: f64,
+        /// Numbers of those with the greatest shares, the greatest first: the others fit without them.
+        heaviest: Vec<u32>,
     },
     /// Slots that meet each other in every window of `window_us`, and do not fit in one together.
     Crowded {
@@ -52,8 +54,8 @@ pub enum Infeasibility {
 }
 
 impl Infeasibility {
-    /// What to change.
-    pub fn cure(&self) -> String {
+    /// What helps in general, where no change of the slots at hand was found.
+    pub(super) fn advice(&self) -> String {
         match self {
             Infeasibility::TooLong { slot, .. } => {
                 format!("shorten slot {slot} or lengthen its period")
@@ -68,7 +70,7 @@ impl Infeasibility {
                 sum_us.saturating_sub(*window_us)
             ),
             Infeasibility::Packing { longest, .. } => format!(
-                "shorten one of them, slot {longest} first, or let one of them occur less often: without any one of them the others can be packed"
+                "shorten one of them, slot {longest} first, or let one of them occur less often"
             ),
             Infeasibility::FixedStarts { first, second } => {
                 format!("let slot {first} or slot {second} start at another time")
@@ -91,9 +93,16 @@ impl fmt::Display for Infeasibility {
                 f,
                 "slot {slot} lasts {duration_us} us, its period is {period_us} us"
             ),
-            Infeasibility::Utilisation { utilisation } => {
-                write!(f, "they ask for {:.2} % of the time", utilisation * 100.0)
-            }
+            Infeasibility::Utilisation {
+                utilisation,
+                heaviest,
+            } => write!(
+                f,
+                "they ask for {} % of the time, most of it slot{} {}",
+                Percent(*utilisation),
+                if heaviest.len() == 1 { "" } else { "s" },
+                Numbers(heaviest)
+            ),
             Infeasibility::Crowded {
                 slots,
                 window_us,
@@ -120,8 +129,22 @@ impl fmt::Display for Infeasibility {
     }
 }
 
+/// A share above 1 in percent, never rounded down to 100.
+struct Percent(f64);
+
+impl fmt::Display for Percent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = self.0 * 100.0;
+        if percent < 100.01 {
+            f.write_str("a little more than 100")
+        } else {
+            write!(f, "{percent:.2}")
+        }
+    }
+}
+
 /// Slot numbers in a sentence, the first of many.
-struct Numbers<'n>(&'n [u32]);
+pub(super) struct Numbers<'n>(pub(super) &'n [u32]);
 
 impl fmt::Display for Numbers<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -18,6 +18,7 @@ mod bounds;
 mod chain;
 mod clock;
 mod construct;
+mod cure;
 mod ejection;
 mod frames;
 mod growth;
@@ -34,6 +35,7 @@ use serde::Serialize;
 
 use crate::model::Model;
 
+pub use cure::{Change, Cure};
 pub use growth::{Growth, growth};
 pub use infeasibility::Infeasibility;
 
@@ -112,6 +114,11 @@ pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
         return Outcome::Undecided;
     }
     outcome
+}
+
+/// Whether slots ask for more time than there is, and which of them for most of it.
+pub fn overcommitted(slots: &[SlotSpec]) -> Option<Infeasibility> {
+    bounds::overcommitted(slots)
 }
 
 /// Greatest common divisor; that of 0 and n is n.
@@ -213,6 +220,10 @@ pub struct Report {
     pub utilisation: f64,
     /// The slots with their starts; empty without a schedule.
     pub slots: Vec<SlotReport>,
+    /// Why there is no schedule, in words; `None` otherwise.
+    pub reason: Option<String>,
+    /// What to change, in words, where there is no schedule.
+    pub cure: Option<String>,
     /// By which factor all durations may grow together with these starts; `None` without a schedule, or where nothing lasts.
     pub growth_factor: Option<f64>,
 }
@@ -234,10 +245,10 @@ pub struct SlotReport {
 
 /// Puts slots and outcome together for `esm schedule`.
 pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
-    let (feasible, starts_us) = match outcome {
-        Outcome::Feasible(schedule) => (Some(true), schedule.starts_us.as_slice()),
-        Outcome::Infeasible(_) => (Some(false), &[][..]),
-        Outcome::Undecided => (None, &[][..]),
+    let (feasible, starts_us, reason) = match outcome {
+        Outcome::Feasible(schedule) => (Some(true), schedule.starts_us.as_slice(), None),
+        Outcome::Infeasible(reason) => (Some(false), &[][..], Some(reason)),
+        Outcome::Undecided => (None, &[][..], None),
     };
     let growth = growth(slots.get(..starts_us.len()).unwrap_or(slots), starts_us);
     Report {
@@ -256,6 +267,8 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
                 growth_us,
             })
             .collect(),
+        reason: reason.map(Infeasibility::to_string),
+        cure: reason.map(|reason| reason.cure(slots).to_string()),
         growth_factor: growth.together,
     }
 }

@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use crate::lang::analysis::activity::{Activity, StateId};
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::model::{Model, StateKind};
+use crate::schedule::{self, SlotSpec};
 
 use super::scope::Names;
 use super::slots::SlotTable;
@@ -51,29 +52,32 @@ pub(super) fn check(
 // ─── Utilisation ──────────────────────────────────────────────────────────────────────────────────────────────────────
 
 fn check_utilisation(slots: &SlotTable, model: &Model, names: &mut Names<'_, '_>) {
-    let times: Vec<(u32, u32)> = (0..model.slots.len())
-        .filter_map(|index| slots.times_us(model, index))
-        .filter(|(period_us, duration_us)| duration_us <= period_us)
+    let specs: Vec<SlotSpec> = model
+        .slots
+        .iter()
+        .enumerate()
+        .filter_map(|(index, slot)| {
+            let (period_us, duration_us) = slots.times_us(model, index)?;
+            Some(SlotSpec {
+                number: slot.number,
+                period_us,
+                duration_us,
+                fixed_start_us: None,
+            })
+        })
+        .filter(|slot| slot.duration_us <= slot.period_us)
         .collect();
-    let Some(first) = model.slots.first() else {
+    let (Some(first), Some(reason)) = (model.slots.first(), schedule::overcommitted(&specs)) else {
         return;
     };
-    if crate::schedule::exceeds_one(times.iter().copied()) {
-        let percent = crate::schedule::utilisation(times.iter().copied()) * 100.0;
-        let share = if percent < 100.01 {
-            "a little more than 100".to_owned()
-        } else {
-            format!("{percent:.2}")
-        };
-        names.report(
-            Diagnostic::new(
-                Code::E010,
-                first.span,
-                format!("the slots together ask for {share} % of the time"),
-            )
-            .hint("shorten durations or lengthen periods until they ask for at most 100 %"),
-        );
-    }
+    names.report(
+        Diagnostic::new(
+            Code::E010,
+            first.span,
+            format!("the slots cannot fit together: {reason}"),
+        )
+        .hint(reason.cure(&specs).to_string()),
+    );
 }
 
 // ─── One task in its slot ─────────────────────────────────────────────────────────────────────────────────────────────
