@@ -17,6 +17,7 @@
 mod bounds;
 mod chain;
 mod clock;
+mod columns;
 mod construct;
 mod cure;
 mod ejection;

@@ -1,7 +1,8 @@
 //! The search for start times: which method has its turn when.
 //!
-//! First a quick constructive one: slots are placed one after another into the gaps that are left. That is enough for most tables. Then proofs: chains of periods that the slots are or imply, searched exactly. Then those searches take turns that
-//! find schedules where little time is left, and for a few slots of odd periods an exhaustive one.
+//! First a quick constructive one: slots are placed one after another into the gaps that are left. That is enough for most tables. Then a short search
+//! for columns, which lays out what fills all time; then proofs: chains of periods that the slots are or imply, searched exactly. Then those
+//! searches take turns that find schedules where little time is left, and for a few slots of odd periods an exhaustive one.
 //!
 //! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
 //!
@@ -14,6 +15,7 @@ use std::cmp::Reverse;
 
 use super::chain::{self, Chain, End as ChainEnd, Member};
 use super::clock::Clock;
+use super::columns::Columns;
 use super::construct::{Fit, Placed, construct, first_fit, fit};
 use super::ejection::Ejection;
 use super::random::Random;
@@ -43,18 +45,31 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
     if let Some(layout) = construct(&fixed, &free, clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
+    // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
+    let is_plain = slots.iter().all(|slot| slot.duration_us > 0);
+    let mut columns = if is_plain { Columns::new(slots) } else { None };
+    if let Some(columns) = &mut columns
+        && let Some(starts_us) = columns.search(FIRST_COLUMNS_WORK * slots.len() as u64, clock)
+    {
+        return Outcome::Feasible(Schedule { starts_us });
+    }
     if let Some(reason) = proof::by_packing(slots, PROOF_STEPS, clock) {
         return Outcome::Infeasible(reason);
     }
-    // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
-    let is_plain = slots.iter().all(|slot| slot.duration_us > 0);
     let members = chain::of_slots(slots).filter(|_| is_plain && fixed.len() <= 1);
     if let Some(members) = &members
         && let ChainEnd::Found(starts_us) = Chain::new(members).search(PROOF_STEPS, None, clock)
     {
         return Outcome::Feasible(turned(slots, members, &starts_us));
     }
-    let outcome = take_turns(slots, members.as_deref(), is_plain, free.len(), clock);
+    let outcome = take_turns(
+        slots,
+        members.as_deref(),
+        columns,
+        is_plain,
+        free.len(),
+        clock,
+    );
     if outcome != Outcome::Undecided || free.len() > MAX_EXHAUSTIVE || members.is_some() {
         return outcome;
     }
@@ -63,6 +78,12 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
 
 /// Steps of an exact search of a chain that is only to prove something.
 const PROOF_STEPS: u64 = 20_000;
+
+/// Work of the search for columns before proofs are looked for, for each slot, in pieces as the clock counts them.
+const FIRST_COLUMNS_WORK: u64 = 1_000;
+
+/// Work of one turn of the search for columns, for each slot.
+const COLUMNS_WORK: u64 = 4_000;
 
 /// Steps of one turn of the ejection search.
 const EJECTION_STEPS: u64 = 1_000;
@@ -74,6 +95,7 @@ const TURNS_OF_FEW: u64 = 16;
 fn take_turns(
     slots: &[SlotSpec],
     members: Option<&[Member]>,
+    mut columns: Option<Columns>,
     is_plain: bool,
     free: usize,
     clock: &mut Clock,
@@ -105,6 +127,11 @@ fn take_turns(
             if let Some(reason) = proof::by_packing(slots, exact_steps, clock) {
                 return Outcome::Infeasible(reason);
             }
+        }
+        if let Some(columns) = &mut columns
+            && let Some(starts_us) = columns.search(COLUMNS_WORK * slots.len() as u64, clock)
+        {
+            return Outcome::Feasible(Schedule { starts_us });
         }
         if let Some(ejection) = &mut ejection
             && (chain.is_none() || turn.is_multiple_of(8))
