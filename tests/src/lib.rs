@@ -4,9 +4,10 @@
 //! shares no line with the interpreter that the firmware runs, so that where the two agree, they agree about the language.
 //! [`random_machine`] writes machines that use all of it, [`random_nets`] such as are all data paths, and [`shrink`] makes a failing one small enough to think about; [`huge`] makes what is
 //! large or hostile. [`command`] drives the project from outside, as a person at a terminal does, and
-//! [`environment`] reads what a person sets for a longer run.
+//! [`environment`] reads what a person sets for a longer run. [`endurance`] lets a robot drive for hours.
 
 pub mod command;
+pub mod endurance;
 pub mod environment;
 pub mod fuzzing;
 pub mod huge;

@@ -8,9 +8,11 @@ use crate::process::{self, Failure};
 use crate::setup::{self, Choice};
 
 /// What can be measured, in which package the program for it is, and the firmware that it needs.
-const BENCHES: [(&str, &str, Option<&str>); 2] = [
+const BENCHES: [(&str, &str, Option<&str>); 4] = [
     ("schedule", "host-tools", None),
     ("dispatch", "esm-tests", Some("bench_dispatch")),
+    ("day", "esm-tests", None),
+    ("idle", "esm-tests", Some("bench_idle")),
 ];
 
 /// Builds the program that measures `name` and runs it; all other arguments are its own.

@@ -28,7 +28,9 @@ Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
   bench      Measure and print a table: `bench schedule` what the search for schedules decides, and how fast; --help tells its options;
-             `bench dispatch` what starting a slot takes on the emulated board, in instructions
+             `bench dispatch` what starting a slot takes on the emulated board, in instructions;
+             `bench day` whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told;
+             `bench idle` how much of the time that slots leave reaches slot 0, on the emulated board
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
