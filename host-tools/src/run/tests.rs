@@ -214,6 +214,18 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
             .any(|entry| matches!(entry, Entry::End { .. })),
         "the diary is written in slot 0"
     );
+    // Both slots start once each 20 ms; the macro step at 6 s is the last thing that is executed.
+    let executed: Vec<Vec<u32>> = (first.summary.missions.iter())
+        .map(|mission| mission.slots.iter().map(|slot| slot.executed).collect())
+        .collect();
+    assert_eq!(executed, [[150, 150], [151, 150]]);
+    let last = &first.summary.missions[1].slots[0];
+    assert_eq!((last.slot, last.missed, last.overruns), (1, 0, 0));
+    let summary = first.summary.to_string();
+    assert!(
+        summary.contains("slot 1                   151 executed"),
+        "{summary}"
+    );
     let recording = first.recording.clone();
     let again = carried_out(plan(missions(), Some(recording.clone())));
     assert_eq!(first.told.out, again.told.out);
