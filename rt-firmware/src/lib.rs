@@ -29,6 +29,7 @@ pub mod blob;
 pub mod board;
 pub mod body;
 pub mod check;
+pub mod clock;
 pub mod drivers;
 pub mod link;
 pub mod mail;

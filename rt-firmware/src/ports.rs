@@ -676,6 +676,16 @@ pub struct Executor<'m> {
     lent: Option<TaskPlace>,
     /// The lent job belongs to a mission that is over.
     lent_is_stale: bool,
+    /// The task that is to be executed next. Whatever changes nets, tasks or the use of buffers takes it away first (invariant 3).
+    ready: Option<Ready<'m>>,
+}
+
+/// A task with all that it is executed with.
+struct Ready<'m> {
+    bank: &'m dyn TaskBank,
+    task: TaskPlace,
+    enter: bool,
+    state: IoState,
 }
 
 // SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers lead to is reached by it alone or by
@@ -699,6 +709,7 @@ pub fn assemble<'m>(
             nets,
             lent: None,
             lent_is_stale: false,
+            ready: None,
         },
         registry,
     ))
@@ -722,6 +733,7 @@ impl<'m> Executor<'m> {
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so when it comes back.
     pub fn clear(&mut self) {
+        self.ready = None;
         for net in self.nets.iter_mut() {
             net.publish(None);
         }
@@ -748,24 +760,62 @@ impl<'m> Executor<'m> {
         inputs: &Inputs,
         enter: bool,
     ) -> Option<Outcome> {
-        let bank = self.registry.bank(usize::from(task.bank))?;
-        if self.lent == Some(task) {
+        if !self.make_ready(task, &net_of, inputs, enter) {
             return None;
         }
-        let mut state = self.connect(bank, task, &net_of, inputs, true)?;
-        // SAFETY: the executor owns the task (invariant 1), and it is not lent.
-        let step = unsafe {
-            bank.step(
-                usize::from(task.place),
-                enter,
-                &mut Io { state: &mut state },
-            )
+        let step = self.execute_ready()?;
+        let flags = self.end_ready(net_of)?;
+        Some(Outcome { step, flags })
+    }
+
+    /// Does all of [`execute`](Self::execute) that can be done before. False, and nothing is ready, if the task cannot be executed. Anything else that
+    /// is done with this executor before [`execute_ready`](Self::execute_ready) takes the readiness away.
+    pub fn make_ready(
+        &mut self,
+        task: TaskPlace,
+        net_of: impl Fn(usize) -> Option<usize>,
+        inputs: &Inputs,
+        enter: bool,
+    ) -> bool {
+        self.ready = None;
+        let Some(bank) = self.registry.bank(usize::from(task.bank)) else {
+            return false;
         };
-        self.publish(&state, &net_of);
-        Some(Outcome {
-            step,
-            flags: state.flags,
+        if self.lent == Some(task) {
+            return false;
+        }
+        self.ready = self
+            .connect(bank, task, &net_of, inputs, true)
+            .map(|state| Ready {
+                bank,
+                task,
+                enter,
+                state,
+            });
+        self.ready.is_some()
+    }
+
+    /// Executes the task that was made ready. What it wrote is to be published by [`end_ready`](Self::end_ready).
+    #[inline(always)]
+    pub fn execute_ready(&mut self) -> Option<Step> {
+        let ready = self.ready.as_mut()?;
+        // SAFETY: the executor owns the task (invariant 1), and it is not lent: it was not when it was made ready, and lending ends that.
+        Some(unsafe {
+            ready.bank.step(
+                usize::from(ready.task.place),
+                ready.enter,
+                &mut Io {
+                    state: &mut ready.state,
+                },
+            )
         })
+    }
+
+    /// Publishes what the task wrote that was executed last, and tells which flags it changed.
+    pub fn end_ready(&mut self, net_of: impl Fn(usize) -> Option<usize>) -> Option<FlagChanges> {
+        let ready = self.ready.take()?;
+        self.publish(&ready.state, &net_of);
+        Some(ready.state.flags)
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
@@ -776,6 +826,7 @@ impl<'m> Executor<'m> {
         net_of: impl Fn(usize) -> Option<usize>,
         inputs: &Inputs,
     ) -> Option<Job<'m>> {
+        self.ready = None;
         if self.lent.is_some() {
             return None;
         }
@@ -801,6 +852,7 @@ impl<'m> Executor<'m> {
 
     /// Takes a job back and publishes what its run wrote. `net_of` is asked only if the job's mission still runs.
     pub fn harvest(&mut self, job: Job<'m>, net_of: impl Fn(usize) -> Option<usize>) -> Harvest {
+        self.ready = None;
         let own = self
             .registry
             .bank(usize::from(job.task.bank))
@@ -836,6 +888,7 @@ impl<'m> Executor<'m> {
         value: V,
         storage: &'m mut Buffered<V>,
     ) {
+        self.ready = None;
         let [buffer, ..] = &mut storage.buffers;
         *buffer.value.get_mut() = value;
         let storage: &'m Buffered<V> = storage;

@@ -107,7 +107,6 @@ macro_rules! app {
 
             #[task(binds = TIMER_0A, priority = 7, local = [real_time, board])]
             fn slots(cx: slots::Context) {
-                slot_timer::acknowledge();
                 let next_ticks = cx.local.real_time.on_timer(cx.local.board);
                 slot_timer::set(next_ticks);
                 watchdog::feed();

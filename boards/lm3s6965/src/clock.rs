@@ -4,53 +4,27 @@
 //! (QEMU derives the ticks of SysTick, timers and watchdog from the divisor in RCC; how long an instruction takes is set by `-icount`.)
 //!
 //! SysTick runs free and interrupts nobody. The slot timer's interrupt, which comes at least every
-//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US), adds what it has counted to a base; everybody else adds what it has
-//! counted since then to that base. So time needs no lock: one context writes the base, and the others notice if they were
-//! interrupted while they read it.
-
-use core::sync::atomic::{AtomicU32, Ordering};
+//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US), takes over what it has counted ([`rt_firmware::clock`]).
 
 use rt_firmware::board::microseconds;
+use rt_firmware::clock::Clock;
 
 use crate::registers::{sys_tick, system_control};
 
 pub use crate::settings::TICKS_PER_US;
 
 /// Bits that SysTick counts.
-const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
+const SYS_TICK_BITS: u32 = 24;
+/// Where SysTick begins.
+const SYS_TICK_MAX: u32 = (1 << SYS_TICK_BITS) - 1;
 
-/// An instant at which [`advance`] read SysTick.
-struct Base {
-    /// Ticks since start-up, in two halves.
-    low_ticks: AtomicU32,
-    high_ticks: AtomicU32,
-    /// SysTick's value at that instant.
-    count: AtomicU32,
+static CLOCK: Clock<SYS_TICK_BITS> = Clock::new();
+
+/// Ticks since start-up, their lowest bits: SysTick counts down.
+#[inline(always)]
+fn count() -> u32 {
+    SYS_TICK_MAX.wrapping_sub(sys_tick::CVR.read())
 }
-
-impl Base {
-    const fn zero() -> Self {
-        Self {
-            low_ticks: AtomicU32::new(0),
-            high_ticks: AtomicU32::new(0),
-            count: AtomicU32::new(SYS_TICK_MASK),
-        }
-    }
-
-    /// The time in ticks when SysTick stands at `count`.
-    fn ticks_at(&self, count: u32) -> u64 {
-        let base = u64::from(self.high_ticks.load(Ordering::Relaxed)) << 32
-            | u64::from(self.low_ticks.load(Ordering::Relaxed));
-        // SysTick counts down.
-        let since = self.count.load(Ordering::Relaxed).wrapping_sub(count) & SYS_TICK_MASK;
-        base + u64::from(since)
-    }
-}
-
-/// The base, twice: while one is written, the other holds.
-static BASES: [Base; 2] = [const { Base::zero() }; 2];
-/// Number of times that the base was moved; its last bit tells which of the two holds.
-static MOVES: AtomicU32 = AtomicU32::new(0);
 
 /// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that counts time.
 pub fn start() {
@@ -75,23 +49,14 @@ pub fn start() {
     system_control::RCC.write(running);
 
     const ENABLE_FROM_CORE_CLOCK: u32 = 0b101;
-    sys_tick::RVR.write(SYS_TICK_MASK);
+    sys_tick::RVR.write(SYS_TICK_MAX);
     sys_tick::CVR.write(0);
     sys_tick::CSR.write(ENABLE_FROM_CORE_CLOCK);
 }
 
 /// Ticks since start-up. From any context.
 pub fn now_ticks() -> u64 {
-    loop {
-        let moves = MOVES.load(Ordering::Acquire);
-        let [even, odd] = &BASES;
-        let base = if moves.is_multiple_of(2) { even } else { odd };
-        let ticks = base.ticks_at(sys_tick::CVR.read());
-        // Moved meanwhile: what was read may be of two bases. The next attempt meets no move, since moves are further apart than this takes.
-        if MOVES.load(Ordering::Acquire) == moves {
-            return ticks;
-        }
-    }
+    CLOCK.now(count)
 }
 
 /// Microseconds since start-up. From any context.
@@ -99,22 +64,14 @@ pub fn now_us() -> u64 {
     microseconds(now_ticks(), TICKS_PER_US)
 }
 
-/// Moves the base to now, and returns it in ticks. For the slot timer's interrupt alone; it must come at least once in each round of
-/// SysTick (a third of a second).
+/// Takes over what SysTick has counted, and returns the ticks since start-up. For the slot timer's interrupt alone; it must come at least once in each
+/// round of SysTick (a third of a second).
 pub fn advance() -> u64 {
-    let moves = MOVES.load(Ordering::Relaxed);
-    let [even, odd] = &BASES;
-    let (old, new) = if moves.is_multiple_of(2) {
-        (even, odd)
-    } else {
-        (odd, even)
-    };
-    let count = sys_tick::CVR.read();
-    let ticks = old.ticks_at(count);
-    new.low_ticks.store(ticks as u32, Ordering::Relaxed);
-    new.high_ticks
-        .store((ticks >> 32) as u32, Ordering::Relaxed);
-    new.count.store(count, Ordering::Relaxed);
-    MOVES.store(moves.wrapping_add(1), Ordering::Release);
-    ticks
+    CLOCK.advance(count())
+}
+
+/// The low half of the ticks since start-up. For the slot timer's interrupt alone.
+#[inline(always)]
+pub fn low_ticks() -> u32 {
+    CLOCK.low(count())
 }

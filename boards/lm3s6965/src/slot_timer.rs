@@ -26,24 +26,19 @@ pub fn start() {
     NVIC::pend(Interrupt::TIMER_0A);
 }
 
-/// Takes the interrupt back. To be called first in its handler.
-pub fn acknowledge() {
-    timer0::ICR.write(TIMER_A_TIMEOUT);
-}
-
-/// Lets the next interrupt come when the clock shows `at_ticks`, at once if it has, and after [`LONGEST_SLEEP_US`] at the latest.
+/// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if it has, and after [`LONGEST_SLEEP_US`] at the
+/// latest. To be called at the end of the timer's handler: it is what the timer waits for to be set anew, and until then there is no hurry.
+///
+/// `at_ticks` is less than half a round of 32 bits away, 43 seconds.
 pub fn set(at_ticks: u64) {
-    const LONGEST_SLEEP_TICKS: u32 = LONGEST_SLEEP_US * TICKS_PER_US;
+    const LONGEST_SLEEP_TICKS: i32 = (LONGEST_SLEEP_US * TICKS_PER_US) as i32;
     timer0::CTL.write(0);
-    // The distance fits 32 bits where it is below the longest sleep.
-    match at_ticks
-        .saturating_sub(clock::now_ticks())
-        .min(LONGEST_SLEEP_TICKS.into()) as u32
-    {
-        0 => NVIC::pend(Interrupt::TIMER_0A),
-        ticks => {
-            timer0::TAILR.write(ticks);
-            timer0::CTL.write(TIMER_A_ENABLE);
-        }
+    timer0::ICR.write(TIMER_A_TIMEOUT);
+    let ticks = (at_ticks as u32).wrapping_sub(clock::low_ticks()) as i32;
+    if ticks > 0 {
+        timer0::TAILR.write(ticks.min(LONGEST_SLEEP_TICKS) as u32);
+        timer0::CTL.write(TIMER_A_ENABLE);
+    } else {
+        NVIC::pend(Interrupt::TIMER_0A);
     }
 }

@@ -31,6 +31,11 @@ impl Board for SlotBoard {
         clock::advance()
     }
 
+    #[inline(always)]
+    fn now_low_ticks(&mut self) -> u32 {
+        clock::low_ticks()
+    }
+
     // Not inlined: no task should run on top of the exchange's messages.
     #[inline(never)]
     fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {

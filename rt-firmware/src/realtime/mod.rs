@@ -11,7 +11,7 @@ pub(crate) mod slots;
 pub(crate) mod tasks;
 pub(crate) mod trace;
 
-use esm_core::tables::Tables;
+use esm_core::tables::{Slot, Tables};
 use esm_core::{Dispatcher, Fault, Interpreter, Verified};
 use heapless::spsc::{Consumer, Producer};
 
@@ -20,7 +20,7 @@ use crate::board::{Board, OccurrenceStart, microseconds};
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, TaskCounters};
 use crate::link::trace::TraceRecord;
 use crate::mail::{Bytes, Letter};
-use crate::ports::{Executor, Harvest, Inputs, Job, Outcome};
+use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
 use crate::status::{Health, SnapshotWriter};
 use crate::task::Step;
 use slots::{SlotEntry, nanoseconds};
@@ -115,6 +115,29 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
     previous_end_us: u64,
+    ready: Ready,
+}
+
+/// The next occurrence, where all that its first task needs was made ready after the one before: the executor has the task.
+///
+/// It never is one of the interpreter's, which begins with a macro step, and nothing happens between that it depends on: flags, enabled tasks and nets
+/// change in occurrences alone.
+#[derive(Clone, Copy)]
+struct Ready {
+    /// Nominal start on the board's clock, low half.
+    start_ticks: u32,
+    /// For how long from then it is on time; 0 where nothing is ready.
+    window_ticks: u32,
+    /// The first task instance to be executed.
+    instance: u16,
+}
+
+impl Ready {
+    const NOTHING: Ready = Ready {
+        start_ticks: 0,
+        window_ticks: 0,
+        instance: 0,
+    };
 }
 
 /// What a real-time side is made of.
@@ -155,14 +178,155 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
+            ready: Ready::NOTHING,
         }
     }
 
     /// Executes all that is due, and returns when to be called again, in ticks of the board's clock. To be called from the slot timer's
     /// interrupt, first at any time. Being called early does no harm.
+    #[inline]
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
+        // Nothing comes before this: it is what the delay of a slot is made of.
+        let now = board.now_low_ticks();
+        let on_time = now.wrapping_sub(self.ready.start_ticks) < self.ready.window_ticks;
+        if on_time {
+            let start = self.ready_start::<B>();
+            let begun = board.begin_occurrence(&start);
+            let step = if begun.is_ok() {
+                self.executor.execute_ready()
+            } else {
+                None
+            };
+            self.end_ready(board, now, begun, step);
+        }
+        self.go_on(board, on_time)
+    }
+
+    /// What is told of the occurrence that is ready.
+    #[inline(always)]
+    fn ready_start<B: Board>(&self) -> OccurrenceStart {
+        let Occurrence { slot, start_us, .. } = self.next_occurrence();
+        let (origin, number) = self
+            .mission
+            .as_ref()
+            .map_or((Origin { ticks: 0, us: 0 }, 0), |mission| {
+                (mission.origin, mission.occurrences)
+            });
+        let since_us = origin.us + start_us;
+        OccurrenceStart {
+            slot,
+            number,
+            start_us: since_us,
+            start_ticks: origin.ticks + start_us * u64::from(B::TICKS_PER_US),
+            previous_end_us: self.previous_end_us.min(since_us),
+            interpreter: false,
+        }
+    }
+
+    /// Does what comes after the first task of an occurrence that was ready.
+    #[inline(never)]
+    fn end_ready<B: Board>(
+        &mut self,
+        board: &mut B,
+        began_ticks: u32,
+        begun: Result<(), SafeReason>,
+        step: Option<Step>,
+    ) {
+        let Ready {
+            start_ticks,
+            instance,
+            ..
+        } = core::mem::replace(&mut self.ready, Ready::NOTHING);
+        let occurrence = self.next_occurrence();
+        self.dispatcher.take(occurrence.start_us);
+        let delay_ticks = began_ticks.wrapping_sub(start_ticks);
+        let Some(slot) = self.begin(&occurrence, delay_ticks, B::TICKS_PER_US) else {
+            return;
+        };
+        if let Err(reason) = begun {
+            self.fail_safe(board, reason);
+        }
+        if self.mode == Mode::Running {
+            let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
+            self.end_task(board, instance, step, began_ticks, duration_ticks);
+            let next = self.tasks.next_in_slot(instance);
+            self.execute_tasks(board, next, &occurrence, slot.period_us, duration_ticks);
+            self.take_job_back(Some(occurrence.number));
+            self.start_job(&occurrence);
+            self.count_execution(board, &occurrence, delay_ticks, began_ticks, duration_ticks);
+        }
+    }
+
+    /// The dispatcher's next occurrence, as one that the interpreter has nothing to do with.
+    #[inline(always)]
+    fn next_occurrence(&self) -> Occurrence {
+        let next = self.dispatcher.next();
+        Occurrence {
+            slot: next.slot,
+            start_us: next.start_us,
+            number: self
+                .mission
+                .as_ref()
+                .map_or(0, |mission| mission.occurrences),
+            interpreter: false,
+        }
+    }
+
+    /// Makes the next occurrence ready, if it is one to be ready for: it is what the timer comes for at `at_ticks`, and its slot has an enabled task that can
+    /// be executed.
+    #[inline(never)]
+    fn make_ready<B: Board>(&mut self, at_ticks: u64) {
+        self.ready = Ready::NOTHING;
+        let Some(mission) = &self.mission else { return };
+        let next = self.dispatcher.next();
+        let tables = mission.interpreter.tables();
+        if self.mode != Mode::Running || next.slot == tables.interpreter_slot() {
+            return;
+        }
+        let Some(slot) = tables.slot(next.slot) else {
+            return;
+        };
+        let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+        // It is near, so that the low half of the clock tells whether it is due.
+        if start_ticks != at_ticks {
+            return;
+        }
+        let mut instance = self.slots.get(next.slot).and_then(SlotEntry::first_task);
+        while let Some(candidate) = instance
+            && !mission.interpreter.is_enabled(usize::from(candidate))
+        {
+            instance = self.tasks.next_in_slot(candidate);
+        }
+        let Some(instance) = instance else { return };
+        if self.make_task_ready(instance, next.start_us, slot.period_us) {
+            let period_ticks = slot.period_us.saturating_mul(B::TICKS_PER_US);
+            self.ready = Ready {
+                start_ticks: start_ticks as u32,
+                // So that a clock that has gone half around is not taken for one that is late.
+                window_ticks: period_ticks.min(1 << 31),
+                instance,
+            };
+        }
+    }
+
+    /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
+    /// for, unless that is the interpreter's.
+    #[inline(never)]
+    fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
+        if !letter_waits {
+            self.take_letter(board);
+        }
+        let at_ticks = self.execute_due(board);
+        if letter_waits {
+            self.take_letter(board);
+        }
+        self.make_ready::<B>(at_ticks);
+        at_ticks
+    }
+
+    /// Executes all that is due; returns when to be called again.
+    fn execute_due<B: Board>(&mut self, board: &mut B) -> u64 {
         let poll_ticks = u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US);
-        self.take_letter(board);
         loop {
             let now = board.now_ticks();
             let Some(mission) = &mut self.mission else {
@@ -218,7 +382,6 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 number: mission.occurrences,
                 interpreter,
             };
-            mission.occurrences += 1;
             if interpreter && missed > 0 {
                 mission.interpreter.skip(missed);
                 mission.next_step += u64::from(missed);
@@ -237,6 +400,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
 
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
+        self.ready = Ready::NOTHING;
         if self.mode != Mode::Stopped {
             self.mode = Mode::Safe(reason);
         }
@@ -284,6 +448,26 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    /// Notes that an occurrence begins, so long after its nominal start. Answers its slot.
+    fn begin(
+        &mut self,
+        occurrence: &Occurrence,
+        delay_ticks: u32,
+        ticks_per_us: u32,
+    ) -> Option<Slot> {
+        let mission = self.mission.as_mut()?;
+        mission.occurrences += 1;
+        let slot = mission.interpreter.tables().slot(occurrence.slot)?;
+        self.previous_end_us =
+            mission.origin.us + occurrence.start_us + u64::from(slot.duration_us);
+        self.health.executed = self.health.executed.wrapping_add(1);
+        self.health.max_delay_ns = self
+            .health
+            .max_delay_ns
+            .max(nanoseconds(delay_ticks, ticks_per_us));
+        Some(slot)
+    }
+
     /// Executes an occurrence that began at `began_ticks`; its nominal start was at `start_ticks`.
     fn execute<B: Board>(
         &mut self,
@@ -294,9 +478,6 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     ) {
         let delay_ticks = u32::try_from(began_ticks - start_ticks).unwrap_or(u32::MAX);
         let Some(mission) = &self.mission else { return };
-        let Some(slot) = mission.interpreter.tables().slot(occurrence.slot) else {
-            return;
-        };
         let start_us = mission.origin.us + occurrence.start_us;
         let start = OccurrenceStart {
             slot: occurrence.slot,
@@ -306,12 +487,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             previous_end_us: self.previous_end_us.min(start_us),
             interpreter: occurrence.interpreter,
         };
-        self.previous_end_us = start_us + u64::from(slot.duration_us);
-        self.health.executed = self.health.executed.wrapping_add(1);
-        self.health.max_delay_ns = self
-            .health
-            .max_delay_ns
-            .max(nanoseconds(delay_ticks, B::TICKS_PER_US));
+        let Some(slot) = self.begin(occurrence, delay_ticks, B::TICKS_PER_US) else {
+            return;
+        };
         if let Err(reason) = board.begin_occurrence(&start)
             && self.mode == Mode::Running
         {
@@ -328,12 +506,19 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
         if self.mode == Mode::Running {
             let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
-            self.execute_tasks(board, occurrence, slot.period_us, duration_ticks);
+            let first = self
+                .slots
+                .get(occurrence.slot)
+                .and_then(SlotEntry::first_task);
+            self.execute_tasks(board, first, occurrence, slot.period_us, duration_ticks);
             self.start_job(occurrence);
-            if let Some(entry) = self.slots.get_mut(occurrence.slot) {
-                entry.began(delay_ticks);
-            }
-            self.count_execution(board, occurrence, began_ticks, duration_ticks);
+            self.count_execution(
+                board,
+                occurrence,
+                delay_ticks,
+                began_ticks as u32,
+                duration_ticks,
+            );
         }
         if occurrence.interpreter {
             self.tell_health();
@@ -344,13 +529,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         &mut self,
         board: &mut impl Board,
         occurrence: &Occurrence,
-        began_ticks: u64,
+        delay_ticks: u32,
+        began_ticks: u32,
         duration_ticks: u64,
     ) {
-        let took_ticks = u32::try_from(board.now_ticks() - began_ticks).unwrap_or(u32::MAX);
+        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
         let Some(entry) = self.slots.get_mut(occurrence.slot) else {
             return;
         };
+        entry.began(delay_ticks);
         if entry.ended(took_ticks, duration_ticks) {
             let beyond_limit = entry.overruns_in_a_row() > self.limits.overruns_in_a_row;
             self.health.overruns = self.health.overruns.saturating_add(1);
@@ -387,69 +574,85 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Executes the enabled tasks of a slot.
+    /// Executes the enabled tasks of a slot, from this one on.
     fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
+        first: Option<u16>,
         occurrence: &Occurrence,
         period_us: u32,
         duration_ticks: u64,
     ) {
-        let mut next = self
-            .slots
-            .get(occurrence.slot)
-            .and_then(SlotEntry::first_task);
+        let mut next = first;
         while let Some(instance) = next {
             next = self.tasks.next_in_slot(instance);
-            self.execute_task(
-                board,
-                instance,
-                occurrence.start_us,
-                period_us,
-                duration_ticks,
-            );
+            let enabled = self
+                .mission
+                .as_ref()
+                .is_some_and(|mission| mission.interpreter.is_enabled(usize::from(instance)));
+            if enabled {
+                let began_ticks = board.now_low_ticks();
+                let step = if self.make_task_ready(instance, occurrence.start_us, period_us) {
+                    self.executor.execute_ready()
+                } else {
+                    None
+                };
+                self.end_task(board, instance, step, began_ticks, duration_ticks);
+            }
         }
     }
 
+    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`. False if it cannot be executed.
+    // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
-    fn execute_task<B: Board>(
+    fn make_task_ready(&mut self, instance: u16, start_us: u64, period_us: u32) -> bool {
+        let Some(mission) = &self.mission else {
+            return false;
+        };
+        if !self.tasks.may_run(instance) {
+            return false;
+        }
+        let index = usize::from(instance);
+        let interpreter = &mission.interpreter;
+        let inputs = inputs_of(interpreter, index, mission.t_us(start_us), period_us);
+        let tables = interpreter.tables();
+        self.executor.make_ready(
+            self.tasks.place(instance),
+            |port| net_of(&tables, index, port),
+            &inputs,
+            self.tasks.is_fresh(instance),
+        )
+    }
+
+    /// Takes over what an enabled task did in its execution, which began at `began_ticks`; there was none if it could not be executed.
+    #[inline(never)]
+    fn end_task<B: Board>(
         &mut self,
         board: &mut B,
         instance: u16,
-        start_us: u64,
-        period_us: u32,
+        step: Option<Step>,
+        began_ticks: u32,
         duration_ticks: u64,
     ) {
-        let Some(mission) = &mut self.mission else {
+        let Some(Mission { interpreter, .. }) = &mut self.mission else {
             return;
         };
-        let t_us = mission.t_us(start_us);
-        let interpreter = &mut mission.interpreter;
         let index = usize::from(instance);
-        if !interpreter.is_enabled(index) {
-            return;
-        }
-        let began_ticks = board.now_ticks();
-        let outcome = if self.tasks.may_run(instance) {
-            let place = self.tasks.place(instance);
-            let inputs = inputs_of(interpreter, index, t_us, period_us);
-            let tables = interpreter.tables();
-            let fresh = self.tasks.is_fresh(instance);
-            self.executor
-                .execute(place, |port| net_of(&tables, index, port), &inputs, fresh)
-        } else {
-            None
-        };
-        interpreter.set_busy(index, outcome.is_none());
-        let Some(outcome) = outcome else { return };
+        interpreter.set_busy(index, step.is_none());
+        let Some(step) = step else { return };
+        let tables = interpreter.tables();
+        let flags = self
+            .executor
+            .end_ready(|port| net_of(&tables, index, port))
+            .unwrap_or_default();
         self.tasks.executed(instance);
-        apply_flags(interpreter, index, &outcome);
-        if outcome.step == Step::Finished {
+        apply_flags(interpreter, index, flags);
+        if step == Step::Finished {
             interpreter.report_exit(index);
             self.tasks.disable(instance);
             self.trace.write_next_in_full();
         }
-        let took_ticks = board.now_ticks() - began_ticks;
+        let took_ticks = u64::from(board.now_low_ticks().wrapping_sub(began_ticks));
         if took_ticks > duration_ticks {
             self.tasks.overrun(instance);
             let took_us =
@@ -487,7 +690,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.tasks.requeue(instance);
         } else {
             if mission.interpreter.is_current(index) {
-                apply_flags(&mut mission.interpreter, index, &outcome);
+                apply_flags(&mut mission.interpreter, index, outcome.flags);
                 mission.interpreter.report_exit(index);
             } else {
                 mission.interpreter.clear_enabled(index);
@@ -855,16 +1058,12 @@ fn inputs_of(
 fn apply_flags(
     interpreter: &mut Interpreter<'_, BlobBuffer<'_>>,
     task_instance: usize,
-    outcome: &Outcome,
+    flags: FlagChanges,
 ) {
-    let mut written = outcome.flags.written;
+    let mut written = flags.written;
     while written != 0 {
         let flag = written.trailing_zeros();
         written &= written - 1;
-        interpreter.set_flag(
-            task_instance,
-            flag as usize,
-            outcome.flags.values >> flag & 1 != 0,
-        );
+        interpreter.set_flag(task_instance, flag as usize, flags.values >> flag & 1 != 0);
     }
 }

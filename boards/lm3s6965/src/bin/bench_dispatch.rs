@@ -129,6 +129,12 @@ impl Board for BenchBoard {
         self.0.now_ticks()
     }
 
+    #[inline(always)]
+    fn now_low_ticks(&mut self) -> u32 {
+        self.0.now_low_ticks()
+    }
+
+    #[inline(always)]
     fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
         if occurrence.interpreter {
             let since_ticks = (occurrence.start_us as u32).wrapping_mul(TICKS_PER_US);
