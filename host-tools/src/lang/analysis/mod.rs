@@ -4,6 +4,7 @@
 //! - [`guards`]: whether guards can be true, alone, together, or after others were not.
 //! - [`activity`]: which transitions can be taken, which states can be reached.
 //! - [`side_by_side`]: which states can be active together.
+//! - [`sharing`]: which tasks share a slot, and how long they take together at most.
 //!
 //! ```
 //! use host_tools::lang::{analysis::{activity::{Activity, StateId, View}, holes::Holes, side_by_side::SideBySide}, load_text};
@@ -27,6 +28,7 @@ pub mod activity;
 pub mod guards;
 pub mod holes;
 mod nets;
+pub mod sharing;
 pub mod side_by_side;
 mod warnings;
 

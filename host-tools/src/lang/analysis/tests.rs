@@ -9,11 +9,13 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::holes::Holes;
+use super::sharing;
 use crate::lang::diagnostic::{Code, Sink};
 use crate::lang::loader::{self, Memory};
 use crate::lang::resolve::{self, Trees};
 use crate::lang::work_time;
 use crate::lang::{Positions, load_text};
+use crate::model::Model;
 
 /// What could not be read or resolved of a text.
 fn holes_of(text: &str) -> Holes {
@@ -726,6 +728,207 @@ proptest! {
             checked.diagnostics.iter().filter(|found| found.code == Code::E010).map(|found| &found.message).collect();
         prop_assert_eq!(found, Vec::from_iter(&expected), "{}", text);
     }
+}
+
+/// The tasks at the ends of paths.
+fn tasks_at(nesting: &Nesting, paths: &[String]) -> Vec<usize> {
+    let number = |name: &str| name[1..].parse::<usize>().unwrap();
+    let mut tasks: Vec<usize> = paths
+        .iter()
+        .map(|path| {
+            let mut container = nesting.len() - 1;
+            let mut task = None;
+            for step in path.split('/').collect::<Vec<_>>().chunks(2) {
+                match nesting[container][number(step[0])][number(step[1])] {
+                    Part::Task(of_state) => task = Some(of_state),
+                    Part::Super(inside) => container = inside,
+                }
+            }
+            task.unwrap()
+        })
+        .collect();
+    tasks.sort_unstable();
+    tasks
+}
+
+/// How many task states the instances of a container have.
+fn count(nesting: &Nesting, container: usize) -> usize {
+    let of_part = |part: &Part| match *part {
+        Part::Task(_) => 1,
+        Part::Super(inside) => count(nesting, inside),
+    };
+    nesting[container].iter().flatten().map(of_part).sum()
+}
+
+proptest! {
+    #[test]
+    fn the_worst_case_of_a_slot_is_named(nesting in nesting()) {
+        let text = text_of(&nesting).replace("duration 9 ms", "duration 900 ms");
+        let model = load_text("case.esm", &text).model.unwrap();
+        let found = &sharing::of_model(&model)[1];
+        let sets = active(&nesting, nesting.len() - 1);
+        let worst_ms = sets.iter().map(|tasks| time_of(tasks)).max().unwrap();
+        prop_assert_eq!(found.worst_us, Some(worst_ms * 1_000), "{}", text);
+        // They can be active together, take as long, and of a group there is one.
+        let together = tasks_at(&nesting, &found.together);
+        prop_assert_eq!(together.iter().map(|&task| TASKS[task].0).sum::<u64>(), worst_ms);
+        let is_part = |of: &Vec<usize>| {
+            let mut of = of.clone();
+            together.iter().all(|task| of.iter().position(|it| it == task).map(|at| of.remove(at)).is_some())
+        };
+        prop_assert!(sets.iter().any(is_part), "{:?} {}", found.together, text);
+        prop_assert_eq!(found.tasks.len() as u64 + found.left_out, count(&nesting, nesting.len() - 1) as u64);
+        prop_assert!(found.together.iter().all(|path| found.left_out > 0 || found.tasks.contains(path)));
+        prop_assert_eq!((found.slot, found.duration_us, found.without_wcet), (2, 900_000, 0));
+    }
+}
+
+// ─── Slots that tasks share ───────────────────────────────────────────────────────────────────────────────────────────
+
+/// A machine whose interpreter runs in slot 1.
+fn shared(slots: &str, rest: &str) -> Model {
+    let text = format!("interpreter slot 1; slot 1 period 20 ms duration 1 ms; {slots} {rest}");
+    let checked = load_text("case.esm", &text);
+    checked
+        .model
+        .clone()
+        .unwrap_or_else(|| panic!("{}", checked.render(false)))
+}
+
+#[test]
+fn tasks_without_wcet_count_as_nothing_and_are_told() {
+    let model = shared(
+        "slot 2 period 20 ms duration 4 ms;",
+        "task A slot 2 { } task B slot 2 wcet 1 ms { } task C { }
+         machine M { region r { task S: A; task T: B; initial -> S; S -> T; T -> S; } region q { task U: C slot 2; initial -> U; U -> U; } }",
+    );
+    let found = &sharing::of_model(&model)[1];
+    assert_eq!(found.worst_us, Some(1_000));
+    assert_eq!(found.together, ["r/T", "q/U"]);
+    assert_eq!(found.tasks, ["r/S", "r/T", "q/U"]);
+    assert_eq!(found.without_wcet, 2);
+}
+
+#[test]
+fn a_state_that_is_never_entered_is_no_task_of_its_slot() {
+    let model = shared(
+        "slot 2 period 20 ms duration 4 ms;",
+        "task A slot 2 wcet 1 ms { } machine M { region r { task S: A; task T: A; initial -> S; S -> S; T -> S; } }",
+    );
+    assert_eq!(sharing::of_model(&model)[1].tasks, ["r/S"]);
+}
+
+#[test]
+fn without_a_machine_paths_begin_with_a_container() {
+    let found = load_text(
+        "case.esm",
+        "slot 2 period 20 ms duration 4 ms; task A slot 2 wcet 1 ms { }
+         container C { region r { task S: A; initial -> S; S -> S; } }
+         container D { region q { super T: C; initial -> T; T -> T; } }",
+    );
+    let found = &sharing::of_model(&found.model.unwrap())[0];
+    assert_eq!(
+        (found.worst_us, &found.together[..]),
+        (Some(1_000), &["C/r/S".to_owned()][..])
+    );
+    assert_eq!(found.tasks, ["D/q/T/r/S"]);
+}
+
+/// Regions side by side, each with a task of a group of its own and, in every second region, one of the same group as the region before.
+#[test]
+fn exclusive_groups_beyond_the_limit_make_no_sum_too_great() {
+    let machine = |regions: usize, members: usize, duration_us: usize| {
+        let tasks: String = (0..regions)
+            .map(|at| {
+                format!(
+                    "task T{at} slot 2 wcet 100 us exclusive g{} {{ }}",
+                    at / members
+                )
+            })
+            .collect();
+        let regions: String = (0..regions)
+            .map(|at| format!("region r{at} {{ task S: T{at}; initial -> S; S -> S; }}"))
+            .collect();
+        load_text(
+            "case.esm",
+            &format!(
+                "interpreter slot 1; slot 1 period 20 ms duration 1 ms; slot 2 period 20 ms duration {duration_us} us; {tasks} machine M {{ {regions} }}"
+            ),
+        )
+    };
+    // A group of which one task is active at a time needs no telling apart.
+    for (regions, members, duration_us, expected) in [
+        (20, 1, 2_000, Some(2_000)),
+        (16, 2, 800, Some(800)),
+        (2 * sharing::MAX_GROUPS_IN_SLOT + 4, 2, 1_000, None),
+    ] {
+        let model = machine(regions, members, duration_us).model.unwrap();
+        assert_eq!(
+            sharing::of_model(&model)[1].worst_us,
+            expected,
+            "{regions} regions"
+        );
+    }
+    for (regions, members, duration_us) in [(20, 1, 1_999), (16, 2, 799)] {
+        assert!(
+            machine(regions, members, duration_us).model.is_none(),
+            "{regions} regions"
+        );
+    }
+}
+
+#[test]
+fn what_is_too_much_to_be_named_is_counted() {
+    // Each container has the one before it twice.
+    let levels: String = (1..60).map(|at| {
+        format!("container C{at} {{ region a {{ super S: C{0}; initial -> S; S -> S; }} region b {{ super S: C{0}; initial -> S; S -> S; }} }}", at - 1)
+    }).collect();
+    let model = shared(
+        "slot 2 period 20 ms duration 4 ms;",
+        &format!("task A slot 2 {{ }} container C0 {{ region r {{ task S: A; initial -> S; S -> S; }} }} {levels}
+                  machine M {{ region r {{ super S: C59; initial -> S; S -> S; }} }}"),
+    );
+    let found = &sharing::of_model(&model)[1];
+    assert_eq!(
+        (found.tasks.len(), found.together.len()),
+        (sharing::MAX_NAMED, sharing::MAX_NAMED)
+    );
+    assert_eq!(found.left_out, (1 << 59) - sharing::MAX_NAMED as u64);
+    assert_eq!(found.worst_us, Some(0));
+}
+
+#[test]
+fn slots_of_one_period_whose_tasks_never_meet_could_be_one() {
+    let slots = "slot 2 period 20 ms duration 4 ms; slot 3 period 20 ms duration 2 ms; slot 4 period 40 ms duration 2 ms;
+                 slot 5 period 20 ms duration 1 ms; slot 6 period 20 ms duration 1 ms;";
+    let tasks = "task A slot 2 wcet 1 ms { } task B slot 3 wcet 1 ms { } task C slot 4 wcet 1 ms { } task D slot 5 wcet 1 ms { } task E slot 1 { }";
+    let model = shared(
+        slots,
+        &format!(
+            "{tasks} machine M {{
+            region r {{ task S: A; task T: B; task U: C; initial -> S; S -> T; T -> U; U -> S; }}
+            region q {{ task V: D; task W: A; task X: E; initial -> V; V -> W; W -> X; X -> V; }}
+        }}"
+        ),
+    );
+    // 2 and 3 meet through W and T, 3 and 5 through T and V; slot 4 has another period, slot 6 no task, slot 1 runs the interpreter.
+    assert_eq!(sharing::spare_slots(&model), []);
+    let model = shared(
+        slots,
+        &format!(
+            "{tasks} machine M {{
+            region r {{ task S: A; task T: B; task U: C; initial -> S; S -> T; T -> U; U -> S; }}
+            region q {{ task V: D; task X: E; initial -> V; V -> X; X -> V; }}
+        }}"
+        ),
+    );
+    let expected = sharing::Spare {
+        first: 2,
+        second: 3,
+        period_us: 20_000,
+        duration_us: 4_000,
+    };
+    assert_eq!(sharing::spare_slots(&model), [expected]);
 }
 
 // ─── Size ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
