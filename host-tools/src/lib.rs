@@ -23,5 +23,7 @@ pub mod scenario;
 pub mod schedule;
 pub mod serial;
 pub mod sim;
+pub mod timetable;
 pub mod trace;
+pub mod trace_events;
 pub mod world;

@@ -196,6 +196,25 @@ fn the_diagrams_of_the_book_are_what_draw_draws() {
 }
 
 #[test]
+fn the_schedules_of_the_book_are_what_schedule_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (robot, drawn) = (path("robot.esm"), path("drawn.svg"));
+    let page = read("docs/src/slots.md");
+    std::fs::write(&robot, fenced(&page, "esm").concat()).unwrap();
+    for (file, picture) in [
+        ("missions/patrol.esm", "slots_patrol.svg"),
+        (robot.as_str(), "slots_robot.svg"),
+    ] {
+        esm(&["schedule", file, "--svg", &drawn]).good();
+        assert_is_picture(picture, &read(&drawn));
+    }
+    let shown = esm(&["schedule", "missions/patrol.esm"]).good().out;
+    let told = fenced(&page, "text");
+    assert!(shown.contains(told[1].trim_end()), "{shown}");
+}
+
+#[test]
 fn the_states_of_the_example_are_drawn_as_its_trace_has_them() {
     let trace = trace_of_the_example();
     let mut regions: Vec<RegionStates> = Vec::new();

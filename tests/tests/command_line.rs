@@ -89,6 +89,13 @@ fn exit_statuses_are_those_of_the_manual() {
         ("build {}/good.esm -o {}/no/such/folder.blob", 3),
         ("draw {}/good.esm -o {}/lib.esm", 2),
         ("schedule {}/good.esm --svg {}/good.esm", 2),
+        ("schedule {}/good.esm --svg {}/lib.esm", 2),
+        ("schedule {}/good.esm --perfetto {}/good.esm", 2),
+        ("schedule {}/good.esm --svg {}/out --perfetto {}/out", 2),
+        ("schedule {}/good.esm --svg {}/no/such/picture.svg", 3),
+        ("schedule {}/good.esm --perfetto {}/no/such/trace.json", 3),
+        ("schedule {}/bad.esm --svg {}/bad.svg", 1),
+        ("schedule {}/good.esm --limit never", 2),
         ("sim {}/good.esm {}/met.scenario --trace {}/met.scenario", 2),
         ("run {}/good.esm --board host --trace {}/good.esm", 2),
         ("run {}/good.esm --board host --record {}/good.esm", 2),
@@ -137,6 +144,68 @@ fn every_subcommand_has_help_worth_reading() {
         assert!(help.contains("Usage: esm"), "{subcommand}: {help}");
         assert!(help.contains("Example"), "{subcommand}: {help}");
     }
+}
+
+#[test]
+fn schedule_shows_starts_bars_and_tasks_and_writes_the_same_files_twice() {
+    const TWO_SLOTS: &str = "slot 3 period 40 ms duration 2 ms; slot 4 period 40 ms duration 3 ms;
+        task Sense slot 3 wcet 1 ms { } task Plan slot 4 wcet 2 ms { }
+        container C { region r { task A: Sense; task B: Plan; initial -> A; A -> B; B -> A; } }";
+    let files = Files::new(&[("good.esm", GOOD), ("two.esm", TWO_SLOTS)]);
+    let shown = files.esm("schedule {}/two.esm").good().out;
+    for part in [
+        "one hyperperiod of 40 ms:",
+        "slot 4 │",
+        "  free │",
+        "     4         2 ms         1 ms  1 of 1: C/r/B",
+        "hint: the tasks of slots 3 and 4 are never active together, and both come every 40 ms: one slot of 3 ms has room for either",
+    ] {
+        assert!(shown.contains(part), "{part}\n{shown}");
+    }
+    let longest = shown
+        .lines()
+        .filter(|line| !line.starts_with("hint"))
+        .map(|line| line.chars().count())
+        .max();
+    assert!(longest <= Some(100), "{shown}");
+    let json: serde_json::Value =
+        serde_json::from_str(&files.esm("schedule {}/good.esm --json").good().out).unwrap();
+    assert_eq!(json["feasible"], true);
+    assert_eq!(
+        json["tasks"][1],
+        serde_json::json!({
+            "slot": 2, "duration_us": 1000, "worst_us": 0, "together": ["motion/Cruise"],
+            "tasks": ["motion/Cruise", "motion/Escape/turn/Back"], "left_out": 0, "without_wcet": 2,
+        })
+    );
+    for (option, names) in [
+        ("--svg", ["one.svg", "two.svg"]),
+        ("--svg", ["one.png", "two.png"]),
+        ("--perfetto", ["one.json", "two.json"]),
+    ] {
+        for name in names {
+            files
+                .esm(&format!("schedule {{}}/good.esm {option} {{}}/{name}"))
+                .good();
+        }
+        let [one, two] = names.map(|name| std::fs::read(files.path(name)).unwrap());
+        assert!(one == two && !one.is_empty(), "{names:?}");
+    }
+}
+
+#[test]
+fn no_schedule_leaves_no_picture() {
+    let files = Files::new(&[(
+        "clash.esm",
+        "slot 1 period 2 ms duration 1 ms; slot 2 period 3 ms duration 1 ms;",
+    )]);
+    let done =
+        files.esm("schedule {}/clash.esm --json --svg {}/clash.svg --perfetto {}/clash.json");
+    assert_eq!(done.status, Some(1), "{done:#?}");
+    let json: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+    assert_eq!(json["feasible"], false);
+    assert_eq!(json["tasks"].as_array().map(Vec::len), Some(2), "{json}");
+    assert!(!files.path("clash.svg").exists() && !files.path("clash.json").exists());
 }
 
 #[test]

@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
+use terminal_size::Width;
 
 use super::exit::CommandError;
 
@@ -19,6 +20,9 @@ const SPINNER_TICK: Duration = Duration::from_millis(100);
 
 /// Work that ends sooner shows no sign of life: it would only flicker.
 const SPINNER_DELAY: Duration = Duration::from_millis(300);
+
+/// Letters of a line where no terminal says how many it has.
+const COLUMNS: usize = 100;
 
 /// The streams of the process and how they may be used.
 pub struct Console {
@@ -88,6 +92,15 @@ impl Console {
     /// Whether standard output is a terminal, so that a person watches what is written.
     pub fn out_is_terminal(&self) -> bool {
         self.out_is_terminal
+    }
+
+    /// How wide standard output is, in letters: the terminal's width, or [`COLUMNS`] where there is none.
+    pub fn columns(&self) -> usize {
+        let size = self
+            .out_is_terminal
+            .then(|| terminal_size::terminal_size_of(io::stdout()));
+        size.flatten()
+            .map_or(COLUMNS, |(Width(columns), _)| columns.into())
     }
 
     /// A word for the person on standard error. Output written before comes before it, where both end on one screen.

@@ -1,33 +1,45 @@
-//! `esm schedule`: when each slot starts.
+//! `esm schedule`: when each slot starts, what is free, and which tasks share a slot.
 
+mod chart;
+mod tasks;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use anyhow::{Context, anyhow};
 use clap::Args;
+use serde::Serialize;
 
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
-use crate::pictures::{SlotPicture, SlotRow};
+use crate::lang::analysis::sharing::{self, SlotTasks};
+use crate::model::{Model, SlotRef, StateKind};
+use crate::pictures::SlotPicture;
 use crate::schedule::{self, Outcome, Report, SlotReport};
+use crate::timetable::Timetable;
+use crate::trace_events;
 
 /// Lays out the time slots: when each one starts, or why there is no way
 ///
 /// FILE needs no machine: slots alone are enough. The answer is a schedule, a proof that there is none, or, where the time given
-/// ran out, that it is undecided; only a schedule makes the exit status 0.
+/// ran out, that it is undecided; only a schedule makes the exit status 0. Below the table come a chart of a hyperperiod, or of its
+/// busiest window, and what tasks that can be active together take of each slot.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm schedule missions/patrol.esm
   esm schedule slots.esm --limit 10 --json | jq .feasible
   esm schedule missions/patrol.esm --svg slots.svg
+  esm schedule missions/patrol.esm --perfetto slots.json     open it in ui.perfetto.dev
 
 With --json: feasible (true, false, or null where undecided in time), hyperperiod_us, utilisation, slots: [slot, start_us, \
-period_us, duration_us, growth_us], growth_factor, and reason and \
-cure where the answer is no. It comes also where the answer is no.")]
+period_us, duration_us, growth_us], growth_factor, tasks: [slot, duration_us, worst_us, together, tasks, left_out, without_wcet], \
+and reason and cure where the answer is no. It comes also where the answer is no.")]
 pub struct ScheduleArgs {
     /// The file with the slots
     #[arg(value_name = "FILE")]
@@ -37,9 +49,13 @@ pub struct ScheduleArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Draws the schedule over one hyperperiod
+    /// Draws the schedule: a row for each slot, what is free, and how the slots are packed; a PNG if the name ends in .png, else an SVG
     #[arg(long, value_name = "OUT")]
     pub svg: Option<PathBuf>,
+
+    /// Writes the schedule as a trace in Chrome's format, for ui.perfetto.dev
+    #[arg(long, value_name = "OUT")]
+    pub perfetto: Option<PathBuf>,
 
     /// How long the search may take, in seconds
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
@@ -51,10 +67,28 @@ pub struct ScheduleArgs {
 /// # Errors
 /// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
-    if let Some(path) = &args.svg {
+    for path in [&args.svg, &args.perfetto].into_iter().flatten() {
         file::keep_sources(path, &[&args.file])?;
     }
+    if args.svg.is_some() && args.svg == args.perfetto {
+        return Err(CommandError::Usage(anyhow!(
+            "the picture and the trace would be one file: name two"
+        )));
+    }
     let mut checked = mission::read(&args.file)?;
+    // Asked for before the search, which takes the model away where it finds no schedule.
+    let (tasks, spare) = checked
+        .model
+        .as_ref()
+        .map_or_else(Default::default, |model| {
+            let spare = if args.json {
+                Vec::new()
+            } else {
+                sharing::spare_slots(model)
+            };
+            (sharing::of_model(model), spare)
+        });
+    let task_names = task_names(checked.model.as_ref());
     let searching = console.spinner("searching for a schedule");
     let outcome = match checked.solve_slots(args.limit) {
         // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
@@ -74,19 +108,97 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
     // The answer is the report; why it is no is said to the person.
     mission::tell(&checked, Audience::Person, console)?;
     let report = schedule::report(checked.slots(), &outcome);
+    let timetable = Timetable::of_report(&report);
     if args.json {
-        console.json_line(&report)?;
+        console.json_line(&Answer {
+            report: &report,
+            tasks: &tasks,
+        })?;
     } else {
         table(&report, console)?;
+        let columns = console.columns();
+        console.text(&chart::chart(&timetable, columns))?;
+        console.text(&tasks::table(&tasks, columns.max(tasks::LEAST_COLUMNS)))?;
+        console.text(&tasks::hints(&spare))?;
     }
     if checked.has_errors() {
         return Err(CommandError::Told);
     }
+    // The same from wherever it is called.
+    let name = args
+        .file
+        .file_name()
+        .unwrap_or(args.file.as_os_str())
+        .to_string_lossy();
+    if let Some(path) = &args.perfetto {
+        let trace = trace_events::to_json(&name, &timetable, &task_names)
+            .context("the trace cannot be written as JSON")
+            .map_err(CommandError::Input)?;
+        file::write_whole(path, trace.as_bytes(), "trace")?;
+    }
     if let Some(path) = &args.svg {
-        let svg = picture(&args.file, &report).scene().to_svg();
-        file::write_whole(path, svg.as_bytes(), "picture")?;
+        let picture = SlotPicture {
+            title: format!("Slots of {name}"),
+            timetable,
+            tasks: task_names,
+        };
+        file::write_whole(path, &drawn(&picture, path)?, "picture")?;
     }
     Ok(())
+}
+
+/// What `--json` tells.
+#[derive(Serialize)]
+struct Answer<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    tasks: &'a [SlotTasks],
+}
+
+/// Names of the tasks that states put into each slot, by its number, each once and in the order of their declarations.
+fn task_names(model: Option<&Model>) -> BTreeMap<u32, Vec<String>> {
+    let mut names = BTreeMap::new();
+    let Some(model) = model else { return names };
+    let mut used: BTreeSet<(usize, usize)> = BTreeSet::new();
+    let states = model
+        .containers
+        .iter()
+        .flat_map(|it| &it.regions)
+        .flat_map(|it| &it.states);
+    for state in states {
+        if let StateKind::Task {
+            task,
+            slot: SlotRef::Slot(slot),
+            ..
+        } = state.kind
+        {
+            used.insert((slot, task));
+        }
+    }
+    for (slot, task) in used {
+        if let (Some(slot), Some(task)) = (model.slots.get(slot), model.tasks.get(task)) {
+            names
+                .entry(slot.number)
+                .or_insert_with(Vec::new)
+                .push(task.name.clone());
+        }
+    }
+    names
+}
+
+/// A picture in the format that the name of its file asks for.
+fn drawn(picture: &SlotPicture, path: &Path) -> Result<Vec<u8>, CommandError> {
+    let scene = picture.scene();
+    if path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("png"))
+    {
+        scene
+            .to_png()
+            .map_err(|error| CommandError::Input(error.into()))
+    } else {
+        Ok(scene.to_svg().into_bytes())
+    }
 }
 
 /// A time on the command line in seconds, fractions included.
@@ -144,18 +256,4 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
         report.utilisation * 100.0
     )?;
     Ok(())
-}
-
-fn picture(file: &Path, report: &Report) -> SlotPicture {
-    let row = |slot: &SlotReport| SlotRow {
-        name: format!("slot {}", slot.slot),
-        start_us: slot.start_us.into(),
-        period_us: slot.period_us.into(),
-        duration_us: slot.duration_us.into(),
-    };
-    SlotPicture {
-        title: format!("Slots of {}", file.display()),
-        slots: report.slots.iter().map(row).collect(),
-        hyperperiod_us: report.hyperperiod_us.unwrap_or(u64::MAX),
-    }
 }

@@ -2,7 +2,7 @@
 
 /// Positions of marks along an axis from `start` to `end`: multiples of 1, 2 or 5 times a power of ten, at most `most` steps between
 /// them. Empty where the axis has no length or is not finite.
-pub(super) fn ticks(start: f64, end: f64, most: usize) -> Vec<f64> {
+pub(crate) fn ticks(start: f64, end: f64, most: usize) -> Vec<f64> {
     let step = step(start, end, most);
     if step <= 0.0 {
         return Vec::new();
@@ -16,7 +16,7 @@ pub(super) fn ticks(start: f64, end: f64, most: usize) -> Vec<f64> {
 }
 
 /// The round step that [`ticks`] uses; 0 where there is none.
-pub(super) fn step(start: f64, end: f64, most: usize) -> f64 {
+pub(crate) fn step(start: f64, end: f64, most: usize) -> f64 {
     let least = (end - start) / most.max(1) as f64;
     if !least.is_finite() || least <= 0.0 {
         return 0.0;
@@ -32,7 +32,7 @@ pub(super) fn step(start: f64, end: f64, most: usize) -> f64 {
 const TOLERANCE: f64 = 1e-9;
 
 /// A number without the decimals that say nothing.
-pub(super) fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" {
@@ -40,6 +40,59 @@ pub(super) fn number(value: f64) -> String {
     } else {
         text.into()
     }
+}
+
+/// What time is told in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unit {
+    Microseconds,
+    Milliseconds,
+    Seconds,
+}
+
+impl Unit {
+    /// The unit in which a stretch of time has numbers that are easy to read.
+    pub(crate) fn of(length_us: u64) -> Self {
+        match length_us {
+            ..3_000 => Unit::Microseconds,
+            3_000..5_000_000 => Unit::Milliseconds,
+            _ => Unit::Seconds,
+        }
+    }
+
+    /// A time in this unit.
+    pub(crate) fn of_us(self, us: u64) -> f64 {
+        us as f64
+            / match self {
+                Unit::Microseconds => 1.0,
+                Unit::Milliseconds => 1e3,
+                Unit::Seconds => 1e6,
+            }
+    }
+
+    /// What it is called.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Unit::Microseconds => "µs",
+            Unit::Milliseconds => "ms",
+            Unit::Seconds => "s",
+        }
+    }
+}
+
+/// A length of time, exactly, with the unit that makes it short: `250 µs`, `2.5 ms`, `1330 s`.
+pub(crate) fn time(us: u64) -> String {
+    let (unit, per_unit, digits) = match us {
+        ..1_000 => ("µs", 1, 0),
+        1_000..1_000_000 => ("ms", 1_000, 3),
+        _ => ("s", 1_000_000, 6),
+    };
+    let (whole, rest) = (us / per_unit, us % per_unit);
+    if rest == 0 {
+        return format!("{whole} {unit}");
+    }
+    let decimals = format!("{rest:0digits$}");
+    format!("{whole}.{} {unit}", decimals.trim_end_matches('0'))
 }
 
 #[cfg(test)]
@@ -70,6 +123,21 @@ mod tests {
                 expected,
                 "{start}..{end} in at most {most} steps"
             );
+        }
+    }
+
+    #[test]
+    fn times_are_short_and_exact() {
+        for (us, text) in [
+            (0, "0 µs"),
+            (999, "999 µs"),
+            (2_500, "2.5 ms"),
+            (20_000, "20 ms"),
+            (1_000_001, "1.000001 s"),
+            (1_330_000_000, "1330 s"),
+            (u64::MAX, "18446744073709.551615 s"),
+        ] {
+            assert_eq!(time(us), text);
         }
     }
 

@@ -1,9 +1,12 @@
 //! Made-up runs that the tests draw.
 
+use std::collections::BTreeMap;
+
 use super::{
     FloorLine, Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, SlotPicture,
-    SlotRow, StateSpan, Timeline,
+    StateSpan, Timeline,
 };
+use crate::timetable::{TimedSlot, Timetable};
 
 /// Two missions in a flat of four rooms, with a collision.
 pub(super) fn flat() -> PathPicture {
@@ -154,20 +157,50 @@ pub(super) fn two_minutes() -> Timeline {
 
 /// Four slots, one of which wraps around the end of the hyperperiod.
 pub(super) fn four_slots() -> SlotPicture {
-    let slot = |name: &str, start_us, period_us, duration_us| SlotRow {
-        name: name.into(),
+    let slots = [
+        (500, 10_000, 500),
+        (1_000, 10_000, 2_000),
+        (3_000, 20_000, 4_000),
+        (36_500, 40_000, 3_900),
+    ];
+    SlotPicture {
+        title: "Slots of patrol.esm".into(),
+        timetable: timetable(&slots),
+        tasks: BTreeMap::from([
+            (2, vec!["Odometry".into(), "WheelSpeed".into()]),
+            (3, vec!["SonarRing".into()]),
+        ]),
+    }
+}
+
+/// Slots of many rates, whose hyperperiod is too long to be read.
+pub(super) fn thirty_slots() -> SlotPicture {
+    const EVERY: [u32; 6] = [1, 2, 5, 10, 20, 100];
+    // One behind the other in frames of 1 ms.
+    let slots: Vec<(u32, u32, u32)> = (0..30_u32)
+        .map(|slot| {
+            let every = EVERY[slot as usize % EVERY.len()];
+            (
+                slot * 32 + 1_000 * (slot % every),
+                1_000 * every,
+                20 + slot % 3 * 5,
+            )
+        })
+        .collect();
+    SlotPicture {
+        title: "Slots of thirty.esm".into(),
+        timetable: timetable(&slots),
+        tasks: BTreeMap::new(),
+    }
+}
+
+/// Slots by start, period and duration in microseconds.
+fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
+    let timed = |(&(start_us, period_us, duration_us), number)| TimedSlot {
+        number,
         start_us,
         period_us,
         duration_us,
     };
-    SlotPicture {
-        title: "Slots of patrol.esm".into(),
-        slots: vec![
-            slot("slot 1", 500, 10_000, 500),
-            slot("slot 2", 1_000, 10_000, 2_000),
-            slot("slot 3", 3_000, 20_000, 4_000),
-            slot("slot 4", 36_500, 40_000, 3_900),
-        ],
-        hyperperiod_us: 40_000,
-    }
+    Timetable::new(slots.iter().zip(1..).map(timed).collect())
 }

@@ -123,7 +123,7 @@ pub fn overcommitted(slots: &[SlotSpec]) -> Option<Infeasibility> {
 }
 
 /// Greatest common divisor; that of 0 and n is n.
-fn gcd(mut a: u64, mut b: u64) -> u64 {
+pub(crate) fn gcd(mut a: u64, mut b: u64) -> u64 {
     while b != 0 {
         (a, b) = (b, a % b);
     }
