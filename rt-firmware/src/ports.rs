@@ -247,8 +247,6 @@ struct Place<T: Task> {
 /// The tasks of one type that a robot has: as many task states of that type can a mission have.
 pub struct Bank<T: Task, const N: usize> {
     places: [Place<T>; N],
-    /// Gives a bank of tasks without state a size, so that no two banks have the same address.
-    _address: u8,
 }
 
 impl<T: Task, const N: usize> Bank<T, N> {
@@ -259,7 +257,6 @@ impl<T: Task, const N: usize> Bank<T, N> {
                 task: UnsafeCell::new(task),
                 outputs: <T::Outputs as OutputPorts>::EMPTY,
             }),
-            _address: 0,
         }
     }
 }
@@ -842,7 +839,7 @@ impl<'m> Executor<'m> {
         self.lent = Some(task);
         self.lent_is_stale = false;
         Some(Job {
-            bank,
+            registry: self.registry,
             task,
             state,
             entered: false,
@@ -853,10 +850,8 @@ impl<'m> Executor<'m> {
     /// Takes a job back and publishes what its run wrote. `net_of` is asked only if the job's mission still runs.
     pub fn harvest(&mut self, job: Job<'m>, net_of: impl Fn(usize) -> Option<usize>) -> Harvest {
         self.ready = None;
-        let own = self
-            .registry
-            .bank(usize::from(job.task.bank))
-            .is_some_and(|bank| core::ptr::addr_eq(bank, job.bank));
+        // A list of banks is borrowed by one executor alone, and one that has lent a task is not empty: its address is nobody else's.
+        let own = core::ptr::eq(self.registry.banks, job.registry.banks);
         if !own || self.lent != Some(job.task) {
             return Harvest::Foreign;
         }
@@ -869,8 +864,10 @@ impl<'m> Executor<'m> {
         }
         self.lent = None;
         if core::mem::take(&mut self.lent_is_stale) {
-            // SAFETY: the job is back, so that the executor owns the task again.
-            unsafe { job.bank.reset(usize::from(job.task.place)) };
+            if let Some(bank) = self.registry.bank(usize::from(job.task.bank)) {
+                // SAFETY: the job is back, so that the executor owns the task again.
+                unsafe { bank.reset(usize::from(job.task.place)) };
+            }
             return Harvest::Stale;
         }
         self.publish(&job.state, net_of);
@@ -996,7 +993,7 @@ impl<'m> Executor<'m> {
 
 /// One run of a task in slot 0. It owns the task and what it reads and writes until it is given back to the executor.
 pub struct Job<'m> {
-    bank: &'m dyn TaskBank,
+    registry: Registry<'m>,
     task: TaskPlace,
     state: IoState,
     entered: bool,
@@ -1016,9 +1013,12 @@ impl Job<'_> {
     /// Executes the task once more. The run ends with [`Step::Finished`]; after that this does nothing.
     pub fn step(&mut self) -> Step {
         if self.step == Step::Run {
+            let Some(bank) = self.registry.bank(usize::from(self.task.bank)) else {
+                return Step::Finished;
+            };
             // SAFETY: the task is lent to this job (invariant 2), of which there is one.
             self.step = unsafe {
-                self.bank.step(
+                bank.step(
                     usize::from(self.task.place),
                     !self.entered,
                     &mut Io {
@@ -1422,6 +1422,33 @@ mod tests {
         assert_eq!(first.harvest(of_second, reader_net), Harvest::Foreign);
         assert!(matches!(
             first.harvest(of_first, reader_net),
+            Harvest::Ended(_)
+        ));
+    }
+
+    #[test]
+    fn a_job_of_another_robot_without_any_memory_is_refused_too() {
+        struct Nothing;
+        task! { impl Nothing {} }
+        impl Task for Nothing {
+            fn step(&mut self, _: &mut Io<'_>) -> Step {
+                Step::Finished
+            }
+        }
+        let (mut first, mut second) = (Bank::new([Nothing]), Bank::new([Nothing]));
+        assert_eq!(size_of_val(&first), 0);
+        let mut first: [&mut dyn TaskBank; 1] = [&mut first];
+        let mut second: [&mut dyn TaskBank; 1] = [&mut second];
+        let (mut first, _) = assemble(&mut first, &mut []).unwrap();
+        let (mut second, _) = assemble(&mut second, &mut []).unwrap();
+        let lent = [&mut first, &mut second].map(|executor| {
+            let lent = executor.lend(SOURCE, |_| None, &Inputs::default());
+            lent.unwrap()
+        });
+        let [of_first, of_second] = lent;
+        assert_eq!(first.harvest(of_second, |_| None), Harvest::Foreign);
+        assert!(matches!(
+            first.harvest(of_first, |_| None),
             Harvest::Ended(_)
         ));
     }
