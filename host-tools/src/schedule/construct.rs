@@ -13,8 +13,8 @@ use std::collections::BTreeMap;
 use super::clock::Clock;
 use super::{SlotSpec, gcd};
 
-/// How often the construction begins anew.
-const MAX_RESTARTS: usize = 8;
+/// How often the construction begins anew, where it does.
+const MAX_ATTEMPTS: usize = 8;
 
 /// The most stretches that are laid out on a circle at a time.
 const MAX_STRETCHES: u64 = 1 << 18;
@@ -44,6 +44,7 @@ impl Placed {
 pub(super) fn construct(
     fixed: &[Placed],
     free: &[(usize, &SlotSpec)],
+    taste: Taste,
     clock: &mut Clock,
 ) -> Option<Vec<Placed>> {
     let mut order = free.to_vec();
@@ -53,13 +54,17 @@ pub(super) fn construct(
         .map(|(_, slot)| slot.period_us.into())
         .collect();
     periods_us.dedup();
-    for _ in 0..MAX_RESTARTS {
-        let mut layout = Layout::new(fixed, &periods_us);
+    let attempts = match taste {
+        Taste::Widest => 1,
+        Taste::Shared => MAX_ATTEMPTS,
+    };
+    for _ in 0..attempts {
+        let mut layout = Layout::new(fixed, &periods_us, taste);
         let stuck = order
             .iter()
             .position(|&(index, slot)| !layout.place(index, slot, clock));
         let Some(stuck) = stuck else {
-            return Some(layout.placed);
+            return Some(layout.into_placed());
         };
         if clock.is_over() {
             return None;
@@ -81,11 +86,21 @@ fn frame_us(period_us: u64, periods_us: &[u64]) -> u64 {
         .unwrap_or(period_us)
 }
 
+/// Which gap a slot takes, of all that are long enough.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Taste {
+    /// The longest: so the load is spread, and each frame keeps some time.
+    Widest,
+    /// The one nearest to the beginning of a frame: so long gaps are kept for long slots.
+    Shared,
+}
+
 /// Slots that have their places.
-struct Layout<'p> {
+pub(super) struct Layout<'p> {
     placed: Vec<Placed>,
     /// By period in microseconds.
     circles: BTreeMap<u64, Circle>,
+    taste: Taste,
     /// All periods that free slots have.
     periods_us: &'p [u64],
     /// What has no duration needs no time, and yet must not stand within another: circles know nothing of it.
@@ -93,17 +108,19 @@ struct Layout<'p> {
 }
 
 impl<'p> Layout<'p> {
-    fn new(fixed: &[Placed], periods_us: &'p [u64]) -> Self {
+    /// `fixed` have their starts; the first of them is where frames begin. `periods_us` in order.
+    pub(super) fn new(fixed: &[Placed], periods_us: &'p [u64], taste: Taste) -> Self {
         Layout {
             placed: fixed.to_vec(),
             circles: BTreeMap::new(),
+            taste,
             periods_us,
             is_plain: fixed.iter().all(|placed| placed.duration_us > 0),
         }
     }
 
     /// Gives a slot its place, if it finds one.
-    fn place(&mut self, index: usize, slot: &SlotSpec, clock: &mut Clock) -> bool {
+    pub(super) fn place(&mut self, index: usize, slot: &SlotSpec, clock: &mut Clock) -> bool {
         let (period_us, duration_us) = (u64::from(slot.period_us), u64::from(slot.duration_us));
         self.is_plain &= duration_us > 0;
         let start_us = if self.placed.is_empty() {
@@ -111,9 +128,13 @@ impl<'p> Layout<'p> {
             Some(0)
         } else if self.is_plain {
             let origin_us = self.placed.first().map_or(0, |placed| placed.start_us);
+            let (taste, periods_us) = (self.taste, self.periods_us);
             let circle = self.circles.entry(period_us).or_insert_with(|| {
-                let frame_us = frame_us(period_us, self.periods_us);
-                Circle::new(period_us, origin_us, frame_us)
+                let frame_us = match (taste, periods_us.first()) {
+                    (Taste::Widest, Some(&shortest_us)) => gcd(shortest_us, period_us),
+                    _ => frame_us(period_us, periods_us),
+                };
+                Circle::new(period_us, origin_us, frame_us, taste)
             });
             circle.catch_up(&self.placed, clock);
             match circle.take(duration_us, clock) {
@@ -130,6 +151,11 @@ impl<'p> Layout<'p> {
         self.placed.push(Placed::new(index, slot, start_us));
         true
     }
+
+    /// All slots in the order in which they were placed.
+    pub(super) fn into_placed(self) -> Vec<Placed> {
+        self.placed
+    }
 }
 
 /// Free time from `start` up to `end`, in microseconds after the origin.
@@ -144,11 +170,12 @@ struct Circle {
     period_us: u64,
     /// Where the circle begins: at the start of the first slot that was placed, so that no gap goes over its end.
     origin_us: u64,
-    /// Of two gaps the one is taken that is nearer to the beginning of a frame of this length.
+    /// Length of its frames in microseconds. Gaps end where a frame does, unless nothing fits otherwise.
     frame_us: u64,
+    taste: Taste,
     /// It is laid out up to here, in microseconds after the origin.
     horizon_us: u64,
-    /// Ends of the gaps by the distance from the beginning of a frame and start: in the order in which they are looked at.
+    /// Ends of the gaps by rank and start: in the order in which they are looked at.
     gaps: BTreeMap<(u64, u64), u64>,
     /// Some gaps end where a frame does, and go on as others.
     is_cut: bool,
@@ -159,11 +186,12 @@ struct Circle {
 }
 
 impl Circle {
-    fn new(period_us: u64, origin_us: u64, frame_us: u64) -> Self {
+    fn new(period_us: u64, origin_us: u64, frame_us: u64, taste: Taste) -> Self {
         let mut circle = Circle {
             period_us,
             origin_us,
             frame_us,
+            taste,
             horizon_us: period_us,
             gaps: BTreeMap::new(),
             is_cut: false,
@@ -266,9 +294,20 @@ impl Circle {
         let next = gap.start + (self.frame_us - column);
         if next < gap.end {
             self.is_cut = true;
-            self.gaps.insert((0, next), gap.end);
+            self.rank_in(Gap { start: next, ..gap });
         }
-        self.gaps.insert((column, gap.start), gap.end.min(next));
+        self.rank_in(Gap {
+            end: gap.end.min(next),
+            ..gap
+        });
+    }
+
+    fn rank_in(&mut self, gap: Gap) {
+        let rank = match self.taste {
+            Taste::Widest => u64::MAX - (gap.end - gap.start),
+            Taste::Shared => gap.start % self.frame_us,
+        };
+        self.gaps.insert((rank, gap.start), gap.end);
     }
 
     /// Joins gaps that were cut at the end of a frame. Gives whether there are any.
@@ -283,10 +322,10 @@ impl Circle {
                 _ => joined.push(gap),
             }
         }
-        self.gaps = joined
-            .into_iter()
-            .map(|gap| ((gap.start % self.frame_us, gap.start), gap.end))
-            .collect();
+        self.gaps.clear();
+        for gap in joined {
+            self.rank_in(gap);
+        }
         self.searched = ((0, 0), 0);
         true
     }
@@ -421,7 +460,7 @@ mod tests {
             slot(4, 3_599_000_000, 200),
         ];
         let placed = [Placed::new(0, &slots[0], 0)];
-        let mut circle = Circle::new(3_600_000_000, 0, 3_600_000_000);
+        let mut circle = Circle::new(3_600_000_000, 0, 3_600_000_000, Taste::Shared);
         let mut clock = Clock::new(Duration::from_secs(10));
         circle.catch_up(&placed, &mut clock);
         assert!(!circle.is_whole() && circle.gaps.len() > 100_000);
@@ -436,7 +475,7 @@ mod tests {
         // Each of the first two takes half of its 10 us, and both meet the third in every 5 us: they must stand one below the other there.
         let slots = [slot(1, 10, 2), slot(2, 10, 2), slot(3, 15, 3)];
         let free: Vec<(usize, &SlotSpec)> = slots.iter().enumerate().collect();
-        let mut layout = Layout::new(&[], &[10, 15]);
+        let mut layout = Layout::new(&[], &[10, 15], Taste::Shared);
         let mut clock = Clock::new(Duration::from_secs(10));
         for (index, slot) in free {
             assert!(
@@ -453,6 +492,7 @@ mod tests {
         fn gaps_are_all_there_is(
             times_us in proptest::collection::vec((prop::sample::select(vec![6_u32, 10, 12, 15, 20, 30, 60, 90]), 1..5_u32), 1..20),
             given_us in proptest::option::of(0..6_u32),
+            taste in prop::sample::select(vec![Taste::Widest, Taste::Shared]),
         ) {
             let slots: Vec<SlotSpec> = times_us
                 .iter()
@@ -462,7 +502,7 @@ mod tests {
             let periods_us = [6, 10, 12, 15, 20, 30, 60, 90];
             let mut clock = Clock::new(Duration::from_secs(10));
             let fixed: Vec<Placed> = given_us.map(|start_us| Placed::new(0, &slots[0], start_us.into())).into_iter().collect();
-            let mut layout = Layout::new(&fixed, &periods_us);
+            let mut layout = Layout::new(&fixed, &periods_us, taste);
             for (index, slot) in slots.iter().enumerate().skip(fixed.len()) {
                 let before = layout.placed.clone();
                 let jumped = first_fit(&before, slot, &mut clock);

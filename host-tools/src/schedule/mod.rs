@@ -28,6 +28,7 @@ pub mod instances;
 mod proof;
 mod random;
 mod search;
+mod spread;
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -1,8 +1,9 @@
 //! The search for start times: which method has its turn when.
 //!
-//! First a quick constructive one: slots are placed one after another into the gaps that are left. That is enough for most tables. Then a short search
-//! for columns, which lays out what fills all time; then proofs: chains of periods that the slots are or imply, searched exactly. Then those
-//! searches take turns that find schedules where little time is left, and for a few slots of odd periods an exhaustive one.
+//! First a quick constructive one: slots are placed one after another into the gaps that are left, in a way that spreads the load, and if that leads nowhere,
+//! in one that wastes little. That is enough for most tables. Then a short search for columns, which lays out what fills all time; then proofs: chains of
+//! periods that the slots are or imply, searched exactly. Then those searches take turns that find schedules where little time is left, and for a few
+//! slots of odd periods an exhaustive one. What was found where there is little room is evened out at the end, as far as that can be.
 //!
 //! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
 //!
@@ -16,10 +17,10 @@ use std::cmp::Reverse;
 use super::chain::{self, Chain, End as ChainEnd, Member};
 use super::clock::Clock;
 use super::columns::Columns;
-use super::construct::{Fit, Placed, construct, first_fit, fit};
+use super::construct::{Fit, Placed, Taste, construct, first_fit, fit};
 use super::ejection::Ejection;
 use super::random::Random;
-use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, proof};
+use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, proof, spread};
 
 /// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
 /// the depth of the recursion.
@@ -42,7 +43,24 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
         return Outcome::Infeasible(reason);
     }
     free.sort_by_key(|(_, slot)| (slot.period_us, Reverse(slot.duration_us)));
-    if let Some(layout) = construct(&fixed, &free, clock) {
+    if let Some(layout) = construct(&fixed, &free, Taste::Widest, clock) {
+        return Outcome::Feasible(schedule_of(slots, &layout));
+    }
+    let mut outcome = search_tight(slots, fixed, free, clock);
+    if let Outcome::Feasible(schedule) = &mut outcome {
+        spread::even_out(slots, &mut schedule.starts_us);
+    }
+    outcome
+}
+
+/// Searches where there is little room: for a schedule without care for how the load is spread, or a proof.
+fn search_tight(
+    slots: &[SlotSpec],
+    fixed: Vec<Placed>,
+    free: Vec<(usize, &SlotSpec)>,
+    clock: &mut Clock,
+) -> Outcome {
+    if let Some(layout) = construct(&fixed, &free, Taste::Shared, clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
     // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
