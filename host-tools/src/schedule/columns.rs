@@ -17,6 +17,7 @@
 
 use super::clock::Clock;
 use super::random::Random;
+use super::search::luby;
 use super::{SlotSpec, gcd};
 
 /// The most slots that are joined: sums are worked out for each of them.
@@ -47,6 +48,8 @@ pub(super) struct Columns {
     /// Time in the hyperperiod that no slot takes, in units.
     slack: u64,
     random: Random,
+    /// How often all has begun.
+    passes: u64,
 }
 
 #[derive(Debug)]
@@ -114,13 +117,14 @@ impl Columns {
             unit_us,
             frame: usize::try_from(frame_us / unit_us).ok()?,
             random: Random::new(1),
+            passes: 0,
         })
     }
 
     /// Goes on for about as much work, in pieces as the clock counts them. Gives the starts in microseconds once all slots have their place.
     pub(super) fn search(&mut self, max_work: u64, clock: &mut Clock) -> Option<Vec<u32>> {
-        /// Attempts at levels before all begins anew, beyond one for each.
-        const SPARE_ATTEMPTS: usize = 20;
+        /// Attempts at levels before all begins anew, beyond one for each: so many often, more of them seldom.
+        const SPARE_ATTEMPTS: u64 = 40;
         let mut joining = Joining {
             levels: &self.levels,
             frame: self.frame,
@@ -135,7 +139,8 @@ impl Columns {
         };
         while joining.work < max_work && !joining.clock.is_over() {
             joining.slack = self.slack;
-            joining.attempts_left = self.levels.len() + SPARE_ATTEMPTS;
+            self.passes += 1;
+            joining.attempts_left = self.levels.len() as u64 + SPARE_ATTEMPTS * luby(self.passes);
             joining.pieces.clear();
             joining.pools = vec![Vec::new(); self.levels.len()];
             for (index, &(level, length)) in self.slots.iter().enumerate() {
@@ -344,7 +349,7 @@ struct Joining<'c> {
     pools: Vec<Vec<usize>>,
     /// Time in the hyperperiod that may still become padding.
     slack: u64,
-    attempts_left: usize,
+    attempts_left: u64,
     work: u64,
     random: &'c mut Random,
     clock: &'c mut Clock,
@@ -356,7 +361,7 @@ impl Joining<'_> {
     /// Joins the pieces of a level and of all with shorter periods.
     fn join_from(&mut self, level: usize) -> bool {
         /// As many ways to join a level are followed.
-        const WAYS: usize = 3;
+        const WAYS: usize = 10;
         if level == 0 {
             return self.pools.first().is_some_and(|pool| {
                 pool.iter().map(|&id| self.pieces[id].length).sum::<usize>() <= self.frame
@@ -388,7 +393,7 @@ impl Joining<'_> {
     /// Joins all pieces of a level to columns, and adds these to their levels.
     fn join(&mut self, level: usize) -> bool {
         /// Trials, in each of which some columns of the last one remain.
-        const TRIALS: usize = 10;
+        const TRIALS: usize = 20;
         const ATTEMPT_WORK: usize = 64;
         let mut ids = std::mem::take(&mut self.pools[level]);
         // However little it fills, an attempt is work.

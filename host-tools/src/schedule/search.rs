@@ -168,7 +168,7 @@ fn take_turns(
 const CHAIN_ATTEMPTS: u64 = 16;
 
 /// 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8, …: the sequence of Luby, Sinclair and Zuckerman, from 1.
-fn luby(mut index: u64) -> u64 {
+pub(super) fn luby(mut index: u64) -> u64 {
     loop {
         let power = (index + 1).next_power_of_two();
         if power == index + 1 {
