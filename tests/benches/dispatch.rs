@@ -10,6 +10,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
+use esm_tests::exactness;
 use esm_tests::random::Random;
 use host_tools::compile::{self, NameTable};
 use host_tools::lang;
@@ -29,6 +30,8 @@ const DISTANCE_US: usize = 4_000;
 const PROBES: usize = 63;
 /// Duration of such a slot, in microseconds.
 const DURATION_US: usize = 3_500;
+/// Occurrences whose start times are compared with what they should be.
+const OCCURRENCES: u64 = 1_000_000_000;
 /// How long the emulator may take for a run.
 const RUN_LIMIT: Duration = Duration::from_secs(60);
 /// The socket that is the board's UART0, in the emulator's folder.
@@ -98,6 +101,20 @@ fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
         }
     }
     println!("\n{}", table(&runs));
+    let begun = Instant::now();
+    let run = exactness::run(OCCURRENCES);
+    println!(
+        "{} occurrences of 16 slots on the host, {} days of a robot's time, over {} wraps of 32 bits of microseconds and {} of ticks: {} wrong ({:.1} s).",
+        run.occurrences,
+        run.robot_s / 86_400,
+        run.microsecond_wraps,
+        run.tick_wraps,
+        run.wrong,
+        begun.elapsed().as_secs_f32()
+    );
+    if run.wrong > 0 {
+        return Err("start times are not exact".into());
+    }
     Ok(())
 }
 
@@ -310,7 +327,7 @@ fn told(run: &Measured) -> String {
         run.bytes_a_second.0,
         run.bytes_a_second.1,
     );
-    for (name, range) in &run.rows {
+    for (name, range) in run.rows.iter().filter(|(_, range)| range.count > 0) {
         let _ = write!(
             text,
             "\n    {name}: {} to {}, mean {}, of {}",

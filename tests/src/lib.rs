@@ -9,6 +9,7 @@
 pub mod command;
 pub mod endurance;
 pub mod environment;
+pub mod exactness;
 pub mod fuzzing;
 pub mod huge;
 pub mod random;
