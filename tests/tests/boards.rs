@@ -18,6 +18,7 @@ use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
+use host_tools::schedule::handover::Handover;
 use host_tools::world::World;
 use rt_firmware::body::Parts;
 use rt_firmware::drivers::{BatteryGauge, DcMotor, LineArray, WheelEncoder};
@@ -645,6 +646,7 @@ fn a_changed_task_breaks_the_equality() {
             missions: vec![Planned {
                 at_us: 0,
                 mission: Mission::new(&blob, verified).unwrap(),
+                handover: Handover::default(),
             }],
             replay: None,
             plant_fault: None,

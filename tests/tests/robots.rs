@@ -73,6 +73,83 @@ fn a_robot_takes_missions_while_it_moves_and_tells_what_it_does() {
     }
 }
 
+/// A mission that does nothing in these slots.
+fn idle_in(folder: &std::path::Path, name: &str, slots: &str) -> String {
+    let path = folder.join(name);
+    let machine = "machine M { region r { state A; initial -> A; } }";
+    std::fs::write(&path, format!("interpreter slot 1; {slots} {machine}")).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn slots_that_both_missions_have_go_on_or_are_told_before_anything_is_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, slots: &str| idle_in(folder.path(), name, slots);
+    let first = file(
+        "first.esm",
+        "slot 1 period 20 ms duration 2 ms; slot 2 period 20 ms duration 4 ms; slot 3 period 40 ms duration 3 ms;",
+    );
+    // Slot 3 would come before slot 2 if nothing else counted.
+    let seamless = file(
+        "seamless.esm",
+        "slot 1 period 20 ms duration 2 ms; slot 3 period 40 ms duration 3 ms; slot 2 period 20 ms duration 1 ms;",
+    );
+    let crowded = file(
+        "crowded.esm",
+        "slot 1 period 20 ms duration 2 ms; slot 2 period 20 ms duration 4 ms; slot 3 period 40 ms duration 3 ms;
+         slot 4 period 20 ms duration 11 ms;",
+    );
+    let faster = file(
+        "faster.esm",
+        "slot 1 period 10 ms duration 2 ms; slot 3 period 40 ms duration 3 ms;",
+    );
+    let robot = Robot::start("host", None);
+    let upload = |file: &str| -> serde_json::Value {
+        let done = robot.esm(&["upload", file, "--json"]).good();
+        serde_json::from_str(&done.out).unwrap()
+    };
+    let told = upload(&first);
+    assert_eq!(told["slots_kept"], serde_json::json!([]));
+    assert_eq!(told["slots_moved"], serde_json::json!([]));
+    let told = upload(&seamless);
+    assert_eq!(told["slots_kept"], serde_json::json!([1, 3, 2]));
+    assert_eq!(told["slots_moved"], serde_json::json!([]));
+    assert_eq!(told["interpreter_period_changes"], false);
+    upload(&first);
+
+    let running = robot.status()["mission"].clone();
+    let refused = robot.esm(&["upload", &crowded, "--no-gap"]);
+    assert_eq!(refused.status, Some(1));
+    assert!(refused.err.contains("nothing was sent"), "{}", refused.err);
+    assert_eq!(robot.status()["mission"], running);
+    let done = robot.esm(&["upload", &crowded, "--json"]).good();
+    let told: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+    let [moved] = &told["slots_moved"].as_array().unwrap()[..] else {
+        panic!("{told}")
+    };
+    assert_eq!(
+        (&moved["slot"], &moved["period_us"]),
+        (&3.into(), &40_000.into())
+    );
+    let gap = format!("up to {} us", moved["longest_gap_us"]);
+    assert!(done.err.contains(&gap), "{}", done.err);
+    assert_eq!(robot.status()["mission"], told["hash"]);
+
+    let done = robot.esm(&["upload", &faster]).good();
+    assert!(done.err.contains("all slots start anew"), "{}", done.err);
+
+    // A blob is what it is.
+    let blob = folder.path().join("first.blob");
+    let blob = blob.to_str().unwrap();
+    esm(&["build", &first, "-o", blob]).good();
+    let done = robot.esm(&["upload", blob]).good();
+    assert!(
+        done.err.contains("the starts in a blob are fixed"),
+        "{}",
+        done.err
+    );
+}
+
 #[test]
 fn a_robot_declares_the_tasks_that_the_missions_take_in() {
     let shipped =

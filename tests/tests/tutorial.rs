@@ -10,6 +10,7 @@ use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
+use host_tools::schedule::handover::Handover;
 use host_tools::world::{Point, World};
 
 /// How far from the line the robot's centre gets: at a sharp corner it goes on until the sensors ahead of it have been off the line for a while.
@@ -111,6 +112,7 @@ impl StepOfTutorial {
             missions: vec![Planned {
                 at_us: 0,
                 mission: Mission::new(&blob, verified).unwrap(),
+                handover: Handover::default(),
             }],
             replay: None,
             plant_fault: None,

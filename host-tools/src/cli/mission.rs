@@ -14,6 +14,7 @@ use crate::boards::Board;
 use crate::compile::{CompileError, NameTable};
 use crate::fit;
 use crate::lang::{self, Checked, Code, Folded};
+use crate::schedule::Schedule;
 use crate::trace::directory::Directory;
 
 /// How a blob begins, so that it is told from a source.
@@ -119,6 +120,20 @@ pub fn compiled(
     audience: Audience,
     console: &mut Console,
 ) -> Result<Verified<Vec<u8>>, CommandError> {
+    compiled_from(path, board, names, audience, console).map(|(_, blob)| blob)
+}
+
+/// As [`compiled`], with what it was compiled from.
+///
+/// # Errors
+/// See [`compiled`].
+pub fn compiled_from(
+    path: &Path,
+    board: Option<&Board>,
+    names: NameTable,
+    audience: Audience,
+    console: &mut Console,
+) -> Result<(Checked, Verified<Vec<u8>>), CommandError> {
     let mut checked = read(path)?;
     checked.require_machine();
     let blob = lay_out_and_compile(&mut checked, board, names)?;
@@ -132,7 +147,7 @@ pub fn compiled(
         },
         console,
     )?;
-    blob.ok_or(CommandError::Told)
+    blob.map(|blob| (checked, blob)).ok_or(CommandError::Told)
 }
 
 /// The passes behind the language: a schedule for the slots (E011), then the blob, if there is a machine and all else is right (E012).
@@ -155,7 +170,20 @@ pub fn lay_out_and_compile(
     {
         return Ok(None);
     }
-    fit::compile_to_fit(checked, &schedule, board, names).map_err(|reason| match reason {
+    compile(checked, &schedule, board, names)
+}
+
+/// The blob of files that are right, with these start times; none where it does not fit (E012).
+///
+/// # Errors
+/// See [`lay_out_and_compile`].
+pub fn compile(
+    checked: &mut Checked,
+    schedule: &Schedule,
+    board: Option<&Board>,
+    names: NameTable,
+) -> Result<Option<Verified<Vec<u8>>>, CommandError> {
+    fit::compile_to_fit(checked, schedule, board, names).map_err(|reason| match reason {
         nothing @ CompileError::NothingToRun { .. } => CommandError::Input(nothing.into()),
         defect => CommandError::Input(anyhow!(
             "no blob could be made of files without errors, which is a defect of esm itself: please report them and this reason: {defect}"

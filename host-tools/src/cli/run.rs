@@ -22,6 +22,7 @@ use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
 use crate::run::interrupt::Interrupt;
 use crate::run::recording::Recording;
 use crate::run::summary::MissionSummary;
+use crate::schedule::handover::Handover;
 
 /// Drives a mission: compiles it, starts a board, uploads, and shows what the robot does
 ///
@@ -68,6 +69,10 @@ pub struct RunArgs {
     /// Uploads another mission at that robot time, while the robot moves; may be given several times
     #[arg(long, value_name = "'TIME FILE'")]
     pub then: Vec<Then>,
+
+    /// Does not start where a slot that one mission shares with the next cannot go on as it runs
+    #[arg(long, requires = "then")]
+    pub no_gap: bool,
 
     /// Directory for the pictures: the path over the map and the states over time, as SVG and PNG
     #[arg(long, value_name = "DIR")]
@@ -188,14 +193,21 @@ pub fn execute(
 fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan, CommandError> {
     let mut thens: Vec<&Then> = args.then.iter().collect();
     thens.sort_by_key(|then| then.at);
+    let first = stage::mission(&args.file, console)?;
+    let mut running = first.slots().clone();
     let mut missions = vec![Planned {
         at_us: 0,
-        mission: stage::mission(&args.file, console)?,
+        mission: first.mission,
+        handover: Handover::default(),
     }];
     for then in thens {
+        let mut next = stage::mission(&then.file, console)?;
+        let handover = next.follow(&running, args.no_gap, console)?;
+        running = next.slots().clone();
         missions.push(Planned {
             at_us: then.at.us,
-            mission: stage::mission(&then.file, console)?,
+            mission: next.mission,
+            handover,
         });
     }
     let replay = args.replay.as_deref().map(read_recording).transpose()?;

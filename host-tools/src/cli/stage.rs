@@ -12,9 +12,11 @@ use super::mission::{self, Audience, BLOB_MARK};
 use crate::compile::NameTable;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
+use crate::lang::Checked;
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
+use crate::schedule::handover::{self, Handover, SlotTable};
 use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
@@ -115,19 +117,85 @@ fn is_plain_name(asked: &Path) -> bool {
     asked.components().count() == 1 && asked.extension().is_none()
 }
 
+/// A mission from a file, and what it takes to lay its slots out anew.
+pub struct Staged {
+    /// The mission, as if it started from standing still.
+    pub mission: Mission,
+    slots: SlotTable,
+    /// What it was compiled from; a blob is what it is.
+    source: Option<Checked>,
+}
+
 /// The mission in a file: a source is compiled, a blob taken as it is.
 ///
 /// # Errors
 /// If it cannot be read, has errors, or has no names.
-pub fn mission(path: &Path, console: &mut Console) -> Result<Mission, CommandError> {
+pub fn mission(path: &Path, console: &mut Console) -> Result<Staged, CommandError> {
     let bytes = file::read(path, "mission")?;
-    let verified = if bytes.starts_with(BLOB_MARK) {
-        verified(path, bytes)?
+    let (source, verified) = if bytes.starts_with(BLOB_MARK) {
+        (None, verified(path, bytes)?)
     } else {
         // The robot itself says what it has room for.
-        mission::compiled(path, None, NameTable::Kept, Audience::Person, console)?
+        let (checked, verified) =
+            mission::compiled_from(path, None, NameTable::Kept, Audience::Person, console)?;
+        (Some(checked), verified)
     };
+    Ok(Staged {
+        slots: SlotTable::of(&verified.tables()),
+        mission: with_names(path, verified)?,
+        source,
+    })
+}
+
+fn with_names(path: &Path, verified: Verified<Vec<u8>>) -> Result<Mission, CommandError> {
     Mission::new(path, verified).map_err(|error| CommandError::Input(error.into()))
+}
+
+impl Staged {
+    /// The mission's slots.
+    pub fn slots(&self) -> &SlotTable {
+        &self.slots
+    }
+
+    /// Lets the mission follow the one that runs with these slots: what both have goes on as it runs, as far as that is possible. Tells the
+    /// person which slots do not, and answers what becomes of each.
+    ///
+    /// # Errors
+    /// Slots move, and `seamless` says that none may.
+    pub fn follow(
+        &mut self,
+        running: &SlotTable,
+        seamless: bool,
+        console: &mut Console,
+    ) -> Result<Handover, CommandError> {
+        if let Some(checked) = &mut self.source {
+            let schedule = handover::lay_out(running, &self.slots, mission::LAY_OUT_LIMIT);
+            if schedule.starts_us != self.slots.starts_us() {
+                let blob = mission::compile(checked, &schedule, None, NameTable::Kept)?;
+                let verified = blob.ok_or(CommandError::Told)?;
+                self.slots = SlotTable::of(&verified.tables());
+                self.mission = with_names(&self.mission.file, verified)?;
+            }
+        }
+        let handover = Handover::between(running, &self.slots);
+        if handover.is_seamless() {
+            return Ok(handover);
+        }
+        let file = self.mission.file.display();
+        let hint = match &self.source {
+            Some(_) => "",
+            None => {
+                "\nthe starts in a blob are fixed; given the mission's source, `esm` looks for starts that go on"
+            }
+        };
+        if seamless {
+            return Err(CommandError::Input(anyhow!(
+                "{file} cannot follow without a gap, and nothing was sent:\n{handover}{hint}"
+            )));
+        }
+        console.note(&format!("{file}: {handover}{hint}"));
+        Ok(handover)
+    }
 }
 
 /// A blob that is one.

@@ -21,6 +21,7 @@ use crate::link_client::{ClientError, LinkClient, StreamEvent};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
 use crate::plant::{BodyParameters, Plant, PlantError};
+use crate::schedule::handover::Handover;
 use crate::serial::ByteLink;
 use crate::world::World;
 
@@ -39,6 +40,8 @@ pub struct Planned {
     pub at_us: u64,
     /// The mission.
     pub mission: Mission,
+    /// What becomes of the slots that it shares with the one before.
+    pub handover: Handover,
 }
 
 /// What is to be run.
@@ -320,7 +323,10 @@ impl<W: Write> Driver<W> {
 
     fn upload_next(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
         let index = self.uploads.len();
-        let Some(Planned { mission, .. }) = self.missions.get(index) else {
+        let Some(Planned {
+            mission, handover, ..
+        }) = self.missions.get(index)
+        else {
             return Ok(());
         };
         watch(Heard::UploadBegins(mission));
@@ -369,6 +375,7 @@ impl<W: Write> Driver<W> {
             upload_s,
             slots_missed_in_upload: u64::from(missed.wrapping_sub(before.missed)),
             slots: Vec::new(),
+            handover: handover.clone(),
         };
         self.longest_delay_ns = self.longest_delay_ns.max(before.max_delay_ns);
         watch(Heard::UploadEnds(&summary));

@@ -6,6 +6,7 @@ use rt_firmware::link::message::Status;
 use serde::Serialize;
 
 use crate::counters::SlotReport;
+use crate::schedule::handover::Handover;
 
 /// A run in figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -63,6 +64,9 @@ pub struct MissionSummary {
     pub slots_missed_in_upload: u64,
     /// What the robot counted of its slots: up to the end of the run, or to where the upload of the next mission began.
     pub slots: Vec<SlotReport>,
+    /// What becomes of the slots that it shares with the mission before.
+    #[serde(flatten)]
+    pub handover: Handover,
 }
 
 impl Summary {
@@ -130,6 +134,15 @@ impl fmt::Display for Summary {
                 if slot.executed > 0 {
                     row("  start delays", slot.delays_in_words())?;
                 }
+            }
+            for moved in &mission.handover.slots_moved {
+                row(
+                    "",
+                    format!(
+                        "slot {} starts anew: up to {} us between two occurrences, its period is {} us",
+                        moved.slot, moved.longest_gap_us, moved.period_us
+                    ),
+                )?;
             }
         }
         if self.link_retries > 0 {

@@ -13,6 +13,7 @@ use crate::model::{
     Action, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind, Task,
     Trigger, Value,
 };
+use crate::schedule::handover::Handover;
 use crate::world::World;
 
 /// Tasks of the rover, in the order of [`State`]s below.
@@ -144,7 +145,11 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
         realtime: false,
         missions: missions
             .into_iter()
-            .map(|(at_us, mission)| Planned { at_us, mission })
+            .map(|(at_us, mission)| Planned {
+                at_us,
+                mission,
+                handover: Handover::default(),
+            })
             .collect(),
         replay,
         plant_fault: None,

@@ -23,6 +23,7 @@ mod cure;
 mod ejection;
 mod frames;
 mod growth;
+pub mod handover;
 mod infeasibility;
 pub mod instances;
 mod proof;

@@ -5,8 +5,11 @@
 mod mission;
 mod robot;
 
+use std::time::Duration;
+
 use esm_core::format::crc32;
 use esm_core::signature::fnv1a;
+use host_tools::schedule::handover::{Handover, SlotTable, lay_out};
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
 use rt_firmware::link::frame::checksum;
@@ -554,6 +557,50 @@ fn a_slot_that_two_missions_have_goes_on_without_a_gap_and_without_a_double() {
                 }
                 assert_eq!(robot.status().missed, 0);
             });
+        }
+    }
+}
+
+#[test]
+fn a_slot_that_must_move_has_the_gap_that_is_told_before() {
+    // Slot 3 of the second mission leaves no room where slot 2 runs.
+    let slots = |starts_us: &[u32]| [(10_000, 1_000, starts_us[0]), (20_000, 2_000, starts_us[1])];
+    let more = |starts_us: &[u32]| {
+        let [first, second] = slots(starts_us);
+        [first, second, (10_000, 6_000, starts_us[2])]
+    };
+    let table =
+        |mission: &Mission| SlotTable::of(&esm_core::verify(mission.blob()).unwrap().tables());
+    for (second_us, third_us) in [(7_000, 1_000), (1_000, 4_000)] {
+        for from_us in [3_000, 14_000] {
+            let running = counting_among(&slots(&[0, from_us]));
+            let next = counting_among(&more(&[0, second_us, third_us]));
+            let schedule = lay_out(&table(&running), &table(&next), Duration::from_secs(1));
+            let next = counting_among(&more(&schedule.starts_us));
+            let told = Handover::between(&table(&running), &table(&next));
+            assert_eq!(told.slots_kept, [1]);
+            let [moved] = told.slots_moved[..] else {
+                panic!("{told:?}")
+            };
+            let mut longest_gap_us = 0;
+            for swap_us in [31_000, 41_000] {
+                with_robot(|robot| {
+                    robot.start(&running.blob());
+                    robot.run_us(swap_us);
+                    robot.start(&next.blob());
+                    robot.run_us(60_000);
+                    let starts_us = starts_us(robot, 1);
+                    let gaps = starts_us.windows(2).map(|pair| pair[1] - pair[0]);
+                    let odd: Vec<u64> = gaps.filter(|gap_us| *gap_us != 20_000).collect();
+                    assert_eq!(odd.len(), 1, "one gap is another one: {starts_us:?}");
+                    longest_gap_us = longest_gap_us.max(odd[0]);
+                });
+            }
+            assert_eq!(
+                (moved.slot, moved.longest_gap_us),
+                (2, longest_gap_us),
+                "{moved:?}"
+            );
         }
     }
 }
