@@ -40,6 +40,7 @@ pub struct TaskBench<'a> {
     inputs: Inputs,
     enter: bool,
     out_flags: u16,
+    allowed_overruns: Option<u32>,
 }
 
 const TASK: TaskPlace = TaskPlace { bank: 0, place: 0 };
@@ -93,6 +94,7 @@ impl<'a> TaskBench<'a> {
             },
             enter: true,
             out_flags: 0,
+            allowed_overruns: None,
         }
     }
 
@@ -131,6 +133,13 @@ impl<'a> TaskBench<'a> {
         self
     }
 
+    /// Sets what the runtime has counted of all slots: overruns and missed occurrences.
+    pub fn counted(&mut self, overruns: u32, missed: u32) -> &mut Self {
+        self.inputs.overruns = overruns;
+        self.inputs.missed = missed;
+        self
+    }
+
     /// The next step is the first of a new activation; flags are cleared, as entering a task state does.
     pub fn enter_anew(&mut self) -> &mut Self {
         self.enter = true;
@@ -140,13 +149,23 @@ impl<'a> TaskBench<'a> {
 
     /// Executes the task once. `None` if a required input has no value, so that the task would be busy.
     pub fn step(&mut self) -> Option<Step> {
-        let Outcome { step, flags } =
-            self.executor
-                .execute(TASK, Some, &self.inputs, self.enter)?;
+        let Outcome {
+            step,
+            flags,
+            allowed_overruns,
+        } = self
+            .executor
+            .execute(TASK, Some, &self.inputs, self.enter)?;
         self.enter = false;
+        self.allowed_overruns = allowed_overruns;
         self.out_flags = (self.out_flags & !flags.written) | flags.values;
         self.inputs.now_us += u64::from(self.inputs.period_us);
         Some(step)
+    }
+
+    /// How many overruns in a row the task allowed in its last step, if it did.
+    pub fn allowed_overruns(&self) -> Option<u32> {
+        self.allowed_overruns
     }
 
     /// The value that the task published last on this port.

@@ -344,6 +344,7 @@ struct IoState {
     written: u8,
     inputs: Inputs,
     flags: FlagChanges,
+    allowed_overruns: Option<u32>,
 }
 
 /// What enters an execution beside the values on nets.
@@ -357,6 +358,10 @@ pub struct Inputs {
     pub now_us: u64,
     /// Period of the slot in microseconds; 0 in slot 0.
     pub period_us: u32,
+    /// Overruns of all slots so far.
+    pub overruns: u32,
+    /// Missed occurrences of all slots so far.
+    pub missed: u32,
 }
 
 /// The control flags that an execution wrote.
@@ -467,6 +472,23 @@ impl<'a> Io<'a> {
     /// Period of the task's slot in microseconds; 0 in slot 0.
     pub fn period_us(&self) -> u32 {
         self.state.inputs.period_us
+    }
+
+    /// How often an occurrence of any slot lasted longer than its slot since the robot started, up to the occurrence before.
+    pub fn overruns(&self) -> u32 {
+        self.state.inputs.overruns
+    }
+
+    /// How often an occurrence of any slot did not start within its period since the robot started.
+    pub fn missed(&self) -> u32 {
+        self.state.inputs.missed
+    }
+
+    /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a row may last too long; one more brings the robot
+    /// to its safe state. It takes the place of the board's own [limit](crate::Limits); of several tasks, the last one to say so counts.
+    /// Said in slot 0, it has no effect.
+    pub fn allow_overruns(&mut self, in_a_row: u32) {
+        self.state.allowed_overruns = Some(in_a_row);
     }
 }
 
@@ -653,6 +675,8 @@ pub struct Outcome {
     pub step: Step,
     /// The control flags that it wrote.
     pub flags: FlagChanges,
+    /// How many overruns in a row are allowed from now on, if the task said so.
+    pub allowed_overruns: Option<u32>,
 }
 
 /// What became of a job that came back.
@@ -761,8 +785,12 @@ impl<'m> Executor<'m> {
             return None;
         }
         let step = self.execute_ready()?;
-        let flags = self.end_ready(net_of)?;
-        Some(Outcome { step, flags })
+        let (flags, allowed_overruns) = self.end_ready(net_of)?;
+        Some(Outcome {
+            step,
+            flags,
+            allowed_overruns,
+        })
     }
 
     /// Does all of [`execute`](Self::execute) that can be done before. False, and nothing is ready, if the task cannot be executed. Anything else that
@@ -808,11 +836,15 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Publishes what the task wrote that was executed last, and tells which flags it changed.
-    pub fn end_ready(&mut self, net_of: impl Fn(usize) -> Option<usize>) -> Option<FlagChanges> {
+    /// Publishes what the task wrote that was executed last, and tells which flags it changed, and how many overruns in a row it allows from now
+    /// on, if it said so.
+    pub fn end_ready(
+        &mut self,
+        net_of: impl Fn(usize) -> Option<usize>,
+    ) -> Option<(FlagChanges, Option<u32>)> {
         let ready = self.ready.take()?;
         self.publish(&ready.state, &net_of);
-        Some(ready.state.flags)
+        Some((ready.state.flags, ready.state.allowed_overruns))
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
@@ -874,6 +906,7 @@ impl<'m> Executor<'m> {
         Harvest::Ended(Outcome {
             step: job.step,
             flags: job.state.flags,
+            allowed_overruns: job.state.allowed_overruns,
         })
     }
 
@@ -916,6 +949,7 @@ impl<'m> Executor<'m> {
             written: 0,
             inputs: *inputs,
             flags: FlagChanges::default(),
+            allowed_overruns: None,
         };
         let ports = bank.declaration().ports;
         let on_net = |index: usize| {
@@ -1251,7 +1285,8 @@ mod tests {
                 harvest,
                 Harvest::Ended(Outcome {
                     step: Step::Finished,
-                    flags: FlagChanges::default()
+                    flags: FlagChanges::default(),
+                    allowed_overruns: None,
                 })
             );
             assert_eq!(executor.value_on(SUM), Some(Count(3)));

@@ -27,7 +27,7 @@ use rt_firmware::rover::{
 };
 use rt_firmware::tasks::{
     Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
-    Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+    Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, TaskBank};
 
@@ -616,6 +616,7 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         ))]),
         line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
         follow_line: Bank::new(array::from_fn(|_| FollowLine)),
+        slot_monitor: Bank::new([SlotMonitor::default()]),
     };
     run(&mut robot.banks());
 }

@@ -183,10 +183,10 @@ impl Staged {
         }
         let file = self.mission.file.display();
         let hint = match &self.source {
-            Some(_) => "",
-            None => {
+            None if !handover.interpreter_period_changes => {
                 "\nthe starts in a blob are fixed; given the mission's source, `esm` looks for starts that go on"
             }
+            _ => "",
         };
         if seamless {
             return Err(CommandError::Input(anyhow!(

@@ -100,6 +100,8 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     slots: &'m mut [SlotEntry],
     mode: Mode,
     limits: Limits,
+    /// The task instance that has said how many overruns in a row are allowed while it is enabled, and how many.
+    supervisor: Option<(u16, u16)>,
     /// Where a job is put to be passed around, while none is.
     job: Option<&'m mut Option<Job<'m>>>,
     /// The task instance of the job that is under way, if it belongs to this mission.
@@ -167,6 +169,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             slots: parts.slots,
             mode: Mode::Empty,
             limits: parts.limits,
+            supervisor: None,
             job: Some(parts.job),
             running: None,
             to_background: parts.to_background,
@@ -525,6 +528,18 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    /// How many overruns in a row of one slot do not lead to the safe state.
+    fn allowed_overruns_in_a_row(&self) -> u16 {
+        match (self.supervisor, &self.mission) {
+            (Some((instance, allowed)), Some(mission))
+                if mission.interpreter.is_enabled(usize::from(instance)) =>
+            {
+                allowed
+            }
+            _ => self.limits.overruns_in_a_row,
+        }
+    }
+
     fn count_execution(
         &mut self,
         board: &mut impl Board,
@@ -534,12 +549,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         duration_ticks: u64,
     ) {
         let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
+        let allowed = self.allowed_overruns_in_a_row();
         let Some(entry) = self.slots.get_mut(occurrence.slot) else {
             return;
         };
         entry.began(delay_ticks);
         if entry.ended(took_ticks, duration_ticks) {
-            let beyond_limit = entry.overruns_in_a_row() > self.limits.overruns_in_a_row;
+            let beyond_limit = entry.overruns_in_a_row() > allowed;
             self.health.overruns = self.health.overruns.saturating_add(1);
             if beyond_limit {
                 self.fail_safe(board, SafeReason::Overruns);
@@ -614,7 +630,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
         let index = usize::from(instance);
         let interpreter = &mission.interpreter;
-        let inputs = inputs_of(interpreter, index, mission.t_us(start_us), period_us);
+        let inputs = Inputs {
+            overruns: self.health.overruns,
+            missed: self.health.missed,
+            ..inputs_of(interpreter, index, mission.t_us(start_us), period_us)
+        };
         let tables = interpreter.tables();
         self.executor.make_ready(
             self.tasks.place(instance),
@@ -641,10 +661,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         interpreter.set_busy(index, step.is_none());
         let Some(step) = step else { return };
         let tables = interpreter.tables();
-        let flags = self
+        let (flags, allowed_overruns) = self
             .executor
             .end_ready(|port| net_of(&tables, index, port))
             .unwrap_or_default();
+        if let Some(allowed) = allowed_overruns {
+            self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
+        }
         self.tasks.executed(instance);
         apply_flags(interpreter, index, flags);
         if step == Step::Finished {
@@ -811,6 +834,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     ) -> Result<(), (LinkError, BlobBuffer<'m>)> {
         self.executor.clear();
         self.running = None;
+        self.supervisor = None;
         self.health = Health {
             missed: self.health.missed,
             overruns: self.health.overruns,

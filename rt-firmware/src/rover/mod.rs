@@ -35,7 +35,7 @@ use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
     Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
-    Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+    Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -225,6 +225,7 @@ registry! {
         line_sensor: LineSensor<A>[1],
         line_monitor: LineMonitor[4],
         follow_line: FollowLine[2],
+        slot_monitor: SlotMonitor[1],
     }
 }
 
@@ -259,6 +260,7 @@ where
             line_sensor: Bank::new([hardware.line_sensor]),
             line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
+            slot_monitor: Bank::new([SlotMonitor::default()]),
         }
     }
 }

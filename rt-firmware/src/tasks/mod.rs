@@ -16,6 +16,7 @@
 //! | [`LineSensor`] | measures where a line on the floor is | reflectance sensors |
 //! | [`LineMonitor`] | watches for a line and for crossings | |
 //! | [`FollowLine`] | drives along a line | |
+//! | [`SlotMonitor`] | watches whether slots keep their times | |
 //! | [`Logger`] | writes pose and battery to the log, in no hurry | |
 //!
 //! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they publish a [`Twist`], and the mission's
@@ -32,6 +33,7 @@ mod logger;
 mod odometry;
 mod proximity_monitor;
 mod round_corner;
+mod slot_monitor;
 mod sonar_ring;
 mod stop;
 mod turn;
@@ -49,6 +51,7 @@ pub use logger::Logger;
 pub use odometry::Odometry;
 pub use proximity_monitor::ProximityMonitor;
 pub use round_corner::RoundCorner;
+pub use slot_monitor::SlotMonitor;
 pub use sonar_ring::SonarRing;
 pub use stop::Stop;
 pub use turn::Turn;

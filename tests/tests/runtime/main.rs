@@ -382,6 +382,113 @@ fn overruns_are_counted_one_by_one_and_end_in_the_safe_state() {
 }
 
 #[test]
+fn an_overrun_raises_a_flag_that_the_next_macro_step_sees() {
+    // The hog in slot 2 runs from 10 ms on. It takes too long at 12 ms, which the monitor, before it in the slot, finds at 17 ms.
+    let mission = |takes_us| {
+        Mission::new(&SLOTS)
+            .task(signature::SLOT_MONITOR, None)
+            .task(signature::HOG, None)
+            .task(signature::SOURCE, None)
+            .region(
+                &[
+                    ("Watch", "SlotMonitor", 2, &[8]),
+                    ("Told", "Source", 2, &[99]),
+                ],
+                &["initial -> Watch", "Watch -> Told [overrun]"],
+            )
+            .region(
+                &[("Wait", "", 0, &[]), ("Hog", "Hog", 2, &[takes_us])],
+                &["initial -> Wait", "Wait -> Hog"],
+            )
+    };
+    for (takes_us, said) in [
+        (1_000, vec!["hog 1000", "hog 1000"]),
+        (
+            1_001,
+            vec![
+                "hog 1001",
+                "hog 1001",
+                "source enters",
+                "source 1 at 22000",
+                "hog 1001",
+            ],
+        ),
+    ] {
+        with_robot(|robot| {
+            robot.start(&mission(takes_us).blob());
+            robot.run_us(24_000);
+            let mut told = robot.world.said();
+            told.truncate(said.len());
+            assert_eq!(told, said);
+        });
+    }
+}
+
+#[test]
+fn a_missed_occurrence_raises_a_flag_too() {
+    let mission = Mission::new(&SLOTS)
+        .task(signature::SLOT_MONITOR, None)
+        .task(signature::SOURCE, None)
+        .region(
+            &[
+                ("Watch", "SlotMonitor", 2, &[8]),
+                ("Told", "Source", 2, &[99]),
+            ],
+            &["initial -> Watch", "Watch -> Told [missed]"],
+        );
+    with_robot(|robot| {
+        robot.start(&mission.blob());
+        robot.run_us(4_000);
+        // Slot 2 at 7 ms is left out; it goes on at 12 ms, before the interpreter's occurrence, which is late.
+        robot.world.pass_us(9_000);
+        robot.run_us(6_000);
+        assert_eq!(robot.status().missed, 1);
+        assert_eq!(robot.world.said(), ["source enters", "source 1 at 17000"]);
+    });
+}
+
+#[test]
+fn the_limit_of_a_supervising_task_holds_while_its_state_is_active() {
+    let watched = |limit, leave: &'static str| {
+        Mission::new(&SLOTS)
+            .task(signature::SLOT_MONITOR, None)
+            .task(signature::HOG, None)
+            .region(
+                &[("Watch", "SlotMonitor", 2, &[limit]), ("Rest", "", 0, &[])],
+                &["initial -> Watch", leave],
+            )
+            .region(&[("Hog", "Hog", 2, &[1_500])], &["initial -> Hog"])
+    };
+    let never = "Rest -> Watch";
+    for (what, mission, overruns) in [
+        ("the board's own limit is 3", hogging(1_500), 4),
+        ("none is allowed", watched(0, never), 1),
+        ("fewer than the board's", watched(1, never), 2),
+        ("more than the board's", watched(8, never), 9),
+        (
+            "left after two, then the board's",
+            watched(8, "Watch -> Rest [overrun]"),
+            4,
+        ),
+    ] {
+        with_robot(|robot| {
+            robot.start(&mission.blob());
+            robot.run_us(80_000);
+            let status = robot.status();
+            assert_eq!(
+                (status.mode, status.overruns),
+                (Mode::Safe(SafeReason::Overruns), overruns),
+                "{what}"
+            );
+            // The limit does not outlive its mission.
+            robot.start(&hogging(1_500).blob());
+            robot.run_us(80_000);
+            assert_eq!(robot.status().overruns, overruns + 4, "{what}");
+        });
+    }
+}
+
+#[test]
 fn missed_occurrences_are_counted_exactly() {
     // The second slot starts at 2, 7, 12, … ms; at 5 ms everything stands still for some time.
     for (still_us, missed, mode) in [
@@ -1146,7 +1253,7 @@ fn the_robot_tells_its_tasks_its_mission_and_its_states() {
         );
         assert_eq!(
             robot.ask(Request::Task {
-                index: 4,
+                index: 5,
                 offset: 0
             }),
             Err(LinkError::NoSuchIndex)

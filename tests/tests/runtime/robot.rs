@@ -10,6 +10,7 @@ use rt_firmware::link::message::{
     TaskCounters, ToDevice,
 };
 use rt_firmware::link::trace::TraceRecord;
+use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
     RealTime, Step, Task, registry, split, task,
@@ -136,6 +137,7 @@ registry! {
         sink: Sink<'w>[2],
         hog: Hog<'w>[2],
         thinker: Thinker<'w>[1],
+        slot_monitor: SlotMonitor[1],
     }
 }
 
@@ -144,6 +146,8 @@ pub mod signature {
     pub const SOURCE: &str = "task Source{out data count:u32;out flag high;param limit:u32;}";
     pub const SINK: &str = "task Sink{in data count:u32;param name:u32;}";
     pub const HOG: &str = "task Hog{param takes_us:u32;}";
+    pub const SLOT_MONITOR: &str =
+        "task SlotMonitor{out flag overrun;out flag missed;param limit:u32;}";
     pub const THINKER: &str =
         "task Thinker{in data count:u32 optional;out data thought:u32;out flag good;}";
 }
@@ -251,6 +255,7 @@ pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
             world: &world,
             steps: 0,
         }]),
+        slot_monitor: Bank::new([SlotMonitor::default()]),
     };
     let mut banks = toy.banks();
     let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 6, 4, 1, 512>::new();
