@@ -20,7 +20,7 @@ use super::mission::{self, Audience};
 use crate::lang::analysis::sharing::{self, SlotTasks};
 use crate::model::{Model, SlotRef, StateKind};
 use crate::pictures::SlotPicture;
-use crate::schedule::{self, Outcome, Report, SlotReport};
+use crate::schedule::{self, Outcome, Report, SlotReport, SnapReport};
 use crate::timetable::Timetable;
 use crate::trace_events;
 
@@ -36,10 +36,13 @@ Examples:
   esm schedule slots.esm --limit 10 --json | jq .feasible
   esm schedule missions/patrol.esm --svg slots.svg
   esm schedule missions/patrol.esm --perfetto slots.json     open it in ui.perfetto.dev
+  esm schedule slots.esm --snap
+  esm schedule slots.esm --snap 3 --json | jq .snap
 
 With --json: feasible (true, false, or null where undecided in time), hyperperiod_us, utilisation, slots: [slot, start_us, \
 period_us, duration_us, growth_us], growth_factor, tasks: [slot, duration_us, worst_us, together, tasks, left_out, without_wcet], \
-and reason and cure where the answer is no. It comes also where the answer is no.")]
+and reason and cure where the answer is no; with --snap also snap: [harmonic, hyperperiod_us, utilisation, total_percent, \
+changes: [slot, period_us, new_period_us, percent]]. It comes also where the answer is no.")]
 pub struct ScheduleArgs {
     /// The file with the slots
     #[arg(value_name = "FILE")]
@@ -56,6 +59,10 @@ pub struct ScheduleArgs {
     /// Writes the schedule as a trace in Chrome's format, for ui.perfetto.dev
     #[arg(long, value_name = "OUT")]
     pub perfetto: Option<PathBuf>,
+
+    /// Proposes changes of rates that make the slots easy to lay out; no period changes by more than so many percent
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = clap::value_parser!(u32).range(1..=i64::from(schedule::MAX_SNAP_PERCENT)))]
+    pub snap: Option<u32>,
 
     /// How long the search may take, in seconds
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
@@ -107,7 +114,11 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
     };
     // The answer is the report; why it is no is said to the person.
     mission::tell(&checked, Audience::Person, console)?;
-    let report = schedule::report(checked.slots(), &outcome);
+    let mut report = schedule::report(checked.slots(), &outcome);
+    report.snap = args.snap.map(|percent| {
+        let snaps = schedule::snap(checked.slots(), percent);
+        snaps.iter().map(schedule::snap_report).collect()
+    });
     let timetable = Timetable::of_report(&report);
     if args.json {
         console.json_line(&Answer {
@@ -120,6 +131,9 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         console.text(&chart::chart(&timetable, columns))?;
         console.text(&tasks::table(&tasks, columns.max(tasks::LEAST_COLUMNS)))?;
         console.text(&tasks::hints(&spare))?;
+        if let (Some(percent), Some(snaps)) = (args.snap, &report.snap) {
+            proposals(percent, snaps, console)?;
+        }
     }
     if checked.has_errors() {
         return Err(CommandError::Told);
@@ -255,5 +269,54 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
         "utilisation {:.1} %, hyperperiod {hyperperiod}",
         report.utilisation * 100.0
     )?;
+    Ok(())
+}
+
+fn proposals(
+    percent: u32,
+    snaps: &[SnapReport],
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let out = console.out();
+    if snaps.is_empty() {
+        writeln!(
+            out,
+            "\nno change of rates by at most {percent} % was found that makes the slots easy"
+        )?;
+    }
+    for snap in snaps {
+        let kind = if snap.harmonic {
+            "each period divides the next"
+        } else {
+            "there is a schedule"
+        };
+        let hyperperiod = snap
+            .hyperperiod_us
+            .map_or("too long to be counted".into(), |us| {
+                Time { us }.to_string()
+            });
+        if snap.changes.is_empty() {
+            writeln!(
+                out,
+                "\nrates as they are: {kind}, hyperperiod {hyperperiod}"
+            )?;
+            continue;
+        }
+        writeln!(
+            out,
+            "\nrates changed by {:.1} % in all: {kind}, hyperperiod {hyperperiod}, utilisation {:.1} %",
+            snap.total_percent,
+            snap.utilisation * 100.0
+        )?;
+        for change in &snap.changes {
+            let [from, to] = [change.period_us, change.new_period_us]
+                .map(|us| Time { us: us.into() }.to_string());
+            writeln!(
+                out,
+                "{:>6} {from:>12} -> {to:>12} {:>+7.1} %",
+                change.slot, change.percent
+            )?;
+        }
+    }
     Ok(())
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::clock::Clock;
 use super::infeasibility::Numbers;
 use super::proof::{self, Verdict};
-use super::{Infeasibility, Outcome, SlotSpec, bounds, exceeds_one, gcd, search};
+use super::{Infeasibility, Outcome, SlotSpec, bounds, exceeds_one, gcd, solve_within};
 
 /// As many slots of a reason are tried, the longest of them.
 const MAX_TRIED_SLOTS: usize = 12;
@@ -184,8 +184,10 @@ impl Infeasibility {
                     .unwrap_or_default()
             }
             Infeasibility::Crowded { slots: numbers, .. }
-            | Infeasibility::Packing { slots: numbers, .. } => Trials::new().find(&named(numbers)),
-            Infeasibility::Exhausted { .. } => Trials::new().find(slots),
+            | Infeasibility::Packing { slots: numbers, .. } => {
+                Trials::new(ALL_TICKS).find(&named(numbers))
+            }
+            Infeasibility::Exhausted { .. } => Trials::new(ALL_TICKS).find(slots),
             Infeasibility::FixedStarts { .. } => Vec::new(),
         };
         Cure {
@@ -220,21 +222,31 @@ fn lighter(slots: &[SlotSpec], numbers: &[u32]) -> Vec<Change> {
 }
 
 /// Trials of changes, as far as the work for them is bounded.
-struct Trials {
+pub(super) struct Trials {
     ticks_left: u64,
 }
 
 impl Trials {
-    fn new() -> Self {
-        Trials {
-            ticks_left: ALL_TICKS,
-        }
+    pub(super) fn new(ticks_left: u64) -> Self {
+        Trials { ticks_left }
+    }
+
+    /// Searches with all the work that is left.
+    pub(super) fn solve(&mut self, slots: &[SlotSpec]) -> Outcome {
+        let mut clock = Clock::new(Duration::MAX).with_ticks(self.ticks_left);
+        let outcome = solve_within(slots, &mut clock);
+        self.ticks_left = clock.ticks_left();
+        outcome
     }
 
     /// The smallest change of a duration, and that of a period, after which slots have a schedule.
     fn find(&mut self, core: &[SlotSpec]) -> Vec<Change> {
         let shorter = self.shorter(core).or_else(|| self.all_shorter(core));
-        let other = self.other_period(core);
+        // Twice or half the period at most.
+        let is_near = |slot: &SlotSpec, to_us: u32| {
+            to_us.max(slot.period_us) / 2 <= to_us.min(slot.period_us)
+        };
+        let other = self.other_period(core, &is_near);
         shorter.into_iter().chain(other).collect()
     }
 
@@ -245,11 +257,11 @@ impl Trials {
         }
         let mut clock = Clock::new(Duration::MAX).with_ticks(TRIAL_TICKS.min(self.ticks_left));
         let before = clock.ticks_left();
+        // What is refuted need not be explained here.
         let is_refuted = bounds::single_slots(slots).is_some()
             || bounds::windows(slots).is_some()
             || proof::packing(slots, &mut { PROOF_STEPS }, &mut clock) == Verdict::Refuted;
-        let works =
-            !is_refuted && matches!(search::search(slots, &mut clock), Outcome::Feasible(_));
+        let works = !is_refuted && matches!(solve_within(slots, &mut clock), Outcome::Feasible(_));
         // One for the trial itself: it comes to an end however little work each is.
         let spent = before - clock.ticks_left();
         self.ticks_left = self.ticks_left.saturating_sub(spent + 1_000);
@@ -317,7 +329,11 @@ impl Trials {
     }
 
     /// A slot with another period, the nearest that works: one of the others', or a multiple of one of them.
-    fn other_period(&mut self, core: &[SlotSpec]) -> Option<Change> {
+    pub(super) fn other_period(
+        &mut self,
+        core: &[SlotSpec],
+        is_allowed: &dyn Fn(&SlotSpec, u32) -> bool,
+    ) -> Option<Change> {
         let mut periods_us: Vec<u32> = core.iter().map(|slot| slot.period_us).collect();
         periods_us.sort_unstable();
         periods_us.dedup();
@@ -332,7 +348,7 @@ impl Trials {
                         && to_us >= slot.duration_us.max(1)
                         && slot.fixed_start_us.is_none_or(|start_us| start_us < to_us);
                     let (short, long) = (to_us.min(slot.period_us), to_us.max(slot.period_us));
-                    if is_possible && long / 2 <= short {
+                    if is_possible && is_allowed(slot, to_us) {
                         let ratio = u64::from(long) * 1_000_000 / u64::from(short.max(1));
                         candidates.push((ratio, to_us < slot.period_us, slot.number, to_us));
                     }

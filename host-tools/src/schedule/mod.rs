@@ -29,6 +29,7 @@ pub mod instances;
 mod proof;
 mod random;
 mod search;
+mod snap;
 mod spread;
 
 use std::collections::BTreeMap;
@@ -41,6 +42,7 @@ use crate::model::Model;
 pub use cure::{Change, Cure};
 pub use growth::{Growth, growth};
 pub use infeasibility::Infeasibility;
+pub use snap::{MAX_SNAP_PERCENT, RateChange, Snap, snap};
 
 /// The most slots that are laid out: more than any robot's table has, and few enough to compare each with each.
 pub const MAX_SLOTS: usize = 4_096;
@@ -95,7 +97,11 @@ pub enum Outcome {
 
 /// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
 pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
-    let mut clock = clock::Clock::new(limit);
+    solve_within(slots, &mut clock::Clock::new(limit))
+}
+
+/// [`solve`] with a clock that may count work instead of time.
+fn solve_within(slots: &[SlotSpec], clock: &mut clock::Clock) -> Outcome {
     if let Some(reason) = bounds::single_slots(slots) {
         return Outcome::Infeasible(reason);
     }
@@ -105,7 +111,7 @@ pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
     if let Some(reason) = bounds::windows(slots) {
         return Outcome::Infeasible(reason);
     }
-    let outcome = search::search(slots, &mut clock);
+    let outcome = search::search(slots, clock);
     if let Outcome::Feasible(schedule) = &outcome
         && check(slots, &schedule.starts_us).is_err()
     {
@@ -229,6 +235,9 @@ pub struct Report {
     pub cure: Option<String>,
     /// By which factor all durations may grow together with these starts; `None` without a schedule, or where nothing lasts.
     pub growth_factor: Option<f64>,
+    /// Changes of rates that make the slots easy; there only where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snap: Option<Vec<SnapReport>>,
 }
 
 /// A slot of a [`Report`].
@@ -273,6 +282,59 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
         reason: reason.map(Infeasibility::to_string),
         cure: reason.map(|reason| reason.cure(slots).to_string()),
         growth_factor: growth.together,
+        snap: None,
+    }
+}
+
+/// A proposal of [`snap`], in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SnapReport {
+    /// Whether each period divides the next longer one then.
+    pub harmonic: bool,
+    /// Least common multiple of the periods in microseconds; `None` where it exceeds 64 bits.
+    pub hyperperiod_us: Option<u64>,
+    /// Sum of duration over period.
+    pub utilisation: f64,
+    /// Sum of the changes of all slots in percent, each counted as positive.
+    pub total_percent: f64,
+    /// The slots whose rates change.
+    pub changes: Vec<SnapChange>,
+}
+
+/// A change of a [`SnapReport`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SnapChange {
+    /// Number of the slot.
+    pub slot: u32,
+    /// Its period in microseconds.
+    pub period_us: u32,
+    /// The new one.
+    pub new_period_us: u32,
+    /// By how much the period changes, in percent; above 0 where the slot becomes slower.
+    pub percent: f64,
+}
+
+/// Puts a proposal into the form of its JSON.
+pub fn snap_report(snap: &Snap) -> SnapReport {
+    SnapReport {
+        harmonic: snap.is_harmonic(),
+        hyperperiod_us: hyperperiod_us(&snap.slots),
+        utilisation: utilisation(
+            snap.slots
+                .iter()
+                .map(|slot| (slot.period_us, slot.duration_us)),
+        ),
+        total_percent: snap.total_percent(),
+        changes: snap
+            .changes
+            .iter()
+            .map(|change| SnapChange {
+                slot: change.slot,
+                period_us: change.from_us,
+                new_period_us: change.to_us,
+                percent: change.percent(),
+            })
+            .collect(),
     }
 }
 

@@ -1,0 +1,377 @@
+//! Which small changes of rates make slots easy: `esm schedule --snap`.
+//!
+//! Two ways are tried. One *mends*: as long as there is a proof that there is no schedule, one of the slots that it names gets the nearest other period with
+//! which those slots have one. The other *lines up*: all periods move to a chain in which each divides the next, for then hardly anything speaks against a schedule,
+//! and everything repeats soon. No period leaves the tolerance around the one that was declared. What comes out is solved and checked like any other set.
+
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
+use super::cure::{Change, Trials};
+use super::{Infeasibility, Outcome, Schedule, SlotSpec};
+
+/// The most that a period may change, in percent.
+pub const MAX_SNAP_PERCENT: u32 = 50;
+
+/// As many changes are made one after another to mend a set.
+const MAX_MENDS: usize = 12;
+
+/// As many shortest periods are tried for a chain.
+const MAX_BASES: usize = 64;
+
+/// As many chains are kept at each step to the next longer period.
+const MAX_KEPT_CHAINS: usize = 32;
+
+/// As many chains are searched for a schedule, those with the smallest changes.
+const MAX_SOLVED_CHAINS: usize = 12;
+
+/// Small pieces of work that the search for one schedule may take.
+const SOLVE_TICKS: u64 = 4_000_000;
+
+/// The period of a slot changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RateChange {
+    /// Number of the slot.
+    pub slot: u32,
+    /// Its period in microseconds.
+    pub from_us: u32,
+    /// The new one.
+    pub to_us: u32,
+}
+
+impl RateChange {
+    /// By how much the period changes, in percent; above 0 where the slot becomes slower.
+    pub fn percent(&self) -> f64 {
+        (f64::from(self.to_us) - f64::from(self.from_us)) * 100.0 / f64::from(self.from_us.max(1))
+    }
+}
+
+/// A set that is easy, and what leads to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snap {
+    /// The changes, in the order of the slots. Empty if the slots are easy as they are.
+    pub changes: Vec<RateChange>,
+    /// The slots with the changes made.
+    pub slots: Vec<SlotSpec>,
+    /// Their schedule, checked.
+    pub schedule: Schedule,
+}
+
+impl Snap {
+    /// Sum of the changes of all slots, in percent, each counted as positive.
+    pub fn total_percent(&self) -> f64 {
+        self.changes.iter().fold(0.0, |sum, change| {
+            let percent = change.percent();
+            sum + if percent < 0.0 { -percent } else { percent }
+        })
+    }
+
+    /// Whether each period divides the next longer one.
+    pub fn is_harmonic(&self) -> bool {
+        is_chain(&self.slots)
+    }
+}
+
+/// Sets with schedules that slots turn into if no period changes by more than `percent`, the smallest total change first: one that is mended, and one whose periods
+/// divide each other, where they are found.
+pub fn snap(slots: &[SlotSpec], percent: u32) -> Vec<Snap> {
+    let percent = percent.min(MAX_SNAP_PERCENT);
+    let mended = mend(slots, percent);
+    let is_easy = |snap: &Snap| snap.changes.is_empty() && snap.is_harmonic();
+    let lined_up = match &mended {
+        Some(snap) if is_easy(snap) => None,
+        _ => line_up(slots, percent),
+    };
+    let mut snaps: Vec<Snap> = mended.into_iter().chain(lined_up).collect();
+    snaps.sort_by(|a, b| a.total_percent().total_cmp(&b.total_percent()));
+    snaps.dedup_by(|a, b| a.slots == b.slots);
+    snaps
+}
+
+/// The periods that a slot may have: not shorter than it lasts, and after its start if that is given.
+fn range_us(slot: &SlotSpec, percent: u32) -> std::ops::RangeInclusive<u32> {
+    let part_us = u64::from(slot.period_us) * u64::from(percent) / 100;
+    let part_us = u32::try_from(part_us).unwrap_or(0);
+    let shortest_us = (slot.period_us - part_us.min(slot.period_us))
+        .max(slot.duration_us)
+        .max(
+            slot.fixed_start_us
+                .map_or(1, |start_us| start_us.saturating_add(1)),
+        );
+    shortest_us..=slot.period_us.saturating_add(part_us)
+}
+
+fn is_chain(slots: &[SlotSpec]) -> bool {
+    let mut periods_us: Vec<u32> = slots.iter().map(|slot| slot.period_us).collect();
+    periods_us.sort_unstable();
+    periods_us
+        .windows(2)
+        .all(|pair| pair[0] != 0 && pair[1].is_multiple_of(pair[0]))
+}
+
+/// What became of slots, if it has a schedule.
+fn solved(slots: &[SlotSpec], changed: Vec<SlotSpec>) -> Result<Snap, Outcome> {
+    match Trials::new(SOLVE_TICKS).solve(&changed) {
+        Outcome::Feasible(schedule) => Ok(Snap {
+            changes: slots
+                .iter()
+                .zip(&changed)
+                .filter(|(before, after)| before.period_us != after.period_us)
+                .map(|(before, after)| RateChange {
+                    slot: before.number,
+                    from_us: before.period_us,
+                    to_us: after.period_us,
+                })
+                .collect(),
+            slots: changed,
+            schedule,
+        }),
+        outcome => Err(outcome),
+    }
+}
+
+// ─── Mending ──────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// Changes one period after another of what is proved to have no schedule.
+fn mend(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
+    let allowed: BTreeMap<u32, std::ops::RangeInclusive<u32>> = slots
+        .iter()
+        .map(|slot| (slot.number, range_us(slot, percent)))
+        .collect();
+    let mut changed = slots.to_vec();
+    for _ in 0..MAX_MENDS {
+        let reason = match solved(slots, changed.clone()) {
+            Ok(snap) => return Some(snap),
+            Err(Outcome::Infeasible(reason)) => reason,
+            Err(_) => return None,
+        };
+        let core: Vec<SlotSpec> = match &reason {
+            Infeasibility::Crowded { slots, .. } | Infeasibility::Packing { slots, .. } => changed
+                .iter()
+                .filter(|slot| slots.contains(&slot.number))
+                .copied()
+                .collect(),
+            Infeasibility::Exhausted { .. } => changed.clone(),
+            _ => return None,
+        };
+        let is_allowed = |slot: &SlotSpec, to_us: u32| {
+            allowed
+                .get(&slot.number)
+                .is_some_and(|range_us| range_us.contains(&to_us))
+        };
+        let change = Trials::new(SOLVE_TICKS).other_period(&core, &is_allowed)?;
+        changed = Change::applied(&change, &changed);
+    }
+    None
+}
+
+// ─── Lining up ────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+/// Slots with one period, as declared.
+struct Row {
+    period_us: u32,
+    /// The periods that all of them may have.
+    shortest_us: u32,
+    longest_us: u32,
+    count: u32,
+}
+
+/// Periods for the first rows, each of which divides the next, and what they cost: the sum of the changes of all slots, in millionths.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Line {
+    cost: u64,
+    periods_us: Vec<u32>,
+}
+
+/// The chain with the smallest total change that has a schedule.
+fn line_up(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
+    let mut by_period: BTreeMap<u32, Row> = BTreeMap::new();
+    for slot in slots {
+        let range_us = range_us(slot, percent);
+        let row = by_period.entry(slot.period_us).or_insert(Row {
+            period_us: slot.period_us,
+            shortest_us: 1,
+            longest_us: u32::MAX,
+            count: 0,
+        });
+        row.shortest_us = row.shortest_us.max(*range_us.start());
+        row.longest_us = row.longest_us.min(*range_us.end());
+        row.count += 1;
+    }
+    let rows: Vec<Row> = by_period.into_values().collect();
+    let mut lines: Vec<Line> = bases_us(&rows)
+        .into_iter()
+        .flat_map(|base_us| lines(&rows, base_us))
+        .collect();
+    lines.sort_unstable();
+    lines.dedup();
+    lines.into_iter().take(MAX_SOLVED_CHAINS).find_map(|line| {
+        let changed = slots
+            .iter()
+            .map(|slot| {
+                let row = rows.partition_point(|row| row.period_us < slot.period_us);
+                SlotSpec {
+                    period_us: line.periods_us.get(row).copied().unwrap_or(slot.period_us),
+                    ..*slot
+                }
+            })
+            .collect();
+        solved(slots, changed).ok()
+    })
+}
+
+/// Shortest periods that some of the rows have as a divisor already, those of most slots first.
+fn bases_us(rows: &[Row]) -> Vec<u32> {
+    let Some(first) = rows.first() else {
+        return Vec::new();
+    };
+    let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
+    for row in rows {
+        let most = row.period_us / first.shortest_us.max(1);
+        for parts in (row.period_us / first.longest_us.max(1)).max(1)..=most {
+            let base_us = row.period_us / parts;
+            let is_exact = base_us * parts == row.period_us;
+            if is_exact && (first.shortest_us..=first.longest_us).contains(&base_us) {
+                *counts.entry(base_us).or_default() += row.count;
+            }
+        }
+    }
+    let mut bases_us: Vec<(u32, u32)> = counts.into_iter().collect();
+    bases_us.sort_by_key(|&(base_us, count)| (Reverse(count), base_us));
+    bases_us.truncate(MAX_BASES);
+    bases_us.into_iter().map(|(base_us, _)| base_us).collect()
+}
+
+/// Chains that begin with a base, those with the smallest changes.
+fn lines(rows: &[Row], base_us: u32) -> Vec<Line> {
+    let cost = |row: &Row, to_us: u32| {
+        u64::from(row.period_us.abs_diff(to_us)) * 1_000_000 / u64::from(row.period_us.max(1))
+            * u64::from(row.count)
+    };
+    let mut lines = vec![Line {
+        cost: 0,
+        periods_us: Vec::new(),
+    }];
+    for row in rows {
+        let mut longer: Vec<Line> = Vec::new();
+        for line in &lines {
+            let last_us = line.periods_us.last().copied();
+            let unit_us = last_us.unwrap_or(base_us).max(1);
+            let most = if last_us.is_none() {
+                1
+            } else {
+                row.longest_us / unit_us
+            };
+            for times in row.shortest_us.div_ceil(unit_us).max(1)..=most {
+                let to_us = unit_us * times;
+                if !(row.shortest_us..=row.longest_us).contains(&to_us) {
+                    continue;
+                }
+                let mut periods_us = line.periods_us.clone();
+                periods_us.push(to_us);
+                longer.push(Line {
+                    cost: line.cost + cost(row, to_us),
+                    periods_us,
+                });
+                if longer.len() > MAX_KEPT_CHAINS * MAX_KEPT_CHAINS {
+                    break;
+                }
+            }
+        }
+        longer.sort_unstable();
+        // Of chains that end alike, the first costs least.
+        let mut ends: Vec<u32> = Vec::new();
+        longer.retain(|line| {
+            let end = line.periods_us.last().copied().unwrap_or(0);
+            let is_new = !ends.contains(&end);
+            if is_new {
+                ends.push(end);
+            }
+            is_new
+        });
+        longer.truncate(MAX_KEPT_CHAINS);
+        lines = longer;
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::check;
+    use super::*;
+
+    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
+        times_us
+            .iter()
+            .zip(1..)
+            .map(|(&(period_us, duration_us), number)| SlotSpec {
+                number,
+                period_us,
+                duration_us,
+                fixed_start_us: None,
+            })
+            .collect()
+    }
+
+    /// (slot, old, new period) of each proposal.
+    fn proposals(times_us: &[(u32, u32)], percent: u32) -> Vec<Vec<(u32, u32, u32)>> {
+        let triple = |change: &RateChange| (change.slot, change.from_us, change.to_us);
+        snap(&slots(times_us), percent)
+            .iter()
+            .map(|snap| snap.changes.iter().map(triple).collect())
+            .collect()
+    }
+
+    #[test]
+    fn rates_that_are_nearly_harmonic_become_so() {
+        let (fast, odd) = ((10_000, 4_000), (19_000, 4_000));
+        assert_eq!(
+            proposals(&[fast, odd], 10),
+            [[(1, 10_000, 9_500)], [(2, 19_000, 20_000)]]
+        );
+        assert!(proposals(&[fast, odd], 2).is_empty(), "it takes more");
+        // Nothing has to change.
+        assert_eq!(proposals(&[fast, (20_000, 4_000)], 10), [[]]);
+    }
+
+    #[test]
+    fn what_is_only_mended_comes_beside_what_is_lined_up() {
+        // 10 and 25 ms have 5 ms in common: too little. 30 ms would do, and 11.25, 22.5 and 45 ms divide each other.
+        let times_us = [(10_000, 4_000), (25_000, 4_000), (45_000, 100)];
+        let proposals = proposals(&times_us, 20);
+        assert_eq!(
+            proposals,
+            [
+                vec![(2, 25_000, 30_000)],
+                vec![(1, 10_000, 11_250), (2, 25_000, 22_500)]
+            ]
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+
+        /// Whatever is proposed has the schedule that comes with it, and stays within the tolerance.
+        #[test]
+        fn proposals_hold_what_they_promise(
+            times_us in proptest::collection::vec((prop::sample::select(vec![90_u32, 100, 110, 190, 200, 250, 330, 400]), 1..40_u32), 1..6),
+            percent in 0..30_u32,
+        ) {
+            let slots = slots(&times_us);
+            let snaps = snap(&slots, percent);
+            for (before, after) in snaps.iter().zip(snaps.iter().skip(1)) {
+                prop_assert!(before.total_percent() <= after.total_percent());
+            }
+            for snap in snaps {
+                prop_assert_eq!(check(&snap.slots, &snap.schedule.starts_us), Ok(()));
+                for (before, after) in slots.iter().zip(&snap.slots) {
+                    prop_assert_eq!(before.duration_us, after.duration_us);
+                    let most_us = before.period_us * percent / 100;
+                    prop_assert!(before.period_us.abs_diff(after.period_us) <= most_us);
+                }
+            }
+        }
+    }
+}
