@@ -470,3 +470,73 @@ impl Search<'_> {
             .unwrap_or(distance)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Random;
+    use super::*;
+
+    /// Slots that have a packing, and with it a fullest frame that nothing is left of.
+    fn packed(random: &mut Random) -> Vec<SlotSpec> {
+        const FRAME_US: u64 = 60;
+        // Periods of p/q frames.
+        const CLASSES: [(u64, u64); 7] = [(2, 1), (3, 1), (4, 1), (6, 1), (3, 2), (5, 2), (12, 1)];
+        const FRAMES: u64 = 60;
+        let mut loads = [0; FRAMES as usize];
+        let mut slots = Vec::new();
+        for number in 2..9 {
+            let (frames, turns) = CLASSES[random.index(CLASSES.len())];
+            let (residue, duration_us) = (random.below(frames), 1 + random.below(9));
+            let mut occurrence = residue;
+            while occurrence < FRAMES * turns {
+                loads[(occurrence / turns) as usize] += duration_us;
+                occurrence += frames;
+            }
+            slots.push((number, FRAME_US * frames / turns, duration_us));
+        }
+        let fullest = loads.iter().max().copied().unwrap_or(0);
+        slots.push((1, FRAME_US, FRAME_US - fullest));
+        slots
+            .into_iter()
+            .map(|(number, period_us, duration_us)| SlotSpec {
+                number,
+                period_us: u32::try_from(period_us).expect("small"),
+                duration_us: u32::try_from(duration_us).expect("small"),
+                fixed_start_us: None,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_has_a_packing_is_packed() {
+        let mut random = Random::new(7);
+        for set in 0..400 {
+            let slots = packed(&mut random);
+            let mut clock = Clock::new(std::time::Duration::MAX);
+            let end = Frames::new(&slots).search(&mut 5_000, &mut clock);
+            assert_eq!(end, End::Packed, "set {set}: {slots:?}");
+        }
+    }
+
+    #[test]
+    fn what_overfills_a_frame_is_not() {
+        // Slots of every 2nd and of every 3rd frame meet, whatever their residues are.
+        let slot = |number, period_us, duration_us| SlotSpec {
+            number,
+            period_us,
+            duration_us,
+            fixed_start_us: None,
+        };
+        let mut clock = Clock::new(std::time::Duration::MAX);
+        let mut slots = [slot(1, 10, 4), slot(2, 20, 3), slot(3, 30, 4)];
+        assert_eq!(
+            Frames::new(&slots).search(&mut 100, &mut clock),
+            End::Exhausted
+        );
+        slots[2].duration_us = 3;
+        assert_eq!(
+            Frames::new(&slots).search(&mut 100, &mut clock),
+            End::Packed
+        );
+    }
+}
