@@ -4,7 +4,7 @@
 //! the counter's rounds; everybody else adds to the base what the counter has counted since. So time needs no lock: one context writes the base,
 //! and the others notice if they were interrupted while they read it.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering, fence};
 
 /// Time in ticks of a counter of `BITS` bits, 32 at most, that counts up.
 ///
@@ -65,8 +65,10 @@ impl<const BITS: u32> Clock<BITS> {
             let moves = self.moves.load(Ordering::Acquire);
             let base = self.base(moves).ticks();
             let ticks = base + u64::from(Self::since(base as u32, count()));
+            // What was read above was read before this.
+            fence(Ordering::Acquire);
             // Moved meanwhile: what was read may be of two bases. The next attempt meets no move, since moves are further apart than this takes.
-            if self.moves.load(Ordering::Acquire) == moves {
+            if self.moves.load(Ordering::Relaxed) == moves {
                 return ticks;
             }
         }

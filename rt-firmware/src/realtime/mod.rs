@@ -2,7 +2,7 @@
 //!
 //! In an occurrence of a slot, in this order: a slot-0 run that has ended is taken back; in the interpreter's slot a new mission is switched
 //! to, or else a macro step is made; the slot's enabled tasks are executed in the order of the instance tree; a waiting slot-0 run is
-//! started. Nothing here waits or locks.
+//! started. Where the first task was made ready ([`Ready`]), the slot-0 run is taken back after the tasks. Nothing here waits or locks.
 //!
 //! After a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
 //! is executed.
@@ -780,16 +780,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let Some(letter) = self.waiting.take() else {
             return;
         };
-        let mut running = None;
-        let (old, arena) = match self.mission.take() {
-            Some(mission) => {
-                let period_us = interpreter_period_us(&mission.interpreter.tables());
-                running = Some((mission.origin, period_us));
-                let (verified, arena) = mission.interpreter.into_parts();
-                (Some(verified), Some(arena))
-            }
-            None => (None, self.arena.take()),
-        };
+        let (old, running) = self.end_mission().unzip();
+        let arena = self.arena.take();
         *letter = match (core::mem::replace(letter, Letter::Empty), arena) {
             (Letter::Swap(new), Some(arena)) => {
                 let old = old.map(Verified::into_bytes);
@@ -821,6 +813,17 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         };
         self.tell_health();
         self.send(letter);
+    }
+
+    /// Takes the mission away, if there is one. What is left are its tables, its origin and the interpreter's period.
+    // Not inlined: no other mission should be made on top of this one.
+    #[inline(never)]
+    fn end_mission(&mut self) -> Option<(Verified<BlobBuffer<'m>>, (Origin, u32))> {
+        let mission = self.mission.take()?;
+        let period_us = interpreter_period_us(&mission.interpreter.tables());
+        let (verified, arena) = mission.interpreter.into_parts();
+        self.arena = Some(arena);
+        Some((verified, (mission.origin, period_us)))
     }
 
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
