@@ -1,8 +1,8 @@
 //! A robot that measures how its slots are started: `cargo xtask bench dispatch` builds, runs and reads it.
 //!
 //! Everything between the timer and the tasks is the firmware's own; only the exchange with a plant is left out, which an emulated
-//! board has and a real one has not. The mission has one slot for the interpreter and a [`Probe`] in each of the others; in slot 0 runs
-//! either [`Spin`], which calls nothing, or [`Call`], which goes through the framework all the time.
+//! board has and a real one has not. The mission has one slot for the interpreter; of the others, each third has an enabled task, which is a [`Probe`], a
+//! [`Two`] or a [`Four`] in turn. In slot 0 runs either [`Spin`], which calls nothing, or [`Call`], which goes through the framework all the time.
 //!
 //! The clock counts 20 ns; an instruction takes 2^8 ns (`-icount shift=8`), so what is counted is exact to an instruction. First the link sleeps
 //! and whole handlers are measured, by what they take from [`Spin`]; then it works, and the beginnings of tasks are measured.
@@ -29,8 +29,13 @@ use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_writec
 
 /// Slots that a mission may have: the interpreter's and 200 others.
 const SLOTS: usize = 201;
+/// Tasks with two data ports, and tasks with four.
+const PORTED: usize = 8;
 /// Room for their mission.
 const BLOB_BYTES: usize = 14 * 1024;
+
+/// Nets of tasks with ports, and one more.
+const NETS: usize = 4 * PORTED;
 
 /// Nanoseconds that an instruction takes.
 const INSTRUCTION_NS: u32 = 1 << 8;
@@ -38,6 +43,11 @@ const INSTRUCTION_NS: u32 = 1 << 8;
 const TICK_NS: u32 = 1_000 / TICKS_PER_US;
 /// Bits that SysTick counts.
 const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
+
+/// Time for the interpreter in each period, in microseconds; as the host has it.
+const INTERPRETER_US: u32 = 30_000;
+/// From one slot to the next, in microseconds; as the host has it.
+const DISTANCE_US: u32 = 4_000;
 
 /// Until then the host gets its answer that the mission runs, in microseconds of the mission.
 const BEGIN_US: u32 = 200_000;
@@ -55,16 +65,27 @@ const CHECKED: [(&str, &CStr); 3] = [
 
 /// The clock's ticks when the mission's time was 0, their low half.
 static ORIGIN: AtomicU32 = AtomicU32::new(0);
-/// Probes that were executed.
-static PROBES: AtomicU32 = AtomicU32::new(0);
-/// What the last probe itself took, in ticks.
+/// Period of all slots, in microseconds; 0 as long as no task was executed.
+static PERIOD_US: AtomicU32 = AtomicU32::new(0);
+/// What the last task in a slot itself took, in ticks.
 static OWN: AtomicU32 = AtomicU32::new(0);
 /// Whether the link works.
 static LOUD: AtomicBool = AtomicBool::new(false);
 /// From a slot's nominal start to its task's first instruction.
 static START: Range = Range::new();
-/// What a handler took from the task that was interrupted, without the probe itself.
+/// What the handler of a slot without an enabled task takes from the task that is interrupted, where nothing is enabled in the next slot either.
 static WHOLE: Range = Range::new();
+/// The same where the next slot has an enabled task: of each of [`KINDS`].
+static BEFORE: [Range; KINDS.len()] = [const { Range::new() }; KINDS.len()];
+/// The same of the slot itself, without what the task itself takes.
+static WITH: [Range; KINDS.len()] = [const { Range::new() }; KINDS.len()];
+
+/// Data ports of the tasks in slots, in the order in which slots have them.
+const KINDS: [u32; 3] = [0, 2, 4];
+/// Slots from one with an enabled task to the next.
+const DISTANCE_OF_TASKS: u32 = 3;
+/// Slots besides the interpreter's that have tasks at all, enabled or not; a multiple of [`DISTANCE_OF_TASKS`].
+const SLOTS_WITH_TASKS: u32 = 63;
 
 /// Shortest, longest and sum of what was measured, in ticks.
 struct Range {
@@ -151,7 +172,25 @@ impl Board for BenchBoard {
     }
 }
 
-/// Looks at the clock first of all.
+/// Executes what a task does, and notes what it took and, where that is wanted, when it began. It looks at the clock first of all.
+#[inline(always)]
+fn measured(io: &mut Io<'_>, noted: bool, work: impl FnOnce(&mut Io<'_>)) -> Step {
+    let count = sys_tick::CVR.read();
+    if noted && LOUD.load(Relaxed) {
+        // SysTick counts down, and has done so since the clock's ticks were 0.
+        let now = SYS_TICK_MASK.wrapping_sub(count);
+        let since_ticks = (io.now_us() as u32).wrapping_mul(TICKS_PER_US);
+        let nominal = ORIGIN.load(Relaxed).wrapping_add(since_ticks);
+        START.note(now.wrapping_sub(nominal) & SYS_TICK_MASK);
+    }
+    work(io);
+    PERIOD_US.store(io.period_us(), Relaxed);
+    let after = sys_tick::CVR.read();
+    OWN.store(count.wrapping_sub(after) & SYS_TICK_MASK, Relaxed);
+    Step::Run
+}
+
+/// Does nothing.
 struct Probe;
 
 task! {
@@ -162,18 +201,90 @@ task! {
 
 impl Task for Probe {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let count = sys_tick::CVR.read();
-        if LOUD.load(Relaxed) {
-            // SysTick counts down, and has done so since the clock's ticks were 0.
-            let now = SYS_TICK_MASK.wrapping_sub(count);
-            let since_ticks = (io.now_us() as u32).wrapping_mul(TICKS_PER_US);
-            let nominal = ORIGIN.load(Relaxed).wrapping_add(since_ticks);
-            START.note(now.wrapping_sub(nominal) & SYS_TICK_MASK);
+        measured(io, true, |_| ())
+    }
+}
+
+/// Reads a value and writes one.
+struct Two;
+
+task! {
+    impl Two {
+        slot 2;
+        data {
+            in from: Number optional;
+            out to: Number;
         }
-        PROBES.store(PROBES.load(Relaxed).wrapping_add(1), Relaxed);
-        let after = sys_tick::CVR.read();
-        OWN.store(count.wrapping_sub(after) & SYS_TICK_MASK, Relaxed);
-        Step::Run
+        flags {
+            in go;
+        }
+        params {
+            gain: u32 = 1;
+        }
+    }
+}
+
+impl Task for Two {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        measured(io, false, |io| {
+            let from = io.try_read(Self::FROM).map_or(0, |from| from.0);
+            let sum = from.wrapping_add(io.param(Self::GAIN));
+            *io.write(Self::TO) = Number(sum + u32::from(io.flag(Self::GO)));
+        })
+    }
+}
+
+/// Reads two values and writes two.
+struct Four;
+
+task! {
+    impl Four {
+        slot 2;
+        data {
+            in first: Number optional;
+            in second: Number optional;
+            out to: Number;
+            out also: Number;
+        }
+        flags {
+            in go;
+            out odd;
+        }
+        params {
+            gain: u32 = 1;
+            offset: u32 = 1;
+        }
+    }
+}
+
+impl Task for Four {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        measured(io, false, |io| {
+            let first = io.try_read(Self::FIRST).map_or(0, |first| first.0);
+            let second = io.try_read(Self::SECOND).map_or(0, |second| second.0);
+            *io.write(Self::TO) = Number(first.wrapping_add(io.param(Self::GAIN)));
+            *io.write(Self::ALSO) = Number(second.wrapping_add(io.param(Self::OFFSET)));
+            io.set(Self::ODD, !first.is_multiple_of(2) && io.flag(Self::GO));
+        })
+    }
+}
+
+/// Where it belongs what a handler took that has just ended. Found by the time, so that a handler does nothing for it.
+fn range_of_handler() -> Option<&'static Range> {
+    let since_ticks = (now_ticks() as u32).wrapping_sub(ORIGIN.load(Relaxed));
+    let phase_us = (since_ticks / TICKS_PER_US).checked_rem(PERIOD_US.load(Relaxed))?;
+    // Until the interpreter's time is over, the timer only looks whether there is something to do. The slot before it makes nothing ready.
+    let slot = phase_us.checked_sub(INTERPRETER_US)? / DISTANCE_US;
+    let last = (PERIOD_US.load(Relaxed) - INTERPRETER_US) / DISTANCE_US - 1;
+    let slot = slot.checked_sub(1).filter(|_| slot < last)?;
+    if slot >= SLOTS_WITH_TASKS {
+        return Some(&WHOLE);
+    }
+    let kind = (slot / DISTANCE_OF_TASKS) as usize % KINDS.len();
+    match slot % DISTANCE_OF_TASKS {
+        0 => Some(&WHOLE),
+        1 => BEFORE.get(kind),
+        _ => WITH.get(kind),
     }
 }
 
@@ -211,6 +322,12 @@ fn phase() -> Phase {
         _ => {
             START.print("start");
             WHOLE.print("whole");
+            for (ranges, when) in [(&BEFORE, "before"), (&WITH, "with")] {
+                for (range, ports) in ranges.iter().zip(KINDS) {
+                    let _ = write!(Console, "{when}-");
+                    range.print(["0", "2", "4"][ports as usize / 2]);
+                }
+            }
             for (name, file) in CHECKED {
                 measure_check(name, file);
             }
@@ -256,20 +373,24 @@ task! {
 impl Task for Spin {
     fn step(&mut self, _io: &mut Io<'_>) -> Step {
         const ROUNDS: u32 = 10_000;
+        /// Longer than a round, shorter than any handler.
+        const SHORTEST_HANDLER_TICKS: u32 = 50 * INSTRUCTION_NS / TICK_NS;
         let quiet = phase() == Phase::Quiet;
-        let (mut probes, mut last) = (PROBES.load(Relaxed), sys_tick::CVR.read());
-        let mut shortest = u32::MAX;
+        let mut last = sys_tick::CVR.read();
+        // What a round takes that is not interrupted.
+        let mut usual = 0;
         for _ in 0..ROUNDS {
             let now = sys_tick::CVR.read();
             let gap = last.wrapping_sub(now) & SYS_TICK_MASK;
-            shortest = shortest.min(gap);
             last = now;
-            if gap > 10 * shortest {
-                let executed = PROBES.load(Relaxed);
-                if quiet && executed == probes.wrapping_add(1) {
-                    WHOLE.note(gap - shortest - OWN.load(Relaxed));
+            if gap < SHORTEST_HANDLER_TICKS {
+                usual = usual.max(gap);
+            } else {
+                // Whatever was executed before this one is taken off for nothing where no task is enabled.
+                let own = OWN.swap(0, Relaxed);
+                if quiet && let Some(range) = range_of_handler() {
+                    range.note(gap - usual - own);
                 }
-                probes = executed;
                 last = sys_tick::CVR.read();
             }
         }
@@ -341,6 +462,8 @@ registry! {
     /// What measures.
     struct Bench {
         probe: Probe[SLOTS - 1],
+        two: Two[PORTED],
+        four: Four[PORTED],
         spin: Spin[1],
         call: Call[1],
         read: Read[1],
@@ -351,6 +474,8 @@ impl Bench {
     fn new(_: Parts<'static>) -> Self {
         Self {
             probe: Bank::new(array::from_fn(|_| Probe)),
+            two: Bank::new([const { Two }; PORTED]),
+            four: Bank::new([const { Four }; PORTED]),
             spin: Bank::new([Spin]),
             call: Bank::new([Call::default()]),
             read: Bank::new([Read]),
@@ -362,6 +487,6 @@ lm3s6965::app! {
     firmware: concat!("bench ", env!("CARGO_PKG_VERSION")),
     robot: Bench = Bench::new,
     board: BenchBoard = BenchBoard,
-    memory: Memory<'static, BLOB_BYTES, 1024, SLOTS, { SLOTS + 3 }, 4, 1, { settings::TRACE_BYTES }>,
+    memory: Memory<'static, BLOB_BYTES, 1024, SLOTS, { SLOTS + 3 }, NETS, 1, { settings::TRACE_BYTES }>,
     slots: SLOTS,
 }
