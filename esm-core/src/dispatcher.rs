@@ -193,6 +193,23 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         Some(occurrence)
     }
 
+    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due and that its period has not passed.
+    #[inline]
+    pub fn take_on_time(&mut self) {
+        let [winner, ..] = self.matches.as_slice() else {
+            return;
+        };
+        let next = winner + (u64::from(self.period_us(*winner as u8 as usize)) << SLOT_BITS);
+        replay(&mut self.matches, self.len, next);
+    }
+
+    /// Period of a slot in microseconds; 0 if there is no such slot.
+    #[must_use]
+    #[inline]
+    pub fn period_us(&self, slot: usize) -> u32 {
+        self.entries.get(slot).map_or(0, |entry| entry.period_us)
+    }
+
     /// Occurrences of a slot that did not start within their period; saturates.
     #[must_use]
     pub fn missed(&self, slot: usize) -> u32 {

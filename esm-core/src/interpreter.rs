@@ -10,7 +10,7 @@
 use core::ops::Deref;
 
 use crate::format::{self, Section};
-use crate::tables::{Channel, Instance, RegionInstance, StateKind, Tables};
+use crate::tables::{Channel, Instance, RegionInstance, StateKind, Tables, TaskPlaces};
 use crate::verify::{ArenaLayout, Verified};
 
 /// Why a machine was stopped.
@@ -341,6 +341,40 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
             })
     }
 
+    /// The first 16 control flags of the task instance with these places, the first in the lowest bit.
+    pub fn control_flags_at(&self, places: &TaskPlaces) -> u16 {
+        let count = usize::from(places.flags).saturating_sub(format::TASK_CONTROL_FLAGS);
+        if count == 0 {
+            return 0;
+        }
+        let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
+        let layout = self.layout;
+        let words = self
+            .arena
+            .get(layout.regions..layout.regions + layout.flags);
+        let word = |index| {
+            words
+                .and_then(|words| words.get(index))
+                .map_or(0, |word| *word)
+        };
+        let shift = first % WORD_BITS;
+        let low = word(first / WORD_BITS) >> shift;
+        // Shifted twice, since a word cannot be shifted by all of its bits.
+        let high = word(first / WORD_BITS + 1) << 1 << (WORD_BITS - 1 - shift);
+        let unused = 16usize.saturating_sub(count) as u32;
+        (low | high) as u16 & u16::MAX >> unused
+    }
+
+    /// [`set_flag`](Self::set_flag) of the task instance with these places.
+    pub fn set_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
+        self.write_flag_at(places, format::TASK_CONTROL_FLAGS + flag, value);
+    }
+
+    /// [`set_busy`](Self::set_busy) of the task instance with these places.
+    pub fn set_busy_at(&mut self, places: &TaskPlaces, busy: bool) {
+        self.write_flag_at(places, format::FLAG_BUSY, busy);
+    }
+
     /// The exit flag of a task instance.
     pub fn has_exited(&self, task_instance: usize) -> bool {
         self.tables()
@@ -377,11 +411,24 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// Writes a bit of a task instance's flag block, if the block has it.
     fn write_task_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
-        let layout = self.layout;
-        let tables = self.tables();
-        let Some((first, length)) = tables.flags_of_task(task_instance) else {
+        let Some((first, length)) = self.tables().flags_of_task(task_instance) else {
             return;
         };
+        self.write_flag(first, length, flag, value);
+    }
+
+    fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
+        self.write_flag(
+            usize::from(places.first_flag),
+            usize::from(places.flags),
+            flag,
+            value,
+        );
+    }
+
+    /// Writes a bit of the flag block that begins at `first` and has `length` bits, if it is one of them.
+    fn write_flag(&mut self, first: usize, length: usize, flag: usize, value: bool) {
+        let layout = self.layout;
         if flag >= length {
             return;
         }

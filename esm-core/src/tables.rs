@@ -226,6 +226,19 @@ pub struct TaskInstance {
     pub first_connection: usize,
 }
 
+/// Where what belongs to a task instance stands: looked up once, and read as often as it is needed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TaskPlaces {
+    /// First bit of its flag block: exit, timeout, busy, control flags in the order of the signature.
+    pub first_flag: u16,
+    /// Length of that block.
+    pub flags: u16,
+    /// [`TaskState::first_param`].
+    pub first_param: u16,
+    /// [`TaskInstance::first_connection`].
+    pub first_connection: u16,
+}
+
 /// A net: data ports joined by data paths, over all container borders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Net {
@@ -890,6 +903,39 @@ impl<'a> Tables<'a> {
     pub fn flags_of_task(&self, task_instance: usize) -> Option<(usize, usize)> {
         let instance = self.task_instance(task_instance)?;
         self.flags_of_state(instance.region, instance.state)
+    }
+
+    /// Where what belongs to a task instance stands.
+    #[must_use]
+    pub fn task_places(&self, task_instance: usize) -> Option<TaskPlaces> {
+        let instance = self.task_instance(task_instance)?;
+        let &[_, _, _, _, f0, f1, s0, s1, _, _, t0, t1, ..] =
+            self.record::<16>(Section::States, instance.state)?;
+        let region_flag = self.word(layout::region_instance::FIRST_FLAG, instance.region);
+        let state_flag = u16::from_le_bytes([f0, f1]);
+        Some(TaskPlaces {
+            first_flag: state_flag.wrapping_add(region_flag as u16),
+            flags: u16::from_le_bytes([s0, s1]) & format::STATE_FLAGS_MASK,
+            first_param: self.word(layout::task_state::FIRST_PARAM, word(t0, t1)) as u16,
+            first_connection: instance.first_connection as u16,
+        })
+    }
+
+    /// The nets of a task's data ports, by their place in the signature; see [`TaskPlaces::first_connection`].
+    pub fn nets_from(&self, first_connection: u16) -> impl Fn(usize) -> Option<usize> + use<'a> {
+        let records = self.records(Section::Connections);
+        let records = records.get(usize::from(first_connection)..).unwrap_or(&[]);
+        move |port| {
+            let net = u16::from_le_bytes(*records.get(port)?);
+            (net != format::NONE).then_some(usize::from(net))
+        }
+    }
+
+    /// The values of parameters, from this one on; see [`Self::param`].
+    pub fn params_from(&self, first_param: u16) -> impl Iterator<Item = u32> + use<'a> {
+        let records = self.records(Section::Params);
+        let records = records.get(usize::from(first_param)..).unwrap_or(&[]);
+        records.iter().map(|record| u32::from_le_bytes(*record))
     }
 
     /// First bit of the flag block of a state in a region instance, and its length.

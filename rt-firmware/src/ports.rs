@@ -338,6 +338,8 @@ pub struct Io<'a> {
 struct IoState {
     /// The value of each data port: to read for `in`, to write for `out` and `inout`.
     values: [Option<ErasedBuffer>; MAX_DATA_PORTS],
+    /// Data ports of the task. No later one has a value.
+    ports: u8,
     /// Bit n: data port n may be written.
     writable: u8,
     /// Bit n: data port n was written.
@@ -345,6 +347,43 @@ struct IoState {
     inputs: Inputs,
     flags: FlagChanges,
     allowed_overruns: Option<u32>,
+}
+
+impl IoState {
+    const EMPTY: IoState = IoState {
+        values: [None; MAX_DATA_PORTS],
+        ports: 0,
+        writable: 0,
+        written: 0,
+        inputs: Inputs {
+            flags: 0,
+            params: [0; MAX_PARAMS],
+            now_us: 0,
+            period_us: 0,
+            overruns: 0,
+            missed: 0,
+        },
+        flags: FlagChanges {
+            written: 0,
+            values: 0,
+        },
+        allowed_overruns: None,
+    };
+
+    /// Makes it that of another execution, by a task with so many data ports, where it is: it is too large to be passed around in each
+    /// occurrence.
+    fn begin(&mut self, ports: usize) {
+        let used = usize::from(self.ports);
+        for value in self.values.iter_mut().take(used) {
+            *value = None;
+        }
+        self.ports = ports.min(MAX_DATA_PORTS) as u8;
+        self.writable = 0;
+        self.written = 0;
+        self.inputs = Inputs::default();
+        self.flags = FlagChanges::default();
+        self.allowed_overruns = None;
+    }
 }
 
 /// What enters an execution beside the values on nets.
@@ -642,6 +681,12 @@ impl Net {
     pub const EMPTY: Net = Net { value: None };
 
     fn publish(&mut self, value: Option<ErasedBuffer>) {
+        // Most tasks write over the value that they published before.
+        if let (Some(new), Some(old)) = (value, self.value)
+            && new.head == old.head
+        {
+            return;
+        }
         if let Some(new) = value {
             let publications = &new.head().publications;
             publications.set(publications.get().saturating_add(1));
@@ -699,14 +744,16 @@ pub struct Executor<'m> {
     lent_is_stale: bool,
     /// The task that is to be executed next. Whatever changes nets, tasks or the use of buffers takes it away first (invariant 3).
     ready: Option<Ready<'m>>,
+    /// What it is executed with.
+    prepared: IoState,
 }
 
-/// A task with all that it is executed with.
+/// A task that can be executed.
+#[derive(Clone, Copy)]
 struct Ready<'m> {
     bank: &'m dyn TaskBank,
-    task: TaskPlace,
+    place: u8,
     enter: bool,
-    state: IoState,
 }
 
 // SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers lead to is reached by it alone or by
@@ -731,6 +778,7 @@ pub fn assemble<'m>(
             lent: None,
             lent_is_stale: false,
             ready: None,
+            prepared: IoState::EMPTY,
         },
         registry,
     ))
@@ -781,7 +829,7 @@ impl<'m> Executor<'m> {
         inputs: &Inputs,
         enter: bool,
     ) -> Option<Outcome> {
-        if !self.make_ready(task, &net_of, inputs, enter) {
+        if !self.make_ready(task, &net_of, enter, |place, _| *place = *inputs) {
             return None;
         }
         let step = self.execute_ready()?;
@@ -793,14 +841,15 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Does all of [`execute`](Self::execute) that can be done before. False, and nothing is ready, if the task cannot be executed. Anything else that
-    /// is done with this executor before [`execute_ready`](Self::execute_ready) takes the readiness away.
+    /// Does all of [`execute`](Self::execute) that can be done before; `find_inputs` fills what enters beside the values on nets, all of which is 0 before.
+    /// False, and nothing is ready, if the task cannot be executed. Anything else that is done with this executor before
+    /// [`execute_ready`](Self::execute_ready) takes the readiness away.
     pub fn make_ready(
         &mut self,
         task: TaskPlace,
         net_of: impl Fn(usize) -> Option<usize>,
-        inputs: &Inputs,
         enter: bool,
+        find_inputs: impl FnOnce(&mut Inputs, &Declaration),
     ) -> bool {
         self.ready = None;
         let Some(bank) = self.registry.bank(usize::from(task.bank)) else {
@@ -809,28 +858,32 @@ impl<'m> Executor<'m> {
         if self.lent == Some(task) {
             return false;
         }
-        self.ready = self
-            .connect(bank, task, &net_of, inputs, true)
-            .map(|state| Ready {
-                bank,
-                task,
-                enter,
-                state,
-            });
-        self.ready.is_some()
+        let declared = bank.declaration();
+        let state = &mut self.prepared;
+        state.begin(declared.ports.len());
+        if connect(self.nets, bank, declared, task, net_of, true, state).is_none() {
+            return false;
+        }
+        find_inputs(&mut state.inputs, declared);
+        self.ready = Some(Ready {
+            bank,
+            place: task.place,
+            enter,
+        });
+        true
     }
 
     /// Executes the task that was made ready. What it wrote is to be published by [`end_ready`](Self::end_ready).
     #[inline(always)]
     pub fn execute_ready(&mut self) -> Option<Step> {
-        let ready = self.ready.as_mut()?;
+        let ready = self.ready.as_ref()?;
         // SAFETY: the executor owns the task (invariant 1), and it is not lent: it was not when it was made ready, and lending ends that.
         Some(unsafe {
             ready.bank.step(
-                usize::from(ready.task.place),
+                usize::from(ready.place),
                 ready.enter,
                 &mut Io {
-                    state: &mut ready.state,
+                    state: &mut self.prepared,
                 },
             )
         })
@@ -842,9 +895,9 @@ impl<'m> Executor<'m> {
         &mut self,
         net_of: impl Fn(usize) -> Option<usize>,
     ) -> Option<(FlagChanges, Option<u32>)> {
-        let ready = self.ready.take()?;
-        self.publish(&ready.state, &net_of);
-        Some((ready.state.flags, ready.state.allowed_overruns))
+        self.ready.take()?;
+        publish(self.nets, &self.prepared, net_of);
+        Some((self.prepared.flags, self.prepared.allowed_overruns))
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
@@ -853,14 +906,18 @@ impl<'m> Executor<'m> {
         &mut self,
         task: TaskPlace,
         net_of: impl Fn(usize) -> Option<usize>,
-        inputs: &Inputs,
+        find_inputs: impl FnOnce(&mut Inputs, &Declaration),
     ) -> Option<Job<'m>> {
         self.ready = None;
         if self.lent.is_some() {
             return None;
         }
         let bank = self.registry.bank(usize::from(task.bank))?;
-        let state = self.connect(bank, task, &net_of, inputs, false)?;
+        let declared = bank.declaration();
+        let mut state = IoState::EMPTY;
+        state.begin(declared.ports.len());
+        connect(self.nets, bank, declared, task, net_of, false, &mut state)?;
+        find_inputs(&mut state.inputs, declared);
         for (index, value) in state.values.iter().enumerate() {
             if let Some(value) = value
                 && state.writable & bit8(index) == 0
@@ -902,7 +959,7 @@ impl<'m> Executor<'m> {
             }
             return Harvest::Stale;
         }
-        self.publish(&job.state, net_of);
+        publish(self.nets, &job.state, net_of);
         Harvest::Ended(Outcome {
             step: job.step,
             flags: job.state.flags,
@@ -933,94 +990,84 @@ impl<'m> Executor<'m> {
         // SAFETY: a published value is not written except while a task is executed, which borrows the executor mutably (invariant 3).
         Some(unsafe { value.read() })
     }
+}
 
-    /// Finds the buffer of each data port. `None` if a required input has no value.
-    fn connect(
-        &self,
-        bank: &dyn TaskBank,
-        task: TaskPlace,
-        net_of: &impl Fn(usize) -> Option<usize>,
-        inputs: &Inputs,
-        in_place: bool,
-    ) -> Option<IoState> {
-        let mut state = IoState {
-            values: [None; MAX_DATA_PORTS],
-            writable: 0,
-            written: 0,
-            inputs: *inputs,
-            flags: FlagChanges::default(),
-            allowed_overruns: None,
-        };
-        let ports = bank.declaration().ports;
-        let on_net = |index: usize| {
-            net_of(index)
-                .and_then(|net| self.nets.get(net))
-                .and_then(|net| net.value)
-        };
-        for (index, (port, value)) in ports.iter().zip(&mut state.values).enumerate() {
-            if port.direction == Direction::In {
-                *value = on_net(index);
-                if value.is_none() && !port.optional {
-                    return None;
-                }
-            }
-        }
-        for (index, port) in ports.iter().enumerate().take(MAX_DATA_PORTS) {
-            if port.direction == Direction::In {
-                continue;
-            }
-            state.writable |= bit8(index);
-            let buffers = bank.output(usize::from(task.place), index)?;
-            let current = on_net(index);
-            let unread = current.filter(|current| {
-                let ports = ports.iter().zip(&state.values).enumerate();
-                let mut others = ports.filter_map(|(other, (declared, value))| {
-                    match (declared.direction, port.direction) {
-                        (Direction::In, _) => *value,
-                        (Direction::InOut, Direction::Out) => on_net(other),
-                        _ => None,
-                    }
-                });
-                let read_too = others.any(|other| other.head == current.head);
-                in_place && !read_too && !current.head().pinned.get()
-            });
-            let value = if port.direction == Direction::Out {
-                // Another net that refers to it, or another task's buffer, is not this port's to change.
-                match unread {
-                    Some(last) if last.head().publications.get() == 1 && buffers.owns(last) => {
-                        Some(last)
-                    }
-                    _ => Some(buffers.free_buffer()?),
-                }
-            } else if let Some(current) = current {
-                if unread.is_some() {
-                    unread
-                } else {
-                    let own = buffers.free_buffer()?;
-                    // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
-                    unsafe { buffers.copy(current, own) };
-                    Some(own)
-                }
-            } else if port.optional {
-                None
-            } else {
+/// Finds the buffer of each data port. `None` if a required input has no value.
+fn connect(
+    nets: &[Net],
+    bank: &dyn TaskBank,
+    declared: &Declaration,
+    task: TaskPlace,
+    net_of: impl Fn(usize) -> Option<usize>,
+    in_place: bool,
+    state: &mut IoState,
+) -> Option<()> {
+    let ports = declared.ports;
+    let on_net = |index: usize| net_of(index).and_then(|net| nets.get(net)?.value);
+    for (index, (port, value)) in ports.iter().zip(&mut state.values).enumerate() {
+        if port.direction == Direction::In {
+            *value = on_net(index);
+            if value.is_none() && !port.optional {
                 return None;
-            };
-            if let Some(place) = state.values.get_mut(index) {
-                *place = value;
             }
         }
-        Some(state)
     }
+    for (index, port) in ports.iter().enumerate().take(MAX_DATA_PORTS) {
+        if port.direction == Direction::In {
+            continue;
+        }
+        state.writable |= bit8(index);
+        let buffers = bank.output(usize::from(task.place), index)?;
+        let current = on_net(index);
+        let unread = current.filter(|current| {
+            let mut others = ports.iter().zip(&state.values).enumerate().filter_map(
+                |(other, (declared, value))| match (declared.direction, port.direction) {
+                    (Direction::In, _) => *value,
+                    (Direction::InOut, Direction::Out) => on_net(other),
+                    _ => None,
+                },
+            );
+            in_place
+                && !current.head().pinned.get()
+                && !others.any(|other| other.head == current.head)
+        });
+        let value = if port.direction == Direction::Out {
+            // Another net that refers to it, or another task's buffer, is not this port's to change.
+            match unread {
+                Some(last) if last.head().publications.get() == 1 && buffers.owns(last) => {
+                    Some(last)
+                }
+                _ => Some(buffers.free_buffer()?),
+            }
+        } else if let Some(current) = current {
+            if unread.is_some() {
+                unread
+            } else {
+                let own = buffers.free_buffer()?;
+                // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
+                unsafe { buffers.copy(current, own) };
+                Some(own)
+            }
+        } else if port.optional {
+            None
+        } else {
+            return None;
+        };
+        if let Some(place) = state.values.get_mut(index) {
+            *place = value;
+        }
+    }
+    Some(())
+}
 
-    fn publish(&mut self, state: &IoState, net_of: impl Fn(usize) -> Option<usize>) {
-        for (index, value) in state.values.iter().enumerate() {
-            if state.written & bit8(index) == 0 {
-                continue;
-            }
-            if let Some(net) = net_of(index).and_then(|net| self.nets.get_mut(net)) {
-                net.publish(*value);
-            }
+/// Publishes what an execution wrote.
+fn publish(nets: &mut [Net], state: &IoState, net_of: impl Fn(usize) -> Option<usize>) {
+    let mut written = state.written;
+    while written != 0 {
+        let index = written.trailing_zeros() as usize;
+        written &= written - 1;
+        if let Some(net) = net_of(index).and_then(|net| nets.get_mut(net)) {
+            net.publish(state.values.get(index).copied().flatten());
         }
     }
 }
@@ -1202,11 +1249,7 @@ mod tests {
         with_robot(|executor| {
             assert!(!step(executor, READER, reader_net));
             assert!(!step(executor, ADDER, adder_net));
-            assert!(
-                executor
-                    .lend(READER, reader_net, &Inputs::default())
-                    .is_none()
-            );
+            assert!(executor.lend(READER, reader_net, |_, _| ()).is_none());
             assert!(step(executor, SOURCE, source_net));
             assert!(step(executor, READER, reader_net));
         });
@@ -1251,13 +1294,9 @@ mod tests {
     fn a_lent_task_reads_constant_values_while_their_writers_go_on() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor
-                .lend(READER, reader_net, &Inputs::default())
-                .unwrap();
+            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
             assert!(
-                executor
-                    .lend(READER, reader_net, &Inputs::default())
-                    .is_none(),
+                executor.lend(READER, reader_net, |_, _| ()).is_none(),
                 "one job at a time"
             );
             assert!(
@@ -1290,11 +1329,7 @@ mod tests {
                 })
             );
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
-            assert!(
-                executor
-                    .lend(READER, reader_net, &Inputs::default())
-                    .is_some()
-            );
+            assert!(executor.lend(READER, reader_net, |_, _| ()).is_some());
         });
     }
 
@@ -1306,9 +1341,7 @@ mod tests {
             let first = published(executor);
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), first);
-            let job = executor
-                .lend(READER, reader_net, &Inputs::default())
-                .unwrap();
+            let job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
             step(executor, SOURCE, source_net);
             let second = published(executor);
             assert_ne!(second, first, "the first is being read");
@@ -1388,9 +1421,7 @@ mod tests {
         let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
         let (looping, reader) = (SOURCE, TaskPlace { bank: 1, place: 0 });
         assert!(step(&mut executor, looping, source_net));
-        let mut job = executor
-            .lend(reader, reader_net, &Inputs::default())
-            .unwrap();
+        let mut job = executor.lend(reader, reader_net, |_, _| ()).unwrap();
         for expected in 2..9 {
             assert!(step(&mut executor, looping, source_net));
             assert_eq!(executor.value_on(NET), Some(Count(expected)));
@@ -1404,9 +1435,7 @@ mod tests {
     fn inout_copies_what_a_lent_task_reads() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor
-                .lend(READER, reader_net, &Inputs::default())
-                .unwrap();
+            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
             assert!(step(executor, ADDER, adder_net));
             assert_eq!(executor.value_on(NET), Some(Count(101)));
             while job.step() == Step::Run {}
@@ -1419,9 +1448,7 @@ mod tests {
     fn a_new_mission_starts_empty_and_keeps_nothing_of_a_job_that_comes_back_late() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor
-                .lend(READER, reader_net, &Inputs::default())
-                .unwrap();
+            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
             executor.clear();
             assert_eq!(executor.value_on::<Count>(NET), None);
             for expected in 1..5 {
@@ -1449,9 +1476,7 @@ mod tests {
         let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
             step(executor, SOURCE, source_net);
-            executor
-                .lend(READER, reader_net, &Inputs::default())
-                .unwrap()
+            executor.lend(READER, reader_net, |_, _| ()).unwrap()
         });
         let [of_first, of_second] = lent;
         assert_eq!(first.harvest(of_second, reader_net), Harvest::Foreign);
@@ -1477,7 +1502,7 @@ mod tests {
         let (mut first, _) = assemble(&mut first, &mut []).unwrap();
         let (mut second, _) = assemble(&mut second, &mut []).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
-            let lent = executor.lend(SOURCE, |_| None, &Inputs::default());
+            let lent = executor.lend(SOURCE, |_| None, |_, _| ());
             lent.unwrap()
         });
         let [of_first, of_second] = lent;

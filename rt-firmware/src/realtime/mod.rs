@@ -11,7 +11,7 @@ pub(crate) mod slots;
 pub(crate) mod tasks;
 pub(crate) mod trace;
 
-use esm_core::tables::{Slot, Tables};
+use esm_core::tables::{Tables, TaskPlaces};
 use esm_core::{Dispatcher, Fault, Interpreter, Verified};
 use heapless::spsc::{Consumer, Producer};
 
@@ -22,13 +22,16 @@ use crate::link::trace::TraceRecord;
 use crate::mail::{Bytes, Letter};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
 use crate::status::{Health, SnapshotWriter};
-use crate::task::Step;
+use crate::task::{Declaration, Step};
 use slots::{SlotEntry, nanoseconds};
 use tasks::TaskTable;
 use trace::{StepObserver, Trace};
 
 /// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
 pub const IDLE_POLL_US: u32 = 10_000;
+
+/// How long occurrences may follow one another, each made ready after the one before, without a look at the whole clock.
+const LOOK_US: u32 = 100_000;
 
 /// How much may go wrong before the robot goes to its safe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +62,8 @@ struct Mission<'m> {
     occurrences: u64,
     /// Number of the next macro step.
     next_step: u64,
+    /// The slot that runs the interpreter.
+    interpreter_slot: usize,
 }
 
 impl Mission<'_> {
@@ -117,10 +122,15 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
     previous_end_us: u64,
+    /// Longest start delay since the mission started.
+    max_delay_ticks: u32,
+    /// When the whole clock was looked at last, low half.
+    looked_ticks: u32,
     ready: Ready,
 }
 
-/// The next occurrence, where all that its first task needs was made ready after the one before: the executor has the task.
+/// The next occurrence, where all that it needs was made ready after the one before. If one of its slot's tasks is enabled, the executor has the first
+/// that is.
 ///
 /// It never is one of the interpreter's, which begins with a macro step, and nothing happens between that it depends on: flags, enabled tasks and nets
 /// change in occurrences alone.
@@ -130,15 +140,25 @@ struct Ready {
     start_ticks: u32,
     /// For how long from then it is on time; 0 where nothing is ready.
     window_ticks: u32,
-    /// The first task instance to be executed.
+    period_us: u32,
+    duration_us: u32,
+    task: Option<ReadyTask>,
+}
+
+/// An enabled task that was given all that it needs to be executed.
+#[derive(Clone, Copy)]
+struct ReadyTask {
     instance: u16,
+    places: TaskPlaces,
 }
 
 impl Ready {
     const NOTHING: Ready = Ready {
         start_ticks: 0,
         window_ticks: 0,
-        instance: 0,
+        period_us: 0,
+        duration_us: 0,
+        task: None,
     };
 }
 
@@ -181,6 +201,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
+            max_delay_ticks: 0,
+            looked_ticks: 0,
             ready: Ready::NOTHING,
         }
     }
@@ -191,18 +213,21 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
         let now = board.now_low_ticks();
-        let on_time = now.wrapping_sub(self.ready.start_ticks) < self.ready.window_ticks;
-        if on_time {
-            let start = self.ready_start::<B>();
-            let begun = board.begin_occurrence(&start);
-            let step = if begun.is_ok() {
-                self.executor.execute_ready()
-            } else {
-                None
-            };
-            self.end_ready(board, now, begun, step);
+        let delay_ticks = now.wrapping_sub(self.ready.start_ticks);
+        if delay_ticks >= self.ready.window_ticks {
+            return self.go_on(board, false);
         }
-        self.go_on(board, on_time)
+        let start = self.ready_start::<B>();
+        let begun = board.begin_occurrence(&start);
+        let step = if begun.is_ok() {
+            self.executor.execute_ready()
+        } else {
+            None
+        };
+        match self.end_ready(board, delay_ticks, begun, step) {
+            Some(at_ticks) => at_ticks,
+            None => self.go_on(board, true),
+        }
     }
 
     /// What is told of the occurrence that is ready.
@@ -226,38 +251,69 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Does what comes after the first task of an occurrence that was ready.
+    /// Does what comes after the first task of an occurrence that was ready. Returns when to be called again, unless there is something else to do now.
     #[inline(never)]
     fn end_ready<B: Board>(
         &mut self,
         board: &mut B,
-        began_ticks: u32,
+        delay_ticks: u32,
         begun: Result<(), SafeReason>,
         step: Option<Step>,
-    ) {
-        let Ready {
-            start_ticks,
-            instance,
-            ..
-        } = core::mem::replace(&mut self.ready, Ready::NOTHING);
+    ) -> Option<u64> {
         let occurrence = self.next_occurrence();
-        self.dispatcher.take(occurrence.start_us);
-        let delay_ticks = began_ticks.wrapping_sub(start_ticks);
-        let Some(slot) = self.begin(&occurrence, delay_ticks, B::TICKS_PER_US) else {
-            return;
-        };
+        let duration_us = self.ready.duration_us;
+        let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
+        let began_ticks = self.ready.start_ticks.wrapping_add(delay_ticks);
+        self.dispatcher.take_on_time();
+        self.begin(&occurrence, duration_us, delay_ticks, B::TICKS_PER_US);
         if let Err(reason) = begun {
             self.fail_safe(board, reason);
+            return None;
         }
-        if self.mode == Mode::Running {
-            let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
-            self.end_task(board, instance, step, began_ticks, duration_ticks);
-            let next = self.tasks.next_in_slot(instance);
-            self.execute_tasks(board, next, &occurrence, slot.period_us, duration_ticks);
+        if let Some(task) = self.ready.task {
+            self.end_tasks(board, &occurrence, task, step, began_ticks, duration_ticks);
+        }
+        if self.from_background.ready() {
             self.take_job_back(Some(occurrence.number));
-            self.start_job(&occurrence);
-            self.count_execution(board, &occurrence, delay_ticks, began_ticks, duration_ticks);
         }
+        if self.tasks.look_for_jobs() {
+            self.start_job(&occurrence);
+        }
+        let ended_ticks = board.now_low_ticks();
+        let took_ticks = ended_ticks.wrapping_sub(began_ticks);
+        self.count_execution(
+            board,
+            occurrence.slot,
+            delay_ticks,
+            took_ticks,
+            duration_ticks,
+        );
+        self.make_next_ready::<B>(occurrence.start_us, ended_ticks)
+    }
+
+    /// Does what comes after the execution of a slot's first enabled task: takes over what it did, and executes those that follow.
+    // Not inlined: most occurrences of a robot's slots have no task, or one.
+    #[inline(never)]
+    fn end_tasks<B: Board>(
+        &mut self,
+        board: &mut B,
+        occurrence: &Occurrence,
+        task: ReadyTask,
+        step: Option<Step>,
+        began_ticks: u32,
+        duration_ticks: u32,
+    ) {
+        let period_us = self.ready.period_us;
+        self.end_task(
+            board,
+            task.instance,
+            Some(task.places),
+            step,
+            began_ticks,
+            duration_ticks,
+        );
+        let next = self.tasks.next_in_slot(task.instance);
+        self.execute_tasks(board, next, occurrence.start_us, period_us, duration_ticks);
     }
 
     /// The dispatcher's next occurrence, as one that the interpreter has nothing to do with.
@@ -275,41 +331,74 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Makes the next occurrence ready, if it is one to be ready for: it is what the timer comes for at `at_ticks`, and its slot has an enabled task that can
-    /// be executed.
-    #[inline(never)]
-    fn make_ready<B: Board>(&mut self, at_ticks: u64) {
-        self.ready = Ready::NOTHING;
-        let Some(mission) = &self.mission else { return };
+    /// Makes the next occurrence ready after one that was on time, and returns its start, which is when to be called again. `None` if it is
+    /// due already or far away, or if there is something else to do first: a letter waits, or the whole clock was not looked at for long.
+    #[inline(always)]
+    fn make_next_ready<B: Board>(&mut self, start_us: u64, now_ticks: u32) -> Option<u64> {
+        const NEAR_US: u64 = 2 * IDLE_POLL_US as u64;
+        let look_ticks = LOOK_US.saturating_mul(B::TICKS_PER_US);
+        if self.from_link.ready() || now_ticks.wrapping_sub(self.looked_ticks) >= look_ticks {
+            return None;
+        }
         let next = self.dispatcher.next();
-        let tables = mission.interpreter.tables();
-        if self.mode != Mode::Running || next.slot == tables.interpreter_slot() {
+        if next.start_us - start_us > NEAR_US {
+            return None;
+        }
+        let mission = self.mission.as_ref()?;
+        let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+        let wait_ticks = (start_ticks as u32).wrapping_sub(now_ticks) as i32;
+        if wait_ticks <= 0 {
+            return None;
+        }
+        self.make_ready::<B>(next.slot, next.start_us, start_ticks as u32);
+        Some(start_ticks)
+    }
+
+    /// Makes the dispatcher's next occurrence ready, if it is one to be ready for: not the interpreter's, and the first enabled task of its slot, if
+    /// there is one, can be executed. Its start is near, so that the low half of the clock tells whether it is due.
+    #[inline]
+    fn make_ready<B: Board>(&mut self, slot: usize, start_us: u64, start_ticks: u32) {
+        self.ready.window_ticks = 0;
+        let Some(mission) = &self.mission else { return };
+        if self.mode != Mode::Running || slot == mission.interpreter_slot {
             return;
         }
-        let Some(slot) = tables.slot(next.slot) else {
+        let Some(entry) = self.slots.get(slot) else {
             return;
         };
-        let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
-        // It is near, so that the low half of the clock tells whether it is due.
-        if start_ticks != at_ticks {
-            return;
+        let duration_us = entry.duration_us();
+        let first = entry.first_task();
+        let period_us = self.dispatcher.period_us(slot);
+        let mut task = None;
+        if let Some(first) = first
+            && let Some(instance) = self.first_enabled(first)
+        {
+            let Some(places) = self.make_task_ready(instance, start_us, period_us) else {
+                return;
+            };
+            task = Some(ReadyTask { instance, places });
         }
-        let mut instance = self.slots.get(next.slot).and_then(SlotEntry::first_task);
+        self.ready = Ready {
+            start_ticks,
+            // So that a clock that has gone half around is not taken for one that is late.
+            window_ticks: period_us.saturating_mul(B::TICKS_PER_US).min(1 << 31),
+            period_us,
+            duration_us,
+            task,
+        };
+    }
+
+    /// The first enabled task instance of a slot, from this one on.
+    #[inline(never)]
+    fn first_enabled(&self, first: u16) -> Option<u16> {
+        let interpreter = &self.mission.as_ref()?.interpreter;
+        let mut instance = Some(first);
         while let Some(candidate) = instance
-            && !mission.interpreter.is_enabled(usize::from(candidate))
+            && !interpreter.is_enabled(usize::from(candidate))
         {
             instance = self.tasks.next_in_slot(candidate);
         }
-        let Some(instance) = instance else { return };
-        if self.make_task_ready(instance, next.start_us, slot.period_us) {
-            let period_ticks = slot.period_us.saturating_mul(B::TICKS_PER_US);
-            self.ready = Ready {
-                start_ticks: start_ticks as u32,
-                // So that a clock that has gone half around is not taken for one that is late.
-                window_ticks: period_ticks.min(1 << 31),
-                instance,
-            };
-        }
+        instance
     }
 
     /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
@@ -323,7 +412,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if letter_waits {
             self.take_letter(board);
         }
-        self.make_ready::<B>(at_ticks);
+        self.ready = Ready::NOTHING;
+        let next = self.dispatcher.next();
+        if let Some(mission) = &self.mission {
+            let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            if start_ticks == at_ticks {
+                self.make_ready::<B>(next.slot, next.start_us, start_ticks as u32);
+            }
+        }
         at_ticks
     }
 
@@ -332,6 +428,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let poll_ticks = u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US);
         loop {
             let now = board.now_ticks();
+            self.looked_ticks = now as u32;
             let Some(mission) = &mut self.mission else {
                 if self.waiting.is_some() {
                     let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
@@ -368,7 +465,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .dispatcher
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
-            let interpreter = taken.slot == mission.interpreter.tables().interpreter_slot();
+            let interpreter = taken.slot == mission.interpreter_slot;
             if interpreter && self.waiting.is_some() {
                 let at = Origin {
                     ticks: mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US),
@@ -451,24 +548,24 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Notes that an occurrence begins, so long after its nominal start. Answers its slot.
+    /// Notes that an occurrence begins, so long after its nominal start.
+    #[inline(always)]
     fn begin(
         &mut self,
         occurrence: &Occurrence,
+        duration_us: u32,
         delay_ticks: u32,
         ticks_per_us: u32,
-    ) -> Option<Slot> {
-        let mission = self.mission.as_mut()?;
+    ) {
+        let Some(mission) = &mut self.mission else {
+            return;
+        };
         mission.occurrences += 1;
-        let slot = mission.interpreter.tables().slot(occurrence.slot)?;
-        self.previous_end_us =
-            mission.origin.us + occurrence.start_us + u64::from(slot.duration_us);
-        self.health.executed = self.health.executed.wrapping_add(1);
-        self.health.max_delay_ns = self
-            .health
-            .max_delay_ns
-            .max(nanoseconds(delay_ticks, ticks_per_us));
-        Some(slot)
+        self.previous_end_us = mission.origin.us + occurrence.start_us + u64::from(duration_us);
+        if delay_ticks > self.max_delay_ticks {
+            self.max_delay_ticks = delay_ticks;
+            self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
+        }
     }
 
     /// Executes an occurrence that began at `began_ticks`; its nominal start was at `start_ticks`.
@@ -490,9 +587,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             previous_end_us: self.previous_end_us.min(start_us),
             interpreter: occurrence.interpreter,
         };
-        let Some(slot) = self.begin(occurrence, delay_ticks, B::TICKS_PER_US) else {
-            return;
-        };
+        let duration_us = self
+            .slots
+            .get(occurrence.slot)
+            .map_or(0, SlotEntry::duration_us);
+        self.begin(occurrence, duration_us, delay_ticks, B::TICKS_PER_US);
         if let Err(reason) = board.begin_occurrence(&start)
             && self.mode == Mode::Running
         {
@@ -508,18 +607,22 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
         }
         if self.mode == Mode::Running {
-            let duration_ticks = u64::from(slot.duration_us) * u64::from(B::TICKS_PER_US);
+            let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
             let first = self
                 .slots
                 .get(occurrence.slot)
                 .and_then(SlotEntry::first_task);
-            self.execute_tasks(board, first, occurrence, slot.period_us, duration_ticks);
-            self.start_job(occurrence);
+            let period_us = self.dispatcher.period_us(occurrence.slot);
+            self.execute_tasks(board, first, occurrence.start_us, period_us, duration_ticks);
+            if self.tasks.look_for_jobs() {
+                self.start_job(occurrence);
+            }
+            let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks as u32);
             self.count_execution(
                 board,
-                occurrence,
+                occurrence.slot,
                 delay_ticks,
-                began_ticks as u32,
+                took_ticks,
                 duration_ticks,
             );
         }
@@ -540,26 +643,31 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
+    #[inline]
     fn count_execution(
         &mut self,
         board: &mut impl Board,
-        occurrence: &Occurrence,
+        slot: usize,
         delay_ticks: u32,
-        began_ticks: u32,
-        duration_ticks: u64,
+        took_ticks: u32,
+        duration_ticks: u32,
     ) {
-        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
-        let allowed = self.allowed_overruns_in_a_row();
-        let Some(entry) = self.slots.get_mut(occurrence.slot) else {
+        let Some(entry) = self.slots.get_mut(slot) else {
             return;
         };
         entry.began(delay_ticks);
         if entry.ended(took_ticks, duration_ticks) {
-            let beyond_limit = entry.overruns_in_a_row() > allowed;
-            self.health.overruns = self.health.overruns.saturating_add(1);
-            if beyond_limit {
-                self.fail_safe(board, SafeReason::Overruns);
-            }
+            let in_a_row = entry.overruns_in_a_row();
+            self.count_overrun(board, in_a_row);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_overrun(&mut self, board: &mut impl Board, in_a_row: u16) {
+        self.health.overruns = self.health.overruns.saturating_add(1);
+        if in_a_row > self.allowed_overruns_in_a_row() {
+            self.fail_safe(board, SafeReason::Overruns);
         }
     }
 
@@ -590,58 +698,56 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Executes the enabled tasks of a slot, from this one on.
+    /// Executes the enabled tasks of a slot, from this one on, in an occurrence that starts at `start_us`.
     fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
         first: Option<u16>,
-        occurrence: &Occurrence,
+        start_us: u64,
         period_us: u32,
-        duration_ticks: u64,
+        duration_ticks: u32,
     ) {
         let mut next = first;
-        while let Some(instance) = next {
+        while let Some(instance) = next.and_then(|next| self.first_enabled(next)) {
+            let began_ticks = board.now_low_ticks();
+            let places = self.make_task_ready(instance, start_us, period_us);
+            let step = places.and_then(|_| self.executor.execute_ready());
+            self.end_task(board, instance, places, step, began_ticks, duration_ticks);
             next = self.tasks.next_in_slot(instance);
-            let enabled = self
-                .mission
-                .as_ref()
-                .is_some_and(|mission| mission.interpreter.is_enabled(usize::from(instance)));
-            if enabled {
-                let began_ticks = board.now_low_ticks();
-                let step = if self.make_task_ready(instance, occurrence.start_us, period_us) {
-                    self.executor.execute_ready()
-                } else {
-                    None
-                };
-                self.end_task(board, instance, step, began_ticks, duration_ticks);
-            }
         }
     }
 
-    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`. False if it cannot be executed.
+    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`, and answers where what belongs to it stands. `None` if
+    /// it cannot be executed.
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
-    fn make_task_ready(&mut self, instance: u16, start_us: u64, period_us: u32) -> bool {
-        let Some(mission) = &self.mission else {
-            return false;
-        };
+    fn make_task_ready(
+        &mut self,
+        instance: u16,
+        start_us: u64,
+        period_us: u32,
+    ) -> Option<TaskPlaces> {
+        let mission = self.mission.as_ref()?;
         if !self.tasks.may_run(instance) {
-            return false;
+            return None;
         }
-        let index = usize::from(instance);
         let interpreter = &mission.interpreter;
-        let inputs = Inputs {
-            overruns: self.health.overruns,
-            missed: self.health.missed,
-            ..inputs_of(interpreter, index, mission.t_us(start_us), period_us)
-        };
         let tables = interpreter.tables();
-        self.executor.make_ready(
+        let places = tables.task_places(usize::from(instance))?;
+        let health = &self.health;
+        let ready = self.executor.make_ready(
             self.tasks.place(instance),
-            |port| net_of(&tables, index, port),
-            &inputs,
+            tables.nets_from(places.first_connection),
             self.tasks.is_fresh(instance),
-        )
+            |inputs, declared| {
+                inputs.now_us = mission.t_us(start_us);
+                inputs.period_us = period_us;
+                inputs.overruns = health.overruns;
+                inputs.missed = health.missed;
+                find_inputs(interpreter, &places, declared, inputs);
+            },
+        );
+        ready.then_some(places)
     }
 
     /// Takes over what an enabled task did in its execution, which began at `began_ticks`; there was none if it could not be executed.
@@ -650,36 +756,39 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         &mut self,
         board: &mut B,
         instance: u16,
+        places: Option<TaskPlaces>,
         step: Option<Step>,
         began_ticks: u32,
-        duration_ticks: u64,
+        duration_ticks: u32,
     ) {
         let Some(Mission { interpreter, .. }) = &mut self.mission else {
             return;
         };
         let index = usize::from(instance);
-        interpreter.set_busy(index, step.is_none());
-        let Some(step) = step else { return };
+        let (Some(places), Some(step)) = (places, step) else {
+            interpreter.set_busy(index, true);
+            return;
+        };
+        interpreter.set_busy_at(&places, false);
         let tables = interpreter.tables();
         let (flags, allowed_overruns) = self
             .executor
-            .end_ready(|port| net_of(&tables, index, port))
+            .end_ready(tables.nets_from(places.first_connection))
             .unwrap_or_default();
         if let Some(allowed) = allowed_overruns {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
         }
         self.tasks.executed(instance);
-        apply_flags(interpreter, index, flags);
+        apply_flags(interpreter, &places, flags);
         if step == Step::Finished {
             interpreter.report_exit(index);
             self.tasks.disable(instance);
             self.trace.write_next_in_full();
         }
-        let took_ticks = u64::from(board.now_low_ticks().wrapping_sub(began_ticks));
+        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
         if took_ticks > duration_ticks {
             self.tasks.overrun(instance);
-            let took_us =
-                u32::try_from(microseconds(took_ticks, B::TICKS_PER_US)).unwrap_or(u32::MAX);
+            let took_us = took_ticks / B::TICKS_PER_US.max(1);
             self.trace.record(TraceRecord::Overrun {
                 task_instance: instance,
                 took_us,
@@ -694,6 +803,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         };
         let job = place.take();
         self.job = Some(place);
+        self.tasks.look_again();
         let running = self.running.take();
         let Some(job) = job else { return };
         let Some(mission) = &mut self.mission else {
@@ -713,7 +823,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.tasks.requeue(instance);
         } else {
             if mission.interpreter.is_current(index) {
-                apply_flags(&mut mission.interpreter, index, outcome.flags);
+                if let Some(places) = mission.interpreter.tables().task_places(index) {
+                    apply_flags(&mut mission.interpreter, &places, outcome.flags);
+                }
                 mission.interpreter.report_exit(index);
             } else {
                 mission.interpreter.clear_enabled(index);
@@ -738,6 +850,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let t_us = mission.t_us(occurrence.start_us);
         let interpreter = &mut mission.interpreter;
         let mut younger_than = None;
+        self.tasks.looked();
         while let Some((instance, age)) = oldest_waiting(&self.tasks, younger_than) {
             younger_than = Some(age);
             let index = usize::from(instance);
@@ -748,14 +861,22 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 interpreter.set_busy(index, false);
                 continue;
             }
-            let inputs = inputs_of(interpreter, index, t_us, 0);
             let tables = interpreter.tables();
-            let job = if blocked {
-                None
-            } else {
-                self.executor
-                    .lend(place, |port| net_of(&tables, index, port), &inputs)
-            };
+            let places = tables.task_places(index).filter(|_| !blocked);
+            let job = places.and_then(|places| {
+                self.executor.lend(
+                    place,
+                    tables.nets_from(places.first_connection),
+                    |inputs, declared| {
+                        inputs.now_us = t_us;
+                        find_inputs(interpreter, &places, declared, inputs);
+                    },
+                )
+            });
+            if job.is_none() && !blocked {
+                // Any execution may bring the value that it lacks.
+                self.tasks.look_again();
+            }
             if interpreter.is_current(index) {
                 interpreter.set_busy(index, job.is_none());
             }
@@ -843,6 +964,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             overruns: self.health.overruns,
             ..Health::EMPTY
         };
+        self.max_delay_ticks = 0;
         self.mode = if self.mode == Mode::Stopped {
             Mode::Stopped
         } else {
@@ -890,6 +1012,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if self.mode != Mode::Stopped {
             self.mode = Mode::Running;
         }
+        let interpreter_slot = tables.interpreter_slot();
         self.trace.write_next_in_full();
         self.trace.record(TraceRecord::Started {
             mission,
@@ -901,6 +1024,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             began_us,
             occurrences: 0,
             next_step: 0,
+            interpreter_slot,
         });
         Ok(())
     }
@@ -1007,6 +1131,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
 
     fn tell_health(&mut self) {
         self.health.mode = self.mode;
+        // What wraps is the number that is told.
+        self.health.executed = self
+            .mission
+            .as_ref()
+            .map_or(0, |mission| mission.occurrences as u32);
         self.health.background_busy = self.executor.lent().is_some();
         self.snapshot.write(&self.health);
     }
@@ -1053,44 +1182,33 @@ fn net_of(tables: &Tables<'_>, task_instance: usize, port: usize) -> Option<usiz
     tables.connection(first + port).flatten()
 }
 
-/// What enters the execution of a task beside the values on nets.
-fn inputs_of(
+/// Finds what enters the execution of a task beside time and the values on nets: its parameters and flags.
+fn find_inputs(
     interpreter: &Interpreter<'_, BlobBuffer<'_>>,
-    task_instance: usize,
-    now_us: u64,
-    period_us: u32,
-) -> Inputs {
-    let tables = interpreter.tables();
-    let mut inputs = Inputs {
-        now_us,
-        period_us,
-        ..Inputs::default()
-    };
-    let Some(state) = tables.task_state_of(task_instance) else {
-        return inputs;
-    };
-    let Some(task) = tables.task(state.task) else {
-        return inputs;
-    };
-    for (index, bits) in inputs.params.iter_mut().enumerate().take(task.ports.params) {
-        *bits = tables.param(state.first_param + index).unwrap_or(0);
+    places: &TaskPlaces,
+    declared: &Declaration,
+    inputs: &mut Inputs,
+) {
+    if !declared.params.is_empty() {
+        let values = interpreter.tables().params_from(places.first_param);
+        let wanted = inputs.params.iter_mut().take(declared.params.len());
+        for (bits, value) in wanted.zip(values) {
+            *bits = value;
+        }
     }
-    for flag in 0..task.ports.flags.min(crate::task::MAX_FLAGS) {
-        inputs.flags |= u16::from(interpreter.task_flag(task_instance, flag)) << flag;
-    }
-    inputs
+    inputs.flags = interpreter.control_flags_at(places);
 }
 
 /// Writes the control flags that a task wrote.
 fn apply_flags(
     interpreter: &mut Interpreter<'_, BlobBuffer<'_>>,
-    task_instance: usize,
+    places: &TaskPlaces,
     flags: FlagChanges,
 ) {
     let mut written = flags.written;
     while written != 0 {
         let flag = written.trailing_zeros();
         written &= written - 1;
-        interpreter.set_flag(task_instance, flag as usize, flags.values >> flag & 1 != 0);
+        interpreter.set_flag_at(places, flag as usize, flags.values >> flag & 1 != 0);
     }
 }

@@ -11,7 +11,7 @@ const BUCKET_BITS: u32 = 2;
 
 /// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
 ///
-/// There is one of these for each slot that a mission may have, so it is narrow: 48 bytes. The mean is divided out when somebody asks. A bucket has 16
+/// There is one of these for each slot that a mission may have, so it is narrow: 52 bytes. The mean is divided out when somebody asks. A bucket has 16
 /// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
@@ -26,6 +26,7 @@ pub struct SlotEntry {
     total_execution_high: u16,
     overruns: u16,
     overruns_in_a_row: u16,
+    duration_us: u32,
     /// The first task instance of the slot, or [`NONE`].
     first_task: u16,
     /// Executions by their start delay.
@@ -44,6 +45,7 @@ impl SlotEntry {
         total_execution_high: 0,
         overruns: 0,
         overruns_in_a_row: 0,
+        duration_us: 0,
         first_task: NONE,
         delays: [0; DELAY_BUCKETS],
     };
@@ -55,6 +57,15 @@ impl SlotEntry {
         first_task: 0,
         ..Self::EMPTY
     };
+
+    /// Duration of the slot in microseconds.
+    pub(crate) fn duration_us(&self) -> u32 {
+        self.duration_us
+    }
+
+    pub(crate) fn set_duration_us(&mut self, duration_us: u32) {
+        self.duration_us = duration_us;
+    }
 
     /// The first task instance of the slot.
     pub(crate) fn first_task(&self) -> Option<u16> {
@@ -81,7 +92,7 @@ impl SlotEntry {
     }
 
     /// An execution ended. Returns whether it took longer than `duration_ticks`.
-    pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u64) -> bool {
+    pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u32) -> bool {
         self.min_execution_ticks = self.min_execution_ticks.min(execution_ticks);
         self.max_execution_ticks = self.max_execution_ticks.max(execution_ticks);
         let (low, carry) = self.total_execution_low.overflowing_add(execution_ticks);
@@ -91,7 +102,7 @@ impl SlotEntry {
             self.executed = executed;
             (self.total_execution_low, self.total_execution_high) = (low, high);
         }
-        let overrun = u64::from(execution_ticks) > duration_ticks;
+        let overrun = execution_ticks > duration_ticks;
         if overrun {
             self.overruns = self.overruns.saturating_add(1);
             self.overruns_in_a_row = self.overruns_in_a_row.saturating_add(1);
@@ -290,7 +301,7 @@ mod tests {
 
     #[test]
     fn what_is_kept_for_a_slot_stays_narrow() {
-        assert_eq!(size_of::<SlotEntry>(), 48);
+        assert_eq!(size_of::<SlotEntry>(), 52);
     }
 
     #[test]

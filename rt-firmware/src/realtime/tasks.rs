@@ -77,6 +77,8 @@ pub(crate) struct TaskTable<'m> {
     groups: &'m mut [Group],
     first_in_slot_0: Option<u16>,
     next_order: u32,
+    /// Whether something has changed since slot-0 tasks were looked at, so that one may start that could not.
+    look_for_jobs: bool,
 }
 
 impl<'m> TaskTable<'m> {
@@ -86,6 +88,7 @@ impl<'m> TaskTable<'m> {
             groups,
             first_in_slot_0: None,
             next_order: 0,
+            look_for_jobs: true,
         }
     }
 
@@ -102,7 +105,11 @@ impl<'m> TaskTable<'m> {
         self.groups.fill(Group::FREE);
         self.first_in_slot_0 = None;
         self.next_order = 0;
+        self.look_for_jobs = true;
         slots.fill(SlotEntry::EMPTY);
+        for (entry, slot) in slots.iter_mut().zip(tables.slots()) {
+            entry.set_duration_us(slot.duration_us);
+        }
         for instance in 0..count {
             let Some((before, [entry, ..])) = self.entries.split_at_mut_checked(instance) else {
                 return;
@@ -162,8 +169,25 @@ impl<'m> TaskTable<'m> {
         self.first_in_slot_0
     }
 
+    /// Whether it is worth while to look for a slot-0 task that can be started.
+    pub(crate) fn look_for_jobs(&self) -> bool {
+        self.look_for_jobs
+    }
+
+    /// All slot-0 tasks were looked at: nothing changes for them until one of these tasks is enabled or disabled, or somebody
+    /// [says so](Self::look_again).
+    pub(crate) fn looked(&mut self) {
+        self.look_for_jobs = false;
+    }
+
+    /// A slot-0 task that could not be started may be able to.
+    pub(crate) fn look_again(&mut self) {
+        self.look_for_jobs = true;
+    }
+
     /// The task's state was entered.
     pub(crate) fn enable(&mut self, instance: u16) {
+        self.look_for_jobs = true;
         let order = self.next_order;
         let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
             return;
@@ -184,6 +208,7 @@ impl<'m> TaskTable<'m> {
 
     /// The task is enabled no more.
     pub(crate) fn disable(&mut self, instance: u16) {
+        self.look_for_jobs = true;
         let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
             return;
         };
@@ -208,6 +233,7 @@ impl<'m> TaskTable<'m> {
 
     /// The run of a slot-0 task ended, and its next activation waits behind those that wait already.
     pub(crate) fn requeue(&mut self, instance: u16) {
+        self.look_for_jobs = true;
         if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
             entry.order = self.next_order;
             self.next_order = self.next_order.wrapping_add(1);
