@@ -2,7 +2,7 @@
 //!
 //! In an occurrence of a slot, in this order: a slot-0 run that has ended is taken back; in the interpreter's slot a new mission is switched
 //! to, or else a macro step is made; the slot's enabled tasks are executed in the order of the instance tree; a waiting slot-0 run is
-//! started. Where the first task was made ready ([`Ready`]), the slot-0 run is taken back after the tasks. Nothing here waits or locks.
+//! started. Where the first task was made ready (`Ready`), the slot-0 run is taken back after the tasks. Nothing here waits or locks.
 //!
 //! After a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
 //! is executed.

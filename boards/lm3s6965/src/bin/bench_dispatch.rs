@@ -304,7 +304,7 @@ fn phase() -> Phase {
     let since_ticks = (now_ticks() as u32).wrapping_sub(ORIGIN.load(Relaxed));
     match since_ticks / TICKS_PER_US {
         ..BEGIN_US => Phase::Begin,
-        ..QUIET_US => {
+        BEGIN_US..QUIET_US => {
             // The link would take its part of the time. It is late then, which it is made for.
             NVIC::mask(Interrupt::SSI0);
             NVIC::mask(Interrupt::UART0);
