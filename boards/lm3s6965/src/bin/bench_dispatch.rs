@@ -310,7 +310,7 @@ fn phase() -> Phase {
             NVIC::mask(Interrupt::UART0);
             Phase::Quiet
         }
-        ..END_US => {
+        QUIET_US..END_US => {
             LOUD.store(true, Relaxed);
             // SAFETY: no critical section of this firmware rests on these two being masked.
             unsafe {
