@@ -84,17 +84,20 @@ impl fmt::Display for SlotReport {
             "{} executed, {} missed, {} overruns",
             self.executed, self.missed, self.overruns
         )?;
+        if self.executed > 0 && !self.is_timed() {
+            return f.write_str("; no times, the clock of this board stands still in a slot");
+        }
         if self.executed > 0 {
             write!(
                 f,
-                "; {} / {} / {} long",
+                "; lasts {} to {}, {} on average",
                 Ns(self.shortest_execution_ns.into()),
-                Ns(self.mean_execution_ns),
-                Ns(self.longest_execution_ns.into())
+                Ns(self.longest_execution_ns.into()),
+                Ns(self.mean_execution_ns)
             )?;
             write!(
                 f,
-                "; {} to {} late",
+                "; starts {} to {} late",
                 Ns(self.shortest_delay_ns.into()),
                 Ns(self.longest_delay_ns.into())
             )?;
@@ -104,6 +107,11 @@ impl fmt::Display for SlotReport {
 }
 
 impl SlotReport {
+    /// Whether its times say anything: on the board `host` time stands still while an occurrence is executed.
+    pub fn is_timed(&self) -> bool {
+        self.longest_execution_ns > 0 || self.longest_delay_ns > 0
+    }
+
     /// The buckets that are not empty, in words: `1.28 us: 1200` are those below, `more: 3` those beyond all ends.
     pub fn delays_in_words(&self) -> String {
         let words = self.delays.iter().filter(|bucket| bucket.count > 0);
@@ -186,7 +194,7 @@ mod tests {
         let report = SlotReport::from(counters);
         assert_eq!(
             report.to_string(),
-            "4 executed, 1 missed, 2 overruns; 90.0 us / 110 us / 150 us long; 1.00 us to 90.0 ms late"
+            "4 executed, 1 missed, 2 overruns; lasts 90.0 us to 150 us, 110 us on average; starts 1.00 us to 90.0 ms late"
         );
         assert_eq!(report.delays_in_words(), "<16.0 us: 1, <256 us: 1, more: 2");
         let long_run = SlotReport::from(SlotCounters {
@@ -197,6 +205,14 @@ mod tests {
         assert_eq!(
             long_run.delays_in_words(),
             "<16.0 us: ≥65535, <64.0 us: 3, <256 us: ≥65535"
+        );
+        let without_times = SlotReport::from(SlotCounters {
+            executed: 7,
+            ..SlotCounters::default()
+        });
+        assert_eq!(
+            without_times.to_string(),
+            "7 executed, 0 missed, 0 overruns; no times, the clock of this board stands still in a slot"
         );
         let nothing = SlotReport::from(SlotCounters::default());
         assert_eq!(nothing.to_string(), "0 executed, 0 missed, 0 overruns");

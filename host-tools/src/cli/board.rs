@@ -22,7 +22,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Starts an emulated robot that waits for missions on a serial line
 ///
-/// Runs in real time until Ctrl-C and prints the port that `esm upload`, `status`, `log`, `stop`, `start` and `tasks` take.
+/// Runs in real time until Ctrl-C and prints the port that `esm upload`, `top`, `status`, `log`, `stop`, `start` and `tasks` take.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -66,7 +66,7 @@ pub fn execute(
     let port = server.path().display();
     writeln!(
         console.out(),
-        "the robot is at {port}; Ctrl-C ends it\n\n  esm upload missions/patrol.esm --port {port}\n  esm status --port {port}\n  esm log --port {port}"
+        "the robot is at {port}; Ctrl-C ends it\n\n  esm upload missions/patrol.esm --port {port}\n  esm top --port {port}\n  esm status --port {port}\n  esm log --port {port}"
     )?;
     console.flush()?;
     while !interrupt.is_requested() && !server.has_ended() {

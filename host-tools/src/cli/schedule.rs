@@ -61,7 +61,7 @@ pub struct ScheduleArgs {
     pub perfetto: Option<PathBuf>,
 
     /// Proposes changes of rates that make the slots easy to lay out; no period changes by more than so many percent
-    #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = clap::value_parser!(u32).range(1..=i64::from(schedule::MAX_SNAP_PERCENT)))]
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = percent)]
     pub snap: Option<u32>,
 
     /// How long the search may take, in seconds
@@ -133,6 +133,12 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         console.text(&tasks::hints(&spare))?;
         if let (Some(percent), Some(snaps)) = (args.snap, &report.snap) {
             proposals(percent, snaps, console)?;
+        } else if checked.has_errors() {
+            let file = args.file.display();
+            writeln!(
+                console.out(),
+                "hint: `esm schedule {file} --snap` looks for small changes of rates that have a schedule"
+            )?;
         }
     }
     if checked.has_errors() {
@@ -215,6 +221,17 @@ fn drawn(picture: &SlotPicture, path: &Path) -> Result<Vec<u8>, CommandError> {
     }
 }
 
+/// The percentage behind `--snap`, which may be left out: then what stands there can be the file.
+fn percent(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(percent) if (1..=schedule::MAX_SNAP_PERCENT).contains(&percent) => Ok(percent),
+        _ => Err(format!(
+            "a whole number of percent from 1 to {} is expected; without one, name FILE before --snap",
+            schedule::MAX_SNAP_PERCENT
+        )),
+    }
+}
+
 /// A time on the command line in seconds, fractions included.
 fn seconds(text: &str) -> Result<Duration, String> {
     text.parse()
@@ -256,7 +273,7 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
         let percent = libm::floor((factor - 1.0) * 1_000.0) / 10.0;
         writeln!(
             out,
-            "each may grow alone by as much; all together by {percent:.1} %"
+            "one slot alone may last longer by what stands under `may grow`; all together may by {percent:.1} %"
         )?;
     }
     let hyperperiod = report

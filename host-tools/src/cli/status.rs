@@ -141,8 +141,10 @@ impl fmt::Display for StatusReport {
             row("current states", self.active.join(", "))?;
         }
         row("slots executed", self.slots_executed.to_string())?;
-        row("slots missed", self.slots_missed.to_string())?;
-        row("overruns", self.overruns.to_string())?;
+        // Those of the slots below begin anew with each mission.
+        let since_reset = |count: u32| format!("{count} since the robot started");
+        row("slots missed", since_reset(self.slots_missed))?;
+        row("overruns", since_reset(self.overruns))?;
         row(
             "longest dispatch delay",
             format!("{} us", f64::from(self.longest_dispatch_delay_ns) / 1e3),
@@ -155,7 +157,7 @@ impl fmt::Display for StatusReport {
         }
         for slot in &self.slots {
             row(&format!("slot {}", slot.slot), slot.to_string())?;
-            if slot.executed > 0 {
+            if slot.is_timed() {
                 row("  start delays", slot.delays_in_words())?;
             }
         }

@@ -52,7 +52,7 @@ pub struct Checked {
     pub diagnostics: Vec<Diagnostic>,
     /// What the files say; there exactly if no diagnostic is an error.
     pub model: Option<Model>,
-    /// The slots, in source order: there also where other things are wrong.
+    /// The slots whose period and duration are known, in source order: there also where other things are wrong.
     slots: Vec<SlotSpec>,
     /// Where slots that have no schedule are reported.
     first_slot: Span,
@@ -144,7 +144,11 @@ fn check(path: &str, store: &impl Store) -> Result<Checked, LoadError> {
     let has_errors = sink.has_errors();
     let diagnostics = sink.into_sorted();
     Ok(Checked {
-        slots: SlotSpec::of_model(&model),
+        slots: SlotSpec::of_model(&model)
+            .into_iter()
+            .zip(&resolved.known_slots)
+            .filter_map(|(slot, &is_known)| is_known.then_some(slot))
+            .collect(),
         first_slot: model
             .slots
             .first()
@@ -206,7 +210,8 @@ impl Checked {
         }
     }
 
-    /// The slots in source order, as the search for a schedule takes them. Right only where no error is about slots.
+    /// The slots in source order, as the search for a schedule takes them. All of them only where no error is about slots: one whose period or duration is not known
+    /// is left out.
     pub fn slots(&self) -> &[SlotSpec] {
         &self.slots
     }

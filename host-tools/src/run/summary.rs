@@ -131,7 +131,7 @@ impl fmt::Display for Summary {
             )?;
             for slot in &mission.slots {
                 row(&format!("slot {}", slot.slot), slot.to_string())?;
-                if slot.executed > 0 {
+                if slot.is_timed() {
                     row("  start delays", slot.delays_in_words())?;
                 }
             }

@@ -183,6 +183,9 @@ impl fmt::Display for TopReport {
         writeln!(f, "{} on {}", self.firmware, self.board)?;
         match self.safe_reason {
             Some(reason) => writeln!(f, "safe, motors off: {reason}")?,
+            None if self.mission.is_none() => {
+                writeln!(f, "no mission: `esm upload FILE --port P` gives it one")?;
+            }
             None => writeln!(f, "{}", self.mode)?,
         }
         if let (Some(machine), Some(mission)) = (&self.machine, &self.mission) {
@@ -229,8 +232,8 @@ impl fmt::Display for TopReport {
             "longest",
             "mean%",
             "most%",
-            "delay",
-            "to"
+            "soonest",
+            "latest"
         )?;
         for slot in &self.slots {
             let counted = &slot.counted;

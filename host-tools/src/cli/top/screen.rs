@@ -7,7 +7,7 @@ use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState};
+use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState, Wrap};
 
 use super::report::{TopTask, hertz, percent};
 use super::view::{SlotRow, View};
@@ -15,8 +15,10 @@ use crate::cli::status::mode_words;
 use crate::counters::{DelayBucket, Ns};
 use crate::run::mission::hash_text;
 
-/// Lines of the head: robot and mission, load and line, states.
+/// Lines of the head where none is broken: robot and mission, load and line, states.
 const HEAD_LINES: u16 = 3;
+/// Lines of the head at most, on a narrow screen.
+const MAX_HEAD_LINES: usize = 8;
 /// Lines of the slots' table at least: its edge, its head, a slot.
 const TABLE_LINES: u16 = 3;
 /// Lines of the panels below it: an edge, and one for each bucket of start delays.
@@ -28,7 +30,7 @@ const BAR_COLUMNS: usize = 16;
 /// Fewer columns than this show nothing.
 const LEAST_COLUMNS: u16 = 20;
 /// What keys do.
-const KEYS: &str = "arrows: slot   r: count from now   p: pause   q: quit";
+const KEYS: &str = "q: quit   arrows: slot   r: count from now   p: pause";
 
 /// Which colours the screen may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +65,36 @@ impl Palette {
     }
 }
 
+/// How many lines the parts of a screen have.
+struct Heights {
+    head: u16,
+    table: u16,
+    panels: u16,
+    foot: u16,
+}
+
+impl Heights {
+    /// Those of a screen of so many lines, with so many for the head if it can have them. The table goes last, and has its head and the slot that is looked at as long as
+    /// anything fits.
+    fn of(height: u16, head_lines: u16) -> Self {
+        let spare = height.saturating_sub(TABLE_LINES);
+        let head = if spare > head_lines {
+            head_lines
+        } else {
+            spare.min(1)
+        };
+        let foot = u16::from(spare > head);
+        let spare = spare.saturating_sub(head + foot);
+        let panels = if spare >= PANEL_LINES { PANEL_LINES } else { 0 };
+        Heights {
+            head,
+            table: height.saturating_sub(head + foot + panels),
+            panels,
+            foot,
+        }
+    }
+}
+
 /// Draws the view.
 pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
     let area = frame.area();
@@ -70,27 +102,41 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
         frame.render_widget("too small", area);
         return;
     }
-    // The table goes last, and has its head and the slot that is looked at as long as anything fits.
-    let spare = area.height.saturating_sub(TABLE_LINES);
-    let head_lines = if spare > HEAD_LINES {
-        HEAD_LINES
-    } else {
-        spare.min(1)
+    let rows = view.rows();
+    let head = head(view, &rows, palette);
+    let plain = Heights::of(area.height, HEAD_LINES);
+    // Lines of the head are broken where that takes nothing from the others, the first one, which says what is wrong, in any case.
+    let all_broken = broken(&head, area.width);
+    let first_broken = [
+        broken(head.get(..1).unwrap_or_default(), area.width),
+        head.get(1..).unwrap_or_default().to_vec(),
+    ]
+    .concat();
+    let heights = |head: &[Line<'_>]| {
+        let lines = u16::try_from(head.len()).unwrap_or(u16::MAX);
+        Some(Heights::of(area.height, lines)).filter(|heights| heights.head == lines)
     };
-    let foot_lines = u16::from(spare > head_lines);
-    let spare = spare.saturating_sub(head_lines + foot_lines);
-    let panel_lines = if spare >= PANEL_LINES { PANEL_LINES } else { 0 };
-    let [head, table, panels, foot] = Layout::vertical([
-        Constraint::Length(head_lines),
-        Constraint::Fill(1),
-        Constraint::Length(panel_lines),
-        Constraint::Length(foot_lines),
+    let wanted = u16::try_from(rows.len() + 2).unwrap_or(u16::MAX);
+    let takes_nothing =
+        |it: &Heights| it.panels == plain.panels && it.table >= plain.table.min(wanted);
+    let (head, heights) = match (
+        heights(&all_broken).filter(takes_nothing),
+        heights(&first_broken),
+    ) {
+        (Some(heights), _) => (all_broken, heights),
+        (None, Some(heights)) => (first_broken, heights),
+        (None, None) => (head, plain),
+    };
+    let [head_area, table, panels, foot] = Layout::vertical([
+        Constraint::Length(heights.head),
+        Constraint::Length(heights.table),
+        Constraint::Length(heights.panels),
+        Constraint::Length(heights.foot),
     ])
     .areas(area);
-    draw_head(frame, head, view, palette);
-    let rows = view.rows();
+    frame.render_widget(Paragraph::new(head), head_area);
     draw_table(frame, table, view, &rows, palette);
-    if panel_lines > 0 {
+    if heights.panels > 0 {
         let [delays, tasks] =
             Layout::horizontal([Constraint::Max(DELAY_COLUMNS), Constraint::Fill(1)]).areas(panels);
         draw_delays(frame, delays, rows.get(view.selected()), palette);
@@ -99,18 +145,41 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
     frame.render_widget(Line::styled(KEYS, palette.quiet()), foot);
 }
 
-fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) {
-    let lines = vec![
+/// The lines above the table.
+fn head<'v>(view: &'v View, rows: &[SlotRow], palette: Palette) -> Vec<Line<'v>> {
+    vec![
         title(view, palette),
-        load(view, palette),
+        load(view, rows, palette),
         Line::raw(match view.reading() {
             Some(reading) if !reading.active.is_empty() => {
                 format!("states {}", reading.active.join(", "))
             }
             _ => String::new(),
         }),
-    ];
-    frame.render_widget(Paragraph::new(lines), area);
+    ]
+}
+
+/// Lines broken between words, so that all of them can be read on a screen of so many columns.
+fn broken<'v>(lines: &[Line<'v>], width: u16) -> Vec<Line<'v>> {
+    let mut all = Vec::new();
+    for line in lines {
+        let mut spans: Vec<Span<'v>> = Vec::new();
+        let mut used = 0;
+        for span in &line.spans {
+            for word in span.content.split_inclusive(' ') {
+                let length = Span::raw(word.trim_end()).width();
+                if used > 0 && used + length > usize::from(width) && !word.trim().is_empty() {
+                    all.push(Line::from(std::mem::take(&mut spans)));
+                    used = 0;
+                }
+                used += Span::raw(word).width();
+                spans.push(Span::styled(word.to_owned(), span.style));
+            }
+        }
+        all.push(Line::from(spans));
+    }
+    all.truncate(MAX_HEAD_LINES);
+    all
 }
 
 /// The line that says what there is to see, or why there is nothing new.
@@ -156,7 +225,7 @@ fn title<'v>(view: &'v View, palette: Palette) -> Line<'v> {
 }
 
 /// The line of load, faults and the link.
-fn load<'v>(view: &'v View, palette: Palette) -> Line<'v> {
+fn load<'v>(view: &'v View, rows: &[SlotRow], palette: Palette) -> Line<'v> {
     let Some(reading) = view.reading() else {
         return Line::default();
     };
@@ -180,8 +249,10 @@ fn load<'v>(view: &'v View, palette: Palette) -> Line<'v> {
         let style = if number > 0 { style } else { Style::new() };
         spans.push(Span::styled(format!("{number} {what}  "), style));
     };
-    count(status.overruns.into(), "overruns", palette.bad());
-    count(status.missed.into(), "missed", palette.bad());
+    // What the table shows, added up: what the robot counts since it started is of earlier missions, too.
+    let sum = |of: fn(&SlotRow) -> u32| rows.iter().map(|row| u64::from(of(row))).sum();
+    count(sum(|row| row.counted.overruns), "overruns", palette.bad());
+    count(sum(|row| row.counted.missed), "missed", palette.bad());
     count(
         reading.line.requests_sent_again,
         "sent again",
@@ -284,13 +355,13 @@ const COLUMNS: [Column; 14] = [
         text: |row| percent(Some(row.longest_share())),
     },
     Column {
-        name: "delay",
+        name: "soonest",
         width: 7,
         rank: 11,
         text: |row| Ns(row.counted.shortest_delay_ns.into()).to_string(),
     },
     Column {
-        name: "to",
+        name: "latest",
         width: 7,
         rank: 2,
         text: |row| Ns(row.counted.longest_delay_ns.into()).to_string(),
@@ -341,7 +412,8 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, rows: &[SlotRow], 
         } else {
             "Reading…"
         };
-        frame.render_widget(Paragraph::new(text).block(block), area);
+        let text = Paragraph::new(text).wrap(Wrap { trim: true });
+        frame.render_widget(text.block(block), area);
         return;
     }
     let columns = columns_for(area.width);
@@ -522,6 +594,7 @@ mod tests {
             ("without_mission", without_mission, 80, 12),
             ("before_the_first_reading", View::new(robot()), 60, 8),
             ("narrow", running(), 40, 20),
+            ("narrow_and_tall", running(), 60, 26),
             ("low", running(), 80, 6),
         ] {
             assert_golden(name, &text(&drawn(&view, width, height, false)));

@@ -43,6 +43,8 @@ pub(super) struct Resolved {
     pub(super) references: References,
     /// Whether every slot of the set is known, so that a schedule can be searched.
     pub(super) slots_are_whole: bool,
+    /// Per slot of the model, whether its period and duration are known.
+    pub(super) known_slots: Vec<bool>,
 }
 
 /// A file of the set as the loader hands it over.
@@ -174,6 +176,7 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
 
     Resolved {
         slots_are_whole: slots.is_whole(),
+        known_slots: slots.known(),
         references: names.into_references(),
         model,
         holes,

@@ -117,6 +117,11 @@ impl SlotTable {
             .then_some((slot.period_us, slot.duration_us))
     }
 
+    /// Per slot of the model, whether its period and duration are known.
+    pub(super) fn known(self) -> Vec<bool> {
+        self.is_known
+    }
+
     /// Whether all slots of the set are known with their times.
     pub(super) fn is_whole(&self) -> bool {
         !self.is_incomplete && self.is_known.iter().all(|&known| known)
@@ -139,10 +144,16 @@ fn period_of_rate(hertz: u32, span: Span, names: &mut Names<'_, '_>) -> Option<u
             format!("a rate of {hertz} Hz has no period of whole microseconds"),
         )
         .hint(format!(
-            "the nearest that have one are {nearest}; or give a `period`"
+            "the nearest that have one are {nearest}; or give the period, `period {} us`",
+            nearest_period_us(hertz)
         )),
     );
     None
+}
+
+/// The period of whole microseconds that comes nearest to a rate.
+fn nearest_period_us(hertz: u32) -> u32 {
+    (US_PER_SECOND.saturating_add(hertz / 2) / hertz.max(1)).max(1)
 }
 
 /// The rates below and above that have a period of whole microseconds.
@@ -207,6 +218,9 @@ mod tests {
                 expected,
                 "{hertz} Hz"
             );
+        }
+        for (hertz, expected_us) in [(300, 3_333), (60, 16_667), (7, 142_857), (u32::MAX, 1)] {
+            assert_eq!(nearest_period_us(hertz), expected_us, "{hertz} Hz");
         }
     }
 }
