@@ -251,7 +251,7 @@ impl Trials {
     }
 
     /// Whether a schedule is found for slots.
-    fn works(&mut self, slots: &[SlotSpec]) -> bool {
+    pub(super) fn works(&mut self, slots: &[SlotSpec]) -> bool {
         if self.ticks_left == 0 {
             return false;
         }
