@@ -59,17 +59,20 @@ pub(super) fn of_slots(slots: &[SlotSpec]) -> Option<Vec<Member>> {
     let is_chain = periods_us
         .windows(2)
         .all(|pair| pair[0] != 0 && pair[1].is_multiple_of(pair[0]));
-    (is_chain && slots.len() <= MAX_CHAIN_SLOTS).then(|| {
-        slots
-            .iter()
-            .enumerate()
-            .map(|(index, slot)| Member {
-                index,
-                period_us: slot.period_us.into(),
-                duration_us: slot.duration_us.into(),
-            })
-            .collect()
-    })
+    (is_chain && slots.len() <= MAX_CHAIN_SLOTS).then(|| members(slots))
+}
+
+/// Slots as members, with their own periods.
+pub(super) fn members(slots: &[SlotSpec]) -> Vec<Member> {
+    slots
+        .iter()
+        .enumerate()
+        .map(|(index, slot)| Member {
+            index,
+            period_us: slot.period_us.into(),
+            duration_us: slot.duration_us.into(),
+        })
+        .collect()
 }
 
 /// A chain made ready to be searched, any number of times.

@@ -184,7 +184,8 @@ impl Infeasibility {
                     .unwrap_or_default()
             }
             Infeasibility::Crowded { slots: numbers, .. }
-            | Infeasibility::Packing { slots: numbers, .. } => {
+            | Infeasibility::Packing { slots: numbers, .. }
+            | Infeasibility::Orders { slots: numbers, .. } => {
                 Trials::new(ALL_TICKS).find(&named(numbers))
             }
             Infeasibility::Exhausted { .. } => Trials::new(ALL_TICKS).find(slots),

@@ -130,6 +130,13 @@ impl Ejection {
         None
     }
 
+    /// Indices of the slots, those first that found no free place most often of late.
+    pub(super) fn hardest(&self) -> Vec<usize> {
+        let mut indices: Vec<usize> = (0..self.slots.len()).collect();
+        indices.sort_by_key(|&index| (Reverse(self.slots[index].weight), index));
+        indices
+    }
+
     /// The slot whose turn it is: in order as long as it is the first turn of most, then any.
     fn next(&mut self) -> Option<usize> {
         if self.steps <= self.slots.len() as u64 || self.waiting.is_empty() {

@@ -39,6 +39,13 @@ pub enum Infeasibility {
         /// Number of the longest of them.
         longest: u32,
     },
+    /// Slots that have no start times beside each other: every order of their occurrences was tried or ruled out.
+    Orders {
+        /// Their numbers: none of them can be left out.
+        slots: Vec<u32>,
+        /// Number of the longest of them.
+        longest: u32,
+    },
     /// Slots whose starts are given clash.
     FixedStarts {
         /// Number of a slot.
@@ -69,9 +76,11 @@ impl Infeasibility {
                 "shorten them by {} us together, or give them periods with a greater common divisor than {window_us} us",
                 sum_us.saturating_sub(*window_us)
             ),
-            Infeasibility::Packing { longest, .. } => format!(
-                "shorten one of them, slot {longest} first, or let one of them occur less often"
-            ),
+            Infeasibility::Packing { longest, .. } | Infeasibility::Orders { longest, .. } => {
+                format!(
+                    "shorten one of them, slot {longest} first, or let one of them occur less often"
+                )
+            }
             Infeasibility::FixedStarts { first, second } => {
                 format!("let slot {first} or slot {second} start at another time")
             }
@@ -117,6 +126,11 @@ impl fmt::Display for Infeasibility {
             } => write!(
                 f,
                 "slots {} cannot be packed into frames of {frame_us} us",
+                Numbers(slots)
+            ),
+            Infeasibility::Orders { slots, .. } => write!(
+                f,
+                "slots {} overlap in whatever order they come",
                 Numbers(slots)
             ),
             Infeasibility::FixedStarts { first, second } => {

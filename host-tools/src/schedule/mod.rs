@@ -26,6 +26,7 @@ mod growth;
 pub mod handover;
 mod infeasibility;
 pub mod instances;
+mod orders;
 mod proof;
 mod random;
 mod search;

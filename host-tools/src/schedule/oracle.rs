@@ -9,7 +9,7 @@ use super::{Infeasibility, Outcome, SlotSpec, check, exceeds_one, hyperperiod_us
 type Occupied = Vec<u64>;
 
 /// Whether there are starts with which no occurrences of any slots overlap: all starts of all slots are tried, one slot after another.
-fn has_schedule(slots: &[SlotSpec]) -> bool {
+pub(super) fn has_schedule(slots: &[SlotSpec]) -> bool {
     let hyperperiod_us = hyperperiod_us(slots).expect("small periods") as usize;
     let mut order: Vec<&SlotSpec> = slots.iter().collect();
     // Given starts first, then what leaves the others least: the order changes how long it takes, not what comes out.
@@ -82,7 +82,7 @@ fn occupy(occupied: &mut Occupied, slot: &SlotSpec, start_us: u32, hyperperiod_u
 }
 
 /// A random set of at most eight slots. Many are just feasible or just not.
-fn random_set(seed: u64) -> Vec<SlotSpec> {
+pub(super) fn random_set(seed: u64) -> Vec<SlotSpec> {
     const PERIODS_US: [&[u32]; 12] = [
         &[2, 4, 8, 16],
         &[4, 8, 16, 32],
@@ -177,7 +177,8 @@ fn the_search_decides_small_sets_as_an_exhaustive_oracle_does() {
 fn check_cures(seed: u64, slots: &[SlotSpec], reason: &Infeasibility) -> usize {
     let named: Vec<SlotSpec> = match reason {
         Infeasibility::Crowded { slots: numbers, .. }
-        | Infeasibility::Packing { slots: numbers, .. } => slots
+        | Infeasibility::Packing { slots: numbers, .. }
+        | Infeasibility::Orders { slots: numbers, .. } => slots
             .iter()
             .filter(|slot| numbers.contains(&slot.number))
             .copied()
@@ -208,6 +209,7 @@ fn kind(reason: &Infeasibility) -> &'static str {
         Infeasibility::Utilisation { .. } => "utilisation",
         Infeasibility::Crowded { .. } => "crowded",
         Infeasibility::Packing { .. } => "packing",
+        Infeasibility::Orders { .. } => "orders",
         Infeasibility::FixedStarts { .. } => "given starts",
         Infeasibility::Exhausted { .. } => "exhausted",
     }

@@ -5,6 +5,7 @@
 use super::chain::{self, Chain, End as ChainEnd};
 use super::clock::Clock;
 use super::frames::{End as FramesEnd, Frames};
+use super::orders::{self, End as OrdersEnd};
 use super::{Infeasibility, SlotSpec};
 
 /// What is known of a set of slots.
@@ -94,20 +95,77 @@ pub(super) fn smallest_core(slots: &[SlotSpec], clock: &mut Clock) -> Infeasibil
         }
         length /= 2;
     }
-    let longest = core
-        .iter()
-        .max_by_key(|slot| (slot.duration_us, std::cmp::Reverse(slot.number)))
-        .map_or(0, |slot| slot.number);
     let frame_us = core
         .iter()
         .map(|slot| u64::from(slot.period_us))
         .min()
         .unwrap_or(0);
-    let mut numbers: Vec<u32> = core.iter().map(|slot| slot.number).collect();
-    numbers.sort_unstable();
     Infeasibility::Packing {
-        slots: numbers,
+        longest: longest(&core),
+        slots: numbers(&core),
         frame_us,
-        longest,
+    }
+}
+
+/// Number of the longest of some slots.
+fn longest(slots: &[SlotSpec]) -> u32 {
+    slots
+        .iter()
+        .max_by_key(|slot| (slot.duration_us, std::cmp::Reverse(slot.number)))
+        .map_or(0, |slot| slot.number)
+}
+
+/// Numbers of slots in rising order.
+fn numbers(slots: &[SlotSpec]) -> Vec<u32> {
+    let mut numbers: Vec<u32> = slots.iter().map(|slot| slot.number).collect();
+    numbers.sort_unstable();
+    numbers
+}
+
+/// What the orders of slots say of them.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Ordered {
+    /// Some of them have no start times beside each other.
+    Refuted(Infeasibility),
+    /// All of them have these, in microseconds, where none is given.
+    Starts(Vec<u32>),
+    /// The steps did not suffice.
+    Open,
+}
+
+/// The fewest slots whose orders are tried: the windows know all of two.
+const FEWEST_IN_ORDER: usize = 3;
+
+/// Tries all orders in which some of the slots can come: of a few, then of more and more, in the order given, as long as so many steps suffice. Durations are above 0.
+pub(super) fn by_orders(slots: &[SlotSpec], steps: u64, clock: &mut Clock) -> Ordered {
+    for count in FEWEST_IN_ORDER..=slots.len() {
+        let core = &slots[..count];
+        match orders::search(core, &mut { steps }, clock) {
+            OrdersEnd::Found(starts_us) if count == slots.len() => {
+                return Ordered::Starts(starts_us);
+            }
+            OrdersEnd::Found(_) => {}
+            OrdersEnd::GivenUp => break,
+            OrdersEnd::Exhausted => {
+                return Ordered::Refuted(smallest_order(core, steps, clock));
+            }
+        }
+    }
+    Ordered::Open
+}
+
+/// The slots that overlap in every order, with as few of them as do.
+fn smallest_order(slots: &[SlotSpec], steps: u64, clock: &mut Clock) -> Infeasibility {
+    let mut core = slots.to_vec();
+    for position in (0..core.len()).rev() {
+        let mut fewer = core.clone();
+        fewer.remove(position);
+        if orders::search(&fewer, &mut { steps }, clock) == OrdersEnd::Exhausted {
+            core = fewer;
+        }
+    }
+    Infeasibility::Orders {
+        longest: longest(&core),
+        slots: numbers(&core),
     }
 }

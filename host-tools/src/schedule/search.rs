@@ -19,12 +19,13 @@ use super::clock::Clock;
 use super::columns::Columns;
 use super::construct::{Fit, Placed, Taste, construct, first_fit, fit};
 use super::ejection::Ejection;
+use super::proof::{self, Ordered};
 use super::random::Random;
-use super::{Infeasibility, Outcome, Schedule, SlotSpec, gcd, proof, spread};
+use super::{Infeasibility, Outcome, Schedule, SlotSpec, check, gcd, spread};
 
 /// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
 /// the depth of the recursion.
-const MAX_EXHAUSTIVE: usize = 24;
+const MAX_EXHAUSTIVE: usize = 12;
 
 /// As many places are looked at in one step of the exhaustive search; more are beyond exhausting.
 const MAX_PLACES: usize = 100_000;
@@ -97,6 +98,9 @@ fn search_tight(
 /// Steps of an exact search of a chain that is only to prove something.
 const PROOF_STEPS: u64 = 20_000;
 
+/// Steps of the first search of all orders of the slots that are hardest to place.
+const ORDERS_STEPS: u64 = 500;
+
 /// Work of the search for columns before proofs are looked for, for each slot, in pieces as the clock counts them.
 const FIRST_COLUMNS_WORK: u64 = 1_000;
 
@@ -157,11 +161,50 @@ fn take_turns(
         {
             return Outcome::Feasible(Schedule { starts_us });
         }
+        if let Some(ejection) = &ejection
+            && chain.is_none()
+            && turn.is_power_of_two()
+            && let Some(outcome) = try_orders(slots, &ejection.hardest(), turn, clock)
+        {
+            return outcome;
+        }
+        // The orders of slots with several given starts say less than all places do.
         if chain.is_none() && free <= MAX_EXHAUSTIVE && turn == TURNS_OF_FEW {
             break;
         }
     }
     Outcome::Undecided
+}
+
+/// Tries all orders of the slots that are hardest to place, as many of them as the steps suffice for.
+fn try_orders(
+    slots: &[SlotSpec],
+    hardest: &[usize],
+    turn: u64,
+    clock: &mut Clock,
+) -> Option<Outcome> {
+    let ordered: Vec<SlotSpec> = hardest
+        .iter()
+        .filter_map(|&index| slots.get(index).copied())
+        .collect();
+    match proof::by_orders(&ordered, ORDERS_STEPS * turn, clock) {
+        Ordered::Refuted(reason) => Some(Outcome::Infeasible(reason)),
+        Ordered::Open => None,
+        Ordered::Starts(found_us) => {
+            let mut starts_us = vec![0; slots.len()];
+            for (&index, &start_us) in hardest.iter().zip(&found_us) {
+                if let Some(place) = starts_us.get_mut(index) {
+                    *place = start_us.into();
+                }
+            }
+            let members: Vec<Member> = chain::members(slots);
+            // Turned as a whole, they have one given start; several may be others.
+            let schedule = turned(slots, &members, &starts_us);
+            check(slots, &schedule.starts_us)
+                .is_ok()
+                .then_some(Outcome::Feasible(schedule))
+        }
+    }
 }
 
 /// Attempts at a chain in one turn.
@@ -178,7 +221,7 @@ pub(super) fn luby(mut index: u64) -> u64 {
     }
 }
 
-/// The starts of a chain of all slots, turned so that the slot with a given start has it.
+/// The starts of all slots, turned so that the slot with a given start has it.
 fn turned(slots: &[SlotSpec], members: &[Member], starts_us: &[u64]) -> Schedule {
     let given = members
         .iter()

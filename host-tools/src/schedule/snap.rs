@@ -166,7 +166,9 @@ fn mend(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
             Err(_) => return None,
         };
         let core: Vec<SlotSpec> = match &reason {
-            Infeasibility::Crowded { slots, .. } | Infeasibility::Packing { slots, .. } => changed
+            Infeasibility::Crowded { slots, .. }
+            | Infeasibility::Packing { slots, .. }
+            | Infeasibility::Orders { slots, .. } => changed
                 .iter()
                 .filter(|slot| slots.contains(&slot.number))
                 .copied()
