@@ -20,8 +20,8 @@ use crate::trace::directory::Directory;
 /// How a blob begins, so that it is told from a source.
 pub const BLOB_MARK: &[u8; 4] = b"ESM1";
 
-/// How long commands that need start times, and no more, search for them.
-pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
+/// How long commands that need start times, and no more, search for them: as long as `esm schedule` does where nothing else is asked for.
+pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(5);
 
 /// Reads a file and all that it uses.
 ///

@@ -255,7 +255,7 @@ impl Checked {
                         limit.as_secs_f32()
                     ),
                 )
-                .hint("give the search more time, shorten durations, or let periods be multiples of each other"),
+                .hint("shorten durations, or let periods be multiples of each other: `esm schedule --snap` proposes how; with `--limit` it searches longer"),
             ),
         };
         if let Some(diagnostic) = diagnostic {

@@ -2,8 +2,8 @@
 //!
 //! First a quick constructive one: slots are placed one after another into the gaps that are left, in a way that spreads the load, and if that leads nowhere,
 //! in one that wastes little. That is enough for most tables. Then a short search for columns, which lays out what fills all time; then proofs: chains of
-//! periods that the slots are or imply, searched exactly. Then those searches take turns that find schedules where little time is left, and for a few
-//! slots of odd periods an exhaustive one. What was found where there is little room is evened out at the end, as far as that can be.
+//! periods that the slots are or imply, searched exactly. Then those searches take turns that find schedules where little time is left, and beside them all
+//! orders of the slots that found no place most often; in the end an exhaustive one, for a few slots of odd periods. What was found where there is little room is evened out at the end, as far as that can be.
 //!
 //! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
 //!
