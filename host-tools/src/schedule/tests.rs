@@ -108,7 +108,7 @@ fn known_sets_and_their_answers() {
         (
             "no window is crowded",
             &[(4, 1), (4, 1), (4, 1), (6, 1)],
-            "none of all",
+            "slots 1, 2, 3 and 4 overlap in whatever order they come",
         ),
         (
             "harmonic and full",
