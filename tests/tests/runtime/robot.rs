@@ -163,6 +163,8 @@ pub struct ToyBoard<'w> {
     pub occurrences: Vec<OccurrenceStart>,
     /// What the body says from now on.
     pub body: Result<(), SafeReason>,
+    /// The first look at the clock shows a time that is nowhere near, so that what was made ready is not found to be due.
+    looks_away: bool,
 }
 
 impl Board for ToyBoard<'_> {
@@ -172,6 +174,15 @@ impl Board for ToyBoard<'_> {
 
     fn now_ticks(&mut self) -> u64 {
         self.world.ticks.load(Ordering::Relaxed)
+    }
+
+    fn now_low_ticks(&mut self) -> u32 {
+        let away = if std::mem::take(&mut self.looks_away) {
+            1 << 31
+        } else {
+            0
+        };
+        (self.now_ticks() as u32).wrapping_add(away)
     }
 
     fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
@@ -233,6 +244,8 @@ pub struct Bench<'q, 'm, 'w> {
     pub wire: Wire,
     /// Whether slot-0 runs go on by themselves.
     pub background_runs: bool,
+    /// Whether a task that was made ready before its time is executed as such, or looked up anew like all others.
+    pub uses_what_is_ready: bool,
     reader: FrameReader,
     seq: u8,
     /// Trace records so far, as text.
@@ -280,12 +293,14 @@ pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
             fed: 0,
             occurrences: vec![],
             body: Ok(()),
+            looks_away: false,
         },
         real_time,
         background,
         link,
         wire: Wire::default(),
         background_runs: true,
+        uses_what_is_ready: true,
         reader: FrameReader::new(),
         seq: 0,
         trace: vec![],
@@ -308,10 +323,16 @@ pub enum Answer {
 }
 
 impl Bench<'_, '_, '_> {
+    /// The timer's interrupt. Returns when it comes again.
+    pub fn timer(&mut self) -> u64 {
+        self.board.looks_away = !self.uses_what_is_ready;
+        self.real_time.on_timer(&mut self.board)
+    }
+
     /// Lets the robot run until a time since it started.
     pub fn run_until_us(&mut self, until_us: u64) {
         loop {
-            let next_ticks = self.real_time.on_timer(&mut self.board);
+            let next_ticks = self.timer();
             while self.background_runs && self.background.poll() {}
             self.exchange();
             let until_ticks = until_us * TICKS_PER_US;
@@ -403,7 +424,7 @@ impl Bench<'_, '_, '_> {
                 assert_eq!(answers, []);
                 return answer;
             }
-            let next_ticks = self.real_time.on_timer(&mut self.board);
+            let next_ticks = self.timer();
             answers = self.exchange();
             if answers.is_empty() {
                 self.world.ticks.fetch_max(next_ticks, Ordering::Relaxed);
