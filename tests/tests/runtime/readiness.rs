@@ -150,11 +150,7 @@ fn told(seed: u64, uses_what_is_ready: bool) -> Vec<String> {
         for _ in 0..EVENTS {
             run(robot, random.below(30_000) as u64, period_us);
             let event = match random.below(16) {
-                0..=4 => {
-                    // The timer comes late, whatever is due.
-                    robot.world.pass_us(random.below(12_000) as u64);
-                    String::from("late")
-                }
+                0..=4 => String::from("late"),
                 5 => format!("{:?}", robot.ask(Request::Stop)),
                 6..=8 => format!("{:?}", robot.ask(Request::Start)),
                 9 | 10 => {
@@ -176,6 +172,8 @@ fn told(seed: u64, uses_what_is_ready: bool) -> Vec<String> {
                 _ => format!("{:?}", [robot.timer(), robot.timer()]),
             };
             told.push(event);
+            // The timer comes late, whatever is due. Letters that have come are taken before.
+            robot.world.pass_us(random.below(12_000) as u64);
             run(robot, 0, period_us);
             robot.board.body = Ok(());
             told.append(&mut robot.world.said());
