@@ -340,6 +340,8 @@ struct IoState {
     values: [Option<ErasedBuffer>; MAX_DATA_PORTS],
     /// Data ports of the task. No later one has a value.
     ports: u8,
+    /// Parameters of the task. All later ones are 0.
+    params: u8,
     /// Bit n: data port n may be written.
     writable: u8,
     /// Bit n: data port n was written.
@@ -353,6 +355,7 @@ impl IoState {
     const EMPTY: IoState = IoState {
         values: [None; MAX_DATA_PORTS],
         ports: 0,
+        params: 0,
         writable: 0,
         written: 0,
         inputs: Inputs {
@@ -370,17 +373,25 @@ impl IoState {
         allowed_overruns: None,
     };
 
-    /// Makes it that of another execution, by a task with so many data ports, where it is: it is too large to be passed around in each
-    /// occurrence.
-    fn begin(&mut self, ports: usize) {
-        let used = usize::from(self.ports);
-        for value in self.values.iter_mut().take(used) {
+    /// Makes it that of another execution, by a task of this declaration, where it is: it is too large to be passed around in each
+    /// occurrence, and to be cleared beyond what the task before has used.
+    #[inline(always)]
+    fn begin(&mut self, declared: &Declaration) {
+        for value in self.values.iter_mut().take(usize::from(self.ports)) {
             *value = None;
         }
-        self.ports = ports.min(MAX_DATA_PORTS) as u8;
+        if self.params > 0 {
+            self.inputs.params = [0; MAX_PARAMS];
+        }
+        self.ports = declared.ports.len().min(MAX_DATA_PORTS) as u8;
+        self.params = declared.params.len().min(MAX_PARAMS) as u8;
         self.writable = 0;
         self.written = 0;
-        self.inputs = Inputs::default();
+        self.inputs.flags = 0;
+        self.inputs.now_us = 0;
+        self.inputs.period_us = 0;
+        self.inputs.overruns = 0;
+        self.inputs.missed = 0;
         self.flags = FlagChanges::default();
         self.allowed_overruns = None;
     }
@@ -855,12 +866,15 @@ impl<'m> Executor<'m> {
         let Some(bank) = self.registry.bank(usize::from(task.bank)) else {
             return false;
         };
-        if self.lent == Some(task) {
+        if let Some(lent) = &self.lent
+            && lent.place == task.place
+            && lent.bank == task.bank
+        {
             return false;
         }
         let declared = bank.declaration();
         let state = &mut self.prepared;
-        state.begin(declared.ports.len());
+        state.begin(declared);
         if connect(self.nets, bank, declared, task, net_of, true, state).is_none() {
             return false;
         }
@@ -915,7 +929,7 @@ impl<'m> Executor<'m> {
         let bank = self.registry.bank(usize::from(task.bank))?;
         let declared = bank.declaration();
         let mut state = IoState::EMPTY;
-        state.begin(declared.ports.len());
+        state.begin(declared);
         connect(self.nets, bank, declared, task, net_of, false, &mut state)?;
         find_inputs(&mut state.inputs, declared);
         for (index, value) in state.values.iter().enumerate() {

@@ -11,8 +11,10 @@ pub(crate) mod slots;
 pub(crate) mod tasks;
 pub(crate) mod trace;
 
+use core::num::NonZeroU64;
+
 use esm_core::tables::{Tables, TaskPlaces};
-use esm_core::{Dispatcher, Fault, Interpreter, Verified};
+use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
 use crate::blob::BlobBuffer;
@@ -24,7 +26,7 @@ use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
 use crate::status::{Health, SnapshotWriter};
 use crate::task::{Declaration, Step};
 use slots::{SlotEntry, nanoseconds};
-use tasks::TaskTable;
+use tasks::{NONE, TaskTable};
 use trace::{StepObserver, Trace};
 
 /// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
@@ -140,15 +142,10 @@ struct Ready {
     start_ticks: u32,
     /// For how long from then it is on time; 0 where nothing is ready.
     window_ticks: u32,
-    period_us: u32,
     duration_us: u32,
-    task: Option<ReadyTask>,
-}
-
-/// An enabled task that was given all that it needs to be executed.
-#[derive(Clone, Copy)]
-struct ReadyTask {
+    /// The slot's first enabled task instance, or [`NONE`].
     instance: u16,
+    /// Of the task that the executor has.
     places: TaskPlaces,
 }
 
@@ -156,9 +153,14 @@ impl Ready {
     const NOTHING: Ready = Ready {
         start_ticks: 0,
         window_ticks: 0,
-        period_us: 0,
         duration_us: 0,
-        task: None,
+        instance: NONE,
+        places: TaskPlaces {
+            first_flag: 0,
+            flags: 0,
+            first_param: 0,
+            first_connection: 0,
+        },
     };
 }
 
@@ -225,7 +227,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             None
         };
         match self.end_ready(board, delay_ticks, begun, step) {
-            Some(at_ticks) => at_ticks,
+            Some(at_ticks) => at_ticks.get(),
             None => self.go_on(board, true),
         }
     }
@@ -233,7 +235,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// What is told of the occurrence that is ready.
     #[inline(always)]
     fn ready_start<B: Board>(&self) -> OccurrenceStart {
-        let Occurrence { slot, start_us, .. } = self.next_occurrence();
+        let dispatcher::Occurrence { slot, start_us } = self.dispatcher.next();
         let (origin, number) = self
             .mission
             .as_ref()
@@ -252,6 +254,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     /// Does what comes after the first task of an occurrence that was ready. Returns when to be called again, unless there is something else to do now.
+    // Most of a robot's occurrences have no task, or one: what only those with a task need stands elsewhere.
     #[inline(never)]
     fn end_ready<B: Board>(
         &mut self,
@@ -259,82 +262,87 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         delay_ticks: u32,
         begun: Result<(), SafeReason>,
         step: Option<Step>,
-    ) -> Option<u64> {
-        let occurrence = self.next_occurrence();
-        let duration_us = self.ready.duration_us;
-        let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
-        let began_ticks = self.ready.start_ticks.wrapping_add(delay_ticks);
+    ) -> Option<NonZeroU64> {
+        let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
-        self.begin(&occurrence, duration_us, delay_ticks, B::TICKS_PER_US);
-        if let Err(reason) = begun {
-            self.fail_safe(board, reason);
-            return None;
+        let Ready {
+            start_ticks,
+            duration_us,
+            instance,
+            ..
+        } = self.ready;
+        self.begin(taken.start_us, duration_us, delay_ticks, B::TICKS_PER_US);
+        if instance != NONE || begun.is_err() {
+            self.end_tasks(board, &taken, delay_ticks, begun, step);
         }
-        if let Some(task) = self.ready.task {
-            self.end_tasks(board, &occurrence, task, step, began_ticks, duration_ticks);
+        if self.from_background.ready() || self.tasks.look_for_jobs() {
+            self.change_jobs(taken.start_us);
         }
-        if self.from_background.ready() {
-            self.take_job_back(Some(occurrence.number));
+        let now_ticks = board.now_low_ticks();
+        if self.mode == Mode::Running {
+            let took_ticks = now_ticks
+                .wrapping_sub(start_ticks)
+                .wrapping_sub(delay_ticks);
+            let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
+            self.count_execution(board, taken.slot, delay_ticks, took_ticks, duration_ticks);
         }
-        if self.tasks.look_for_jobs() {
-            self.start_job(&occurrence);
-        }
-        let ended_ticks = board.now_low_ticks();
-        let took_ticks = ended_ticks.wrapping_sub(began_ticks);
-        self.count_execution(
-            board,
-            occurrence.slot,
-            delay_ticks,
-            took_ticks,
-            duration_ticks,
-        );
-        self.make_next_ready::<B>(occurrence.start_us, ended_ticks)
+        self.make_next_ready::<B>(taken.start_us, now_ticks)
     }
 
-    /// Does what comes after the execution of a slot's first enabled task: takes over what it did, and executes those that follow.
-    // Not inlined: most occurrences of a robot's slots have no task, or one.
+    /// Does what comes after the execution of a slot's first enabled task: takes over what it did, and executes those that follow. There was no
+    /// execution if the occurrence could not begin.
     #[inline(never)]
     fn end_tasks<B: Board>(
         &mut self,
         board: &mut B,
-        occurrence: &Occurrence,
-        task: ReadyTask,
+        taken: &dispatcher::Occurrence,
+        delay_ticks: u32,
+        begun: Result<(), SafeReason>,
         step: Option<Step>,
-        began_ticks: u32,
-        duration_ticks: u32,
     ) {
-        let period_us = self.ready.period_us;
+        if let Err(reason) = begun {
+            self.fail_safe(board, reason);
+            return;
+        }
+        let Ready {
+            start_ticks,
+            duration_us,
+            instance,
+            ..
+        } = self.ready;
+        let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
         self.end_task(
             board,
-            task.instance,
-            Some(task.places),
+            instance,
             step,
-            began_ticks,
+            start_ticks.wrapping_add(delay_ticks),
             duration_ticks,
         );
-        let next = self.tasks.next_in_slot(task.instance);
-        self.execute_tasks(board, next, occurrence.start_us, period_us, duration_ticks);
+        if let Some(next) = self.tasks.next_in_slot(instance) {
+            let period_us = self.dispatcher.period_us(taken.slot);
+            self.execute_tasks(board, Some(next), taken.start_us, period_us, duration_ticks);
+        }
     }
 
-    /// The dispatcher's next occurrence, as one that the interpreter has nothing to do with.
-    #[inline(always)]
-    fn next_occurrence(&self) -> Occurrence {
-        let next = self.dispatcher.next();
-        Occurrence {
-            slot: next.slot,
-            start_us: next.start_us,
-            number: self
-                .mission
-                .as_ref()
-                .map_or(0, |mission| mission.occurrences),
-            interpreter: false,
+    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last.
+    #[inline(never)]
+    fn change_jobs(&mut self, start_us: u64) {
+        if self.mode != Mode::Running {
+            return;
         }
+        let begun = self
+            .mission
+            .as_ref()
+            .map_or(0, |mission| mission.occurrences);
+        let number = begun.saturating_sub(1);
+        self.take_job_back(Some(number));
+        self.start_job(start_us, number);
     }
 
     /// Makes the next occurrence ready after one that was on time, and returns its start, which is when to be called again. `None` if it is
     /// due already or far away, or if there is something else to do first: a letter waits, or the whole clock was not looked at for long.
     #[inline(always)]
-    fn make_next_ready<B: Board>(&mut self, start_us: u64, now_ticks: u32) -> Option<u64> {
+    fn make_next_ready<B: Board>(&mut self, start_us: u64, now_ticks: u32) -> Option<NonZeroU64> {
         const NEAR_US: u64 = 2 * IDLE_POLL_US as u64;
         let look_ticks = LOOK_US.saturating_mul(B::TICKS_PER_US);
         if self.from_link.ready() || now_ticks.wrapping_sub(self.looked_ticks) >= look_ticks {
@@ -350,52 +358,61 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if wait_ticks <= 0 {
             return None;
         }
-        self.make_ready::<B>(next.slot, next.start_us, start_ticks as u32);
-        Some(start_ticks)
+        self.make_ready::<B>(next, start_ticks as u32);
+        NonZeroU64::new(start_ticks)
     }
 
     /// Makes the dispatcher's next occurrence ready, if it is one to be ready for: not the interpreter's, and the first enabled task of its slot, if
     /// there is one, can be executed. Its start is near, so that the low half of the clock tells whether it is due.
-    #[inline]
-    fn make_ready<B: Board>(&mut self, slot: usize, start_us: u64, start_ticks: u32) {
+    #[inline(always)]
+    fn make_ready<B: Board>(&mut self, next: dispatcher::Occurrence, start_ticks: u32) {
+        /// Less than half a round of the clock, so that one that has gone half around is not taken for one that is late.
+        const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
         self.ready.window_ticks = 0;
         let Some(mission) = &self.mission else { return };
-        if self.mode != Mode::Running || slot == mission.interpreter_slot {
-            return;
-        }
-        let Some(entry) = self.slots.get(slot) else {
+        let Some(entry) = self.slots.get(next.slot) else {
             return;
         };
+        if self.mode != Mode::Running || next.slot == mission.interpreter_slot {
+            return;
+        }
         let duration_us = entry.duration_us();
         let first = entry.first_task();
-        let period_us = self.dispatcher.period_us(slot);
-        let mut task = None;
+        let period_us = self.dispatcher.period_us(next.slot);
+        self.ready.instance = NONE;
         if let Some(first) = first
-            && let Some(instance) = self.first_enabled(first)
+            && !self.make_first_task_ready(first, next.start_us, period_us)
         {
-            let Some(places) = self.make_task_ready(instance, start_us, period_us) else {
-                return;
-            };
-            task = Some(ReadyTask { instance, places });
+            return;
         }
-        self.ready = Ready {
-            start_ticks,
-            // So that a clock that has gone half around is not taken for one that is late.
-            window_ticks: period_us.saturating_mul(B::TICKS_PER_US).min(1 << 31),
-            period_us,
-            duration_us,
-            task,
+        self.ready.start_ticks = start_ticks;
+        self.ready.duration_us = duration_us;
+        self.ready.window_ticks = period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US;
+    }
+
+    /// Makes the first enabled task of a slot ready, from this one on, if there is one. False if it cannot be executed.
+    #[inline(never)]
+    fn make_first_task_ready(&mut self, first: u16, start_us: u64, period_us: u32) -> bool {
+        let Some(instance) = self.first_enabled(first) else {
+            return true;
         };
+        self.ready.instance = instance;
+        self.make_task_ready(instance, start_us, period_us)
     }
 
     /// The first enabled task instance of a slot, from this one on.
-    #[inline(never)]
+    #[inline]
     fn first_enabled(&self, first: u16) -> Option<u16> {
-        let interpreter = &self.mission.as_ref()?.interpreter;
+        let enabled = self.mission.as_ref()?.interpreter.enabled_words();
         let mut instance = Some(first);
-        while let Some(candidate) = instance
-            && !interpreter.is_enabled(usize::from(candidate))
-        {
+        while let Some(candidate) = instance {
+            let word = enabled
+                .get(usize::from(candidate) / 32)
+                .copied()
+                .unwrap_or(0);
+            if word >> (candidate % 32) & 1 != 0 {
+                break;
+            }
             instance = self.tasks.next_in_slot(candidate);
         }
         instance
@@ -417,7 +434,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if let Some(mission) = &self.mission {
             let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
             if start_ticks == at_ticks {
-                self.make_ready::<B>(next.slot, next.start_us, start_ticks as u32);
+                self.make_ready::<B>(next, start_ticks as u32);
             }
         }
         at_ticks
@@ -550,22 +567,22 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
 
     /// Notes that an occurrence begins, so long after its nominal start.
     #[inline(always)]
-    fn begin(
-        &mut self,
-        occurrence: &Occurrence,
-        duration_us: u32,
-        delay_ticks: u32,
-        ticks_per_us: u32,
-    ) {
+    fn begin(&mut self, start_us: u64, duration_us: u32, delay_ticks: u32, ticks_per_us: u32) {
         let Some(mission) = &mut self.mission else {
             return;
         };
         mission.occurrences += 1;
-        self.previous_end_us = mission.origin.us + occurrence.start_us + u64::from(duration_us);
+        self.previous_end_us = mission.origin.us + start_us + u64::from(duration_us);
         if delay_ticks > self.max_delay_ticks {
-            self.max_delay_ticks = delay_ticks;
-            self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
+            self.note_delay(delay_ticks, ticks_per_us);
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn note_delay(&mut self, delay_ticks: u32, ticks_per_us: u32) {
+        self.max_delay_ticks = delay_ticks;
+        self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
     }
 
     /// Executes an occurrence that began at `began_ticks`; its nominal start was at `start_ticks`.
@@ -591,7 +608,12 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .slots
             .get(occurrence.slot)
             .map_or(0, SlotEntry::duration_us);
-        self.begin(occurrence, duration_us, delay_ticks, B::TICKS_PER_US);
+        self.begin(
+            occurrence.start_us,
+            duration_us,
+            delay_ticks,
+            B::TICKS_PER_US,
+        );
         if let Err(reason) = board.begin_occurrence(&start)
             && self.mode == Mode::Running
         {
@@ -615,7 +637,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let period_us = self.dispatcher.period_us(occurrence.slot);
             self.execute_tasks(board, first, occurrence.start_us, period_us, duration_ticks);
             if self.tasks.look_for_jobs() {
-                self.start_job(occurrence);
+                self.start_job(occurrence.start_us, occurrence.number);
             }
             let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks as u32);
             self.count_execution(
@@ -643,7 +665,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn count_execution(
         &mut self,
         board: &mut impl Board,
@@ -710,35 +732,38 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let mut next = first;
         while let Some(instance) = next.and_then(|next| self.first_enabled(next)) {
             let began_ticks = board.now_low_ticks();
-            let places = self.make_task_ready(instance, start_us, period_us);
-            let step = places.and_then(|_| self.executor.execute_ready());
-            self.end_task(board, instance, places, step, began_ticks, duration_ticks);
+            let step = if self.make_task_ready(instance, start_us, period_us) {
+                self.executor.execute_ready()
+            } else {
+                None
+            };
+            self.end_task(board, instance, step, began_ticks, duration_ticks);
             next = self.tasks.next_in_slot(instance);
         }
     }
 
-    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`, and answers where what belongs to it stands. `None` if
+    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`, and finds where what belongs to it stands. False if
     /// it cannot be executed.
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
-    fn make_task_ready(
-        &mut self,
-        instance: u16,
-        start_us: u64,
-        period_us: u32,
-    ) -> Option<TaskPlaces> {
-        let mission = self.mission.as_ref()?;
-        if !self.tasks.may_run(instance) {
-            return None;
-        }
+    fn make_task_ready(&mut self, instance: u16, start_us: u64, period_us: u32) -> bool {
+        let Some(mission) = &self.mission else {
+            return false;
+        };
+        let Some((task, enter)) = self.tasks.to_run(instance) else {
+            return false;
+        };
         let interpreter = &mission.interpreter;
         let tables = interpreter.tables();
-        let places = tables.task_places(usize::from(instance))?;
+        let Some(places) = tables.task_places(usize::from(instance)) else {
+            return false;
+        };
+        self.ready.places = places;
         let health = &self.health;
-        let ready = self.executor.make_ready(
-            self.tasks.place(instance),
+        self.executor.make_ready(
+            task,
             tables.nets_from(places.first_connection),
-            self.tasks.is_fresh(instance),
+            enter,
             |inputs, declared| {
                 inputs.now_us = mission.t_us(start_us);
                 inputs.period_us = period_us;
@@ -746,8 +771,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 inputs.missed = health.missed;
                 find_inputs(interpreter, &places, declared, inputs);
             },
-        );
-        ready.then_some(places)
+        )
     }
 
     /// Takes over what an enabled task did in its execution, which began at `began_ticks`; there was none if it could not be executed.
@@ -756,7 +780,6 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         &mut self,
         board: &mut B,
         instance: u16,
-        places: Option<TaskPlaces>,
         step: Option<Step>,
         began_ticks: u32,
         duration_ticks: u32,
@@ -765,7 +788,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return;
         };
         let index = usize::from(instance);
-        let (Some(places), Some(step)) = (places, step) else {
+        let places = self.ready.places;
+        let Some(step) = step else {
             interpreter.set_busy(index, true);
             return;
         };
@@ -843,11 +867,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
 
     /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.
     #[inline(never)]
-    fn start_job(&mut self, occurrence: &Occurrence) {
+    fn start_job(&mut self, start_us: u64, number: u64) {
         let Some(mission) = &mut self.mission else {
             return;
         };
-        let t_us = mission.t_us(occurrence.start_us);
+        let t_us = mission.t_us(start_us);
         let interpreter = &mut mission.interpreter;
         let mut younger_than = None;
         self.tasks.looked();
@@ -891,7 +915,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.tasks.executed(instance);
             self.trace.record(TraceRecord::JobStarted {
                 task_instance: instance,
-                occurrence: occurrence.number,
+                occurrence: number,
             });
         }
     }

@@ -83,6 +83,7 @@ impl SlotEntry {
     }
 
     /// An execution began so long after its nominal start.
+    #[inline(always)]
     pub(crate) fn began(&mut self, delay_ticks: u32) {
         if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
             *count = count.saturating_add(1);
@@ -92,6 +93,7 @@ impl SlotEntry {
     }
 
     /// An execution ended. Returns whether it took longer than `duration_ticks`.
+    #[inline(always)]
     pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u32) -> bool {
         self.min_execution_ticks = self.min_execution_ticks.min(execution_ticks);
         self.max_execution_ticks = self.max_execution_ticks.max(execution_ticks);

@@ -160,7 +160,8 @@ impl<'m> TaskTable<'m> {
 
     /// The next task instance of the same slot.
     pub(crate) fn next_in_slot(&self, instance: u16) -> Option<u16> {
-        let next = self.entry(instance).next_in_slot;
+        let entry = self.entries.get(usize::from(instance));
+        let next = entry.map_or(NONE, |entry| entry.next_in_slot);
         (next != NONE).then_some(next)
     }
 
@@ -238,6 +239,18 @@ impl<'m> TaskTable<'m> {
             entry.order = self.next_order;
             self.next_order = self.next_order.wrapping_add(1);
         }
+    }
+
+    /// The task that serves a task instance, and whether it was entered and not executed since; `None` if somebody else holds its group.
+    pub(crate) fn to_run(&self, instance: u16) -> Option<(TaskPlace, bool)> {
+        let entry = self.entries.get(usize::from(instance))?;
+        if entry.group != NO_GROUP
+            && let Some(group) = self.groups.get(usize::from(entry.group))
+            && group.holder != instance
+        {
+            return None;
+        }
+        Some((entry.place, entry.activation == Activation::Fresh))
     }
 
     /// Whether nobody else holds the task's group.
