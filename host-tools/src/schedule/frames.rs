@@ -518,15 +518,31 @@ mod tests {
         }
     }
 
-    #[test]
-    fn what_overfills_a_frame_is_not() {
-        // Slots of every 2nd and of every 3rd frame meet, whatever their residues are.
-        let slot = |number, period_us, duration_us| SlotSpec {
+    fn slot(number: u32, period_us: u32, duration_us: u32) -> SlotSpec {
+        SlotSpec {
             number,
             period_us,
             duration_us,
             fixed_start_us: None,
-        };
+        }
+    }
+
+    /// All time and all places are taken, so that each count is met and none is exceeded.
+    #[test]
+    fn what_fills_every_frame_to_the_last_unit_is_packed() {
+        let mut slots = vec![slot(1, 12, 6)];
+        slots.extend([2, 3].map(|number| slot(number, 24, 3)));
+        slots.extend([4, 5, 6].map(|number| slot(number, 36, 3)));
+        let mut clock = Clock::new(std::time::Duration::MAX);
+        let mut end = |slots: &[SlotSpec]| Frames::new(slots).search(&mut 100, &mut clock);
+        assert_eq!(end(&slots), End::Packed);
+        slots[0].duration_us += 1;
+        assert_eq!(end(&slots), End::Exhausted);
+    }
+
+    #[test]
+    fn what_overfills_a_frame_is_not() {
+        // Slots of every 2nd and of every 3rd frame meet, whatever their residues are.
         let mut clock = Clock::new(std::time::Duration::MAX);
         let mut slots = [slot(1, 10, 4), slot(2, 20, 3), slot(3, 30, 4)];
         assert_eq!(
