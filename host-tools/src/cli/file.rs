@@ -61,6 +61,26 @@ pub fn keep_sources(output: &Path, inputs: &[&Path]) -> Result<(), CommandError>
     Ok(())
 }
 
+/// Whether two outputs would be one file, however their names are written.
+pub fn are_one(first: &Path, second: &Path) -> bool {
+    place(first) == place(second)
+}
+
+/// Where a file is, or will be.
+fn place(path: &Path) -> PathBuf {
+    if let Ok(place) = fs::canonicalize(path) {
+        return place;
+    }
+    let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+    match (
+        fs::canonicalize(folder.unwrap_or(Path::new("."))),
+        path.file_name(),
+    ) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_owned(),
+    }
+}
+
 /// Opens an output that grows while a command runs.
 ///
 /// # Errors
@@ -217,6 +237,23 @@ mod tests {
     fn a_device_is_written_to_and_not_replaced() {
         write_whole(Path::new("/dev/null"), b"gone", "blob").unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    }
+
+    #[test]
+    fn one_file_has_many_names() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("sub")).unwrap();
+        let [out, around, other, within] =
+            ["out", "sub/../out", "other", "sub/out"].map(|name| folder.path().join(name));
+        for is_there in [false, true] {
+            assert!(are_one(&out, &around), "{is_there}");
+            assert!(
+                !are_one(&out, &other) && !are_one(&out, &within),
+                "{is_there}"
+            );
+            fs::write(&out, "").unwrap();
+        }
+        assert!(are_one(Path::new("./x.svg"), Path::new("x.svg")));
     }
 
     #[test]

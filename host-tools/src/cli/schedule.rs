@@ -77,7 +77,9 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
     for path in [&args.svg, &args.perfetto].into_iter().flatten() {
         file::keep_sources(path, &[&args.file])?;
     }
-    if args.svg.is_some() && args.svg == args.perfetto {
+    if let (Some(svg), Some(perfetto)) = (&args.svg, &args.perfetto)
+        && file::are_one(svg, perfetto)
+    {
         return Err(CommandError::Usage(anyhow!(
             "the picture and the trace would be one file: name two"
         )));
