@@ -19,6 +19,12 @@ const MAX_ATTEMPTS: usize = 8;
 /// The most stretches that are laid out on a circle at a time.
 const MAX_STRETCHES: u64 = 1 << 18;
 
+/// The most stretches that are laid out on the circles of all periods, once on each.
+const MAX_ALL_STRETCHES: u64 = 1 << 22;
+
+/// The most looks at others to jump from clash to clash to a start behind the horizon. Where no start is left, that would go on for the whole period.
+const MAX_LOOKS: u64 = 1 << 20;
+
 /// A slot with its start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placed {
@@ -134,12 +140,16 @@ impl<'p> Layout<'p> {
                     (Taste::Widest, Some(&shortest_us)) => gcd(shortest_us, period_us),
                     _ => frame_us(period_us, periods_us),
                 };
-                Circle::new(period_us, origin_us, frame_us, taste)
+                let max_stretches = MAX_ALL_STRETCHES / (periods_us.len() as u64).max(1);
+                Circle {
+                    max_stretches: max_stretches.clamp(1, MAX_STRETCHES),
+                    ..Circle::new(period_us, origin_us, frame_us, taste)
+                }
             });
             circle.catch_up(&self.placed, clock);
             match circle.take(duration_us, clock) {
                 None if circle.is_whole() => None,
-                None => first_fit(&self.placed, slot, clock),
+                None => first_fit_within(&self.placed, slot, MAX_LOOKS, clock),
                 found => found,
             }
         } else {
@@ -179,6 +189,8 @@ struct Circle {
     gaps: BTreeMap<(u64, u64), u64>,
     /// Some gaps end where a frame does, and go on as others.
     is_cut: bool,
+    /// The most stretches that are laid out at a time.
+    max_stretches: u64,
     /// As many of those placed are on it.
     seen: usize,
     /// Among the gaps before this one, there is none as long as this, in microseconds.
@@ -195,6 +207,7 @@ impl Circle {
             horizon_us: period_us,
             gaps: BTreeMap::new(),
             is_cut: false,
+            max_stretches: MAX_STRETCHES,
             seen: 0,
             searched: ((0, 0), 0),
         };
@@ -233,8 +246,8 @@ impl Circle {
             .iter()
             .map(|divisor| self.horizon_us / divisor + 1)
             .sum();
-        if stretches > MAX_STRETCHES {
-            self.horizon_us /= stretches.div_ceil(MAX_STRETCHES);
+        if stretches > self.max_stretches {
+            self.horizon_us /= stretches.div_ceil(self.max_stretches);
         }
         let mut busy: Vec<Gap> = Vec::new();
         for (placed, divisor) in new.iter().zip(divisors) {
@@ -307,7 +320,13 @@ impl Circle {
             Taste::Widest => u64::MAX - (gap.end - gap.start),
             Taste::Shared => gap.start % self.frame_us,
         };
-        self.gaps.insert((rank, gap.start), gap.end);
+        let key = (rank, gap.start);
+        self.gaps.insert(key, gap.end);
+        // What is left of a gap that went over the end of a frame may come before it.
+        let (searched, without_us) = self.searched;
+        if key < searched && gap.end - gap.start >= without_us {
+            self.searched.0 = key;
+        }
     }
 
     /// Joins gaps that were cut at the end of a frame. Gives whether there are any.
@@ -400,7 +419,9 @@ pub(super) fn fit(other: &Placed, start_us: u64, period_us: u64, duration_us: u6
     }
     // How long before the start the other one began, modulo the divisor.
     let since = (start_us + divisor - other.start_us % divisor) % divisor;
-    if since < other.duration_us {
+    // What has no duration may start where another slot does.
+    let is_point = since == 0 && duration_us == 0;
+    if since < other.duration_us && !is_point {
         Fit::Later(start_us + other.duration_us - since)
     } else if since + duration_us > divisor {
         Fit::Later(start_us + divisor - since + other.duration_us)
@@ -411,16 +432,28 @@ pub(super) fn fit(other: &Placed, start_us: u64, period_us: u64, duration_us: u6
 
 /// The first start below the period that clashes with nothing placed. `None` also where the time has run out.
 pub(super) fn first_fit(layout: &[Placed], slot: &SlotSpec, clock: &mut Clock) -> Option<u64> {
+    first_fit_within(layout, slot, u64::MAX, clock)
+}
+
+/// The same in at most so many looks at others; `None` where they do not suffice.
+fn first_fit_within(
+    layout: &[Placed],
+    slot: &SlotSpec,
+    max_looks: u64,
+    clock: &mut Clock,
+) -> Option<u64> {
     let period_us = u64::from(slot.period_us);
     let duration_us = u64::from(slot.duration_us);
     let mut start_us = 0;
     // As many others in a row fit this start.
     let mut fitting = 0;
     let mut others = layout.iter().cycle();
+    let mut looks_left = max_looks;
     while fitting < layout.len() {
-        if clock.tick() {
+        if looks_left == 0 || clock.tick() {
             return None;
         }
+        looks_left -= 1;
         match fit(others.next()?, start_us, period_us, duration_us) {
             Fit::Free => fitting += 1,
             Fit::Later(later_us) if later_us < period_us => {
@@ -484,6 +517,53 @@ mod tests {
                 slot.number
             );
         }
+    }
+
+    #[test]
+    fn what_is_left_of_a_gap_over_the_end_of_a_frame_is_found_again() {
+        // In frames of 3 us, the second slot fits over an end of one alone; the last goes behind the third, into a frame that was looked through before.
+        let slots = [
+            slot(1, 6, 2),
+            slot(2, 12, 4),
+            slot(3, 12, 1),
+            slot(4, 12, 1),
+        ];
+        let mut layout = Layout::new(&[], &[6, 12, 15], Taste::Shared);
+        let mut clock = Clock::new(Duration::from_secs(10));
+        for (index, slot) in slots.iter().enumerate() {
+            assert!(
+                layout.place(index, slot, &mut clock),
+                "slot {}",
+                slot.number
+            );
+        }
+    }
+
+    #[test]
+    fn many_periods_with_little_in_common_share_the_work() {
+        // 300 multiples of 12 ms, no two alike: side by side in 12 ms they all have room.
+        let slots: Vec<SlotSpec> = (1..=300)
+            .map(|number| slot(number, 12_000 * (number + 9), 2 + number % 3))
+            .collect();
+        let free: Vec<(usize, &SlotSpec)> = slots.iter().enumerate().collect();
+        let mut clock = Clock::new(Duration::MAX).with_ticks(10_000_000);
+        let layout = construct(&[], &free, Taste::Widest, &mut clock).expect("there is much room");
+        let mut starts_us = vec![0; slots.len()];
+        for placed in layout {
+            starts_us[placed.index] = placed.start_us as u32;
+        }
+        assert_eq!(check(&slots, &starts_us), Ok(()));
+    }
+
+    #[test]
+    fn a_search_for_a_start_that_there_is_not_gives_up() {
+        // Half of every 2 us is taken from each side, in two periods of more than an hour.
+        let slots = [slot(1, 3_999_999_998, 1), slot(2, 3_999_999_998, 1)];
+        let placed = [Placed::new(0, &slots[0], 0), Placed::new(1, &slots[1], 3)];
+        let mut layout = Layout::new(&placed, &[4_000_000_000], Taste::Widest);
+        let mut clock = Clock::new(Duration::MAX).with_ticks(10_000_000);
+        assert!(!layout.place(2, &slot(3, 4_000_000_000, 1), &mut clock));
+        assert!(!clock.is_over());
     }
 
     proptest! {

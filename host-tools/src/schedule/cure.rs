@@ -260,7 +260,7 @@ impl Trials {
         let before = clock.ticks_left();
         // What is refuted need not be explained here.
         let is_refuted = bounds::single_slots(slots).is_some()
-            || bounds::windows(slots).is_some()
+            || bounds::windows(slots, &mut clock).is_some()
             || proof::packing(slots, &mut { PROOF_STEPS }, &mut clock) == Verdict::Refuted;
         let works = !is_refuted && matches!(solve_within(slots, &mut clock), Outcome::Feasible(_));
         // One for the trial itself: it comes to an end however little work each is.

@@ -109,7 +109,7 @@ fn solve_within(slots: &[SlotSpec], clock: &mut clock::Clock) -> Outcome {
     if slots.len() > MAX_SLOTS {
         return Outcome::Undecided;
     }
-    if let Some(reason) = bounds::windows(slots) {
+    if let Some(reason) = bounds::windows(slots, clock) {
         return Outcome::Infeasible(reason);
     }
     let outcome = search::search(slots, clock);
@@ -185,7 +185,7 @@ pub fn check(slots: &[SlotSpec], starts_us: &[u32]) -> Result<(), Clash> {
             let divisor_us = gcd(period_a.into(), period_b.into());
             for (first, a) in group_a {
                 for (second, b) in group_b {
-                    if first != second && !a.fits(b, divisor_us) {
+                    if first != second && !a.fits(b, divisor_us) && !b.fits(a, divisor_us) {
                         let found = Clash {
                             first: *first.min(second),
                             second: *first.max(second),
@@ -210,7 +210,8 @@ struct Occurring {
 }
 
 impl Occurring {
-    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor: the theorem of Korst, Aarts and Lenstra.
+    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor: the theorem of Korst, Aarts and Lenstra. Asked the other
+    /// way round, it says the same, but where both start at once: there one without duration fits before the other, and not behind it.
     fn fits(&self, other: &Occurring, divisor_us: u64) -> bool {
         let distance_us = (other.start_us + divisor_us - self.start_us % divisor_us) % divisor_us;
         self.duration_us <= distance_us && distance_us + other.duration_us <= divisor_us

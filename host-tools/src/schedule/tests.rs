@@ -115,6 +115,11 @@ fn known_sets_and_their_answers() {
             &[(2, 1), (4, 1), (8, 1), (8, 1)],
             "feasible",
         ),
+        (
+            "one without duration beside one that fills all time",
+            &[(4, 4), (8, 0)],
+            "feasible",
+        ),
     ];
     for (name, times_us, expected) in cases {
         let slots = slots(times_us);
@@ -124,6 +129,21 @@ fn known_sets_and_their_answers() {
             Outcome::Undecided => "undecided".to_owned(),
         };
         assert!(answer.starts_with(expected), "{name}: {answer}");
+    }
+}
+
+/// What has no duration starts where another slot does, whichever of the two has the shorter period.
+#[test]
+fn a_slot_without_duration_may_start_where_another_does() {
+    for (point_us, other_us) in [(4, 8), (8, 4), (4, 4)] {
+        let mut slots = slots(&[(point_us, 0), (other_us, 3)]);
+        for start_us in [[0, 0], [0, 4 % other_us]] {
+            assert_eq!(check(&slots, &start_us), Ok(()), "{slots:?}");
+        }
+        assert!(check(&slots, &[2, 0]).is_err(), "within the other");
+        slots[0].fixed_start_us = Some(0);
+        let outcome = solve(&slots, LIMIT);
+        assert!(matches!(outcome, Outcome::Feasible(_)), "{outcome:?}");
     }
 }
 
