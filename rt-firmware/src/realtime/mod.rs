@@ -401,21 +401,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     /// The first enabled task instance of a slot, from this one on.
-    #[inline]
+    #[inline(always)]
     fn first_enabled(&self, first: u16) -> Option<u16> {
-        let enabled = self.mission.as_ref()?.interpreter.enabled_words();
-        let mut instance = Some(first);
-        while let Some(candidate) = instance {
-            let word = enabled
-                .get(usize::from(candidate) / 32)
-                .copied()
-                .unwrap_or(0);
-            if word >> (candidate % 32) & 1 != 0 {
-                break;
-            }
-            instance = self.tasks.next_in_slot(candidate);
-        }
-        instance
+        let found = self.tasks.first_enabled(first);
+        // What the interpreter enables and disables is told to the table.
+        debug_assert!(found.is_none_or(|found| {
+            let mission = self.mission.as_ref();
+            mission.is_some_and(|mission| mission.interpreter.is_enabled(usize::from(found)))
+        }));
+        found
     }
 
     /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was

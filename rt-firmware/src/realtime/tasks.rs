@@ -165,6 +165,20 @@ impl<'m> TaskTable<'m> {
         (next != NONE).then_some(next)
     }
 
+    /// The first enabled task instance of a slot, from this one on.
+    #[inline]
+    pub(crate) fn first_enabled(&self, first: u16) -> Option<u16> {
+        let mut instance = first;
+        loop {
+            // There is none at `NONE`.
+            let entry = self.entries.get(usize::from(instance))?;
+            if entry.activation != Activation::Off {
+                return Some(instance);
+            }
+            instance = entry.next_in_slot;
+        }
+    }
+
     /// The first task instance of slot 0.
     pub(crate) fn first_in_slot_0(&self) -> Option<u16> {
         self.first_in_slot_0
