@@ -320,7 +320,9 @@ mod tests {
 
     #[test]
     fn sets_that_just_fit_and_just_do_not() {
-        let cases: &[(&str, &[(u32, u32)], bool)] = &[
+        /// Name, periods with durations, and whether they have a schedule.
+        type Case = (&'static str, &'static [(u32, u32)], bool);
+        let cases: &[Case] = &[
             ("no slots", &[], true),
             ("one", &[(7, 7)], true),
             ("twins that fill all", &[(9, 3), (9, 3), (9, 3)], true),
@@ -354,7 +356,7 @@ mod tests {
         let mut clock = Clock::new(Duration::MAX);
         let odd = slots(&[(4, 1), (6, 1), (10, 1)]);
         assert_eq!(search(&odd, &mut 1, &mut clock), End::GivenUp);
-        let many = slots(&vec![(1_000, 1); MAX_SLOTS + 1]);
+        let many = slots(&[(1_000, 1); MAX_SLOTS + 1]);
         assert_eq!(search(&many, &mut 1_000, &mut clock), End::GivenUp);
     }
 }
