@@ -27,6 +27,7 @@ pub fn growth(slots: &[SlotSpec], starts_us: &[u32]) -> Growth {
             .push((index, start_us.into()));
     }
     // What each may last at most.
+    let is_point = |index: usize| slots.get(index).is_some_and(|slot| slot.duration_us == 0);
     let mut longest_us: Vec<u64> = slots.iter().map(|slot| slot.period_us.into()).collect();
     for (&other_period_us, others) in &by_period {
         for (&period_us, members) in &by_period {
@@ -39,7 +40,7 @@ pub fn growth(slots: &[SlotSpec], starts_us: &[u32]) -> Growth {
             for &(index, start_us) in members {
                 if let (Some(longest_us), Some(until_us)) = (
                     longest_us.get_mut(index),
-                    next_begin(&begins, index, start_us % divisor, divisor),
+                    next_begin(&begins, index, start_us % divisor, divisor, is_point(index)),
                 ) {
                     *longest_us = until_us.min(*longest_us);
                 }
@@ -64,15 +65,27 @@ pub fn growth(slots: &[SlotSpec], starts_us: &[u32]) -> Growth {
     Growth { alone_us, together }
 }
 
-/// How long after `start` the next of the sorted begins comes around a circle of `divisor`, the slot's own one left out.
-fn next_begin(begins: &[(u64, usize)], index: usize, start: u64, divisor: u64) -> Option<u64> {
-    let from = begins.partition_point(|&(begin, _)| begin < start);
+/// How long after `start` the next of the sorted begins comes around a circle of `divisor`, the slot's own one left out. What begins with a slot that lasts has no
+/// duration, and comes a whole circle later; a slot without duration that begins with another has no room at all.
+fn next_begin(
+    begins: &[(u64, usize)],
+    index: usize,
+    start: u64,
+    divisor: u64,
+    is_point: bool,
+) -> Option<u64> {
+    let from = begins.partition_point(|&(begin, _)| begin < start || (begin == start && !is_point));
     let is_other = |&&(_, other): &&(u64, usize)| other != index;
     let after = begins.get(from..)?.iter().find(is_other);
     let around = || begins.iter().find(is_other);
-    after
+    let until = after
         .or_else(around)
-        .map(|&(begin, _)| (begin + divisor - start) % divisor)
+        .map(|&(begin, _)| (begin + divisor - start) % divisor)?;
+    Some(if until == 0 && !is_point {
+        divisor
+    } else {
+        until
+    })
 }
 
 #[cfg(test)]
@@ -101,6 +114,13 @@ mod tests {
         let slots = slots(&[(10, 2), (10, 3), (20, 1)]);
         let growth = growth(&slots, &[0, 3, 17]);
         assert_eq!(growth.alone_us, [1, 1, 2]);
+        assert_eq!(growth.together, Some(4.0 / 3.0));
+    }
+
+    #[test]
+    fn a_slot_without_duration_takes_nothing_from_the_one_that_starts_with_it() {
+        let growth = growth(&slots(&[(8, 0), (4, 3)]), &[0, 0]);
+        assert_eq!(growth.alone_us, [0, 1]);
         assert_eq!(growth.together, Some(4.0 / 3.0));
     }
 
