@@ -83,7 +83,8 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         let _ = writeln!(text, "{label:>label_width$} │{}│", scale.bars(shares));
     }
     let _ = writeln!(text, "{:>label_width$} │{}│", "free", scale.bars(&free));
-    let _ = writeln!(text, "{:label_width$}  {}", "", scale.axis());
+    let (unit, numbers) = scale.axis();
+    let _ = writeln!(text, "{unit:>label_width$}  {numbers}");
     text
 }
 
@@ -130,8 +131,8 @@ impl Scale {
         shares.iter().map(bar).collect()
     }
 
-    /// Numbers that begin below the columns of their times, and the unit.
-    fn axis(&self) -> String {
+    /// The unit, and numbers that begin below the columns of their times; the last ends where the bars do.
+    fn axis(&self) -> (&'static str, String) {
         let unit = Unit::of(self.length_us);
         let (from, to) = (
             unit.of_us(self.from_us),
@@ -142,7 +143,7 @@ impl Scale {
         for mark in axis::ticks(from, to, (self.cells / COLUMNS_A_MARK).max(1)) {
             let cell = libm::round((mark - from) / (to - from) * self.cells as f64) as usize;
             let number = axis::number(mark);
-            // The last may stand behind the last column.
+            let cell = cell.min((self.cells + 1).saturating_sub(number.chars().count()));
             if cell > width || width == 0 {
                 let _ = write!(
                     line,
@@ -153,7 +154,7 @@ impl Scale {
                 width = cell.max(width) + number.chars().count();
             }
         }
-        line + " " + unit.name()
+        (unit.name(), line)
     }
 }
 
@@ -187,7 +188,7 @@ slot 1 │██                  ██                  │
 slot 2 │  ████                ████              │
 slot 3 │      ██                                │
   free │        ████████████      ██████████████│
-        0         10        20        30        40 ms
+    ms  0         10        20        30       40
 "
         );
     }
@@ -227,9 +228,11 @@ slot 3 │      ██                                │
             for columns in [0, 1, 40, 80, 10_000] {
                 let text = chart(&timetable(slots), columns);
                 assert!(text.lines().count() <= MAX_ROWS + 4, "{text}");
-                let bars = text.lines().filter(|line| line.contains('│'));
+                // All that the terminal's width bounds: the bars, and the axis below them.
+                let lines = text.lines().skip_while(|line| !line.contains('│'));
                 assert!(
-                    bars.map(|line| line.chars().count())
+                    lines
+                        .map(|line| line.chars().count())
                         .all(|width| width <= columns.clamp(LEAST_COLUMNS, MOST_COLUMNS)),
                     "{text}"
                 );
