@@ -94,7 +94,7 @@ fn a_robot_without_a_mission_and_a_port_without_a_robot_are_told_apart() {
     let told = robot.esm(&["top", "--json"]).good().json();
     assert_eq!(told["mode"], "empty");
     assert_eq!(told["slots"], serde_json::json!([]));
-    assert!(robot.esm(&["top"]).good().out.contains("empty"));
+    assert!(robot.esm(&["top"]).good().out.contains("no mission"));
     let done = esm_tests::command::esm(&["top", "--port", "/no/such/port"]);
     assert_eq!(done.status, Some(3), "{done:#?}");
     assert!(done.err.contains("/no/such/port"), "{done:#?}");

@@ -94,7 +94,7 @@ impl Console {
         self.out_is_terminal
     }
 
-    /// How wide standard output is, in letters: the terminal's width, or [`COLUMNS`] where there is none.
+    /// How wide standard output is, in letters: the terminal's width, or 100 where there is none.
     pub fn columns(&self) -> usize {
         let size = self
             .out_is_terminal
@@ -130,7 +130,7 @@ impl Console {
         bar
     }
 
-    /// A sign of life on standard error for work of unknown length, once it has lasted [`SPINNER_DELAY`]. None where standard error is no
+    /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None where standard error is no
     /// terminal.
     pub fn spinner(&self, label: &str) -> Spinner {
         Spinner {
