@@ -27,7 +27,10 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
-  bench      Measure and print a table: `bench schedule` what the search for schedules decides, and how fast; --help tells its options;
+  bench      Measure and print tables:
+             `bench machines` what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, and
+             what else the interpreter does; --write keeps the report in docs/benchmarks.md;
+             `bench schedule` what the search for schedules decides, and how fast; --help tells its options;
              `bench dispatch` what starting a slot takes on the emulated board, in instructions;
              `bench day` whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told;
              `bench idle` how much of the time that slots leave reaches slot 0, on the emulated board

@@ -9,6 +9,9 @@ use crate::process::{self, Failure, command, find_program, output};
 /// The emulator, and its package in Debian and what descends from it.
 const EMULATOR: (&str, &str) = ("qemu-system-arm", "qemu-system-arm");
 
+/// What counts instructions on the host, and its package in Debian.
+const VALGRIND: &str = "valgrind";
+
 /// What the boards' cores run: the default board's, and the smaller one that the libraries must also compile for.
 pub const BOARD_TARGET: &str = "thumbv7m-none-eabi";
 /// See [`BOARD_TARGET`].
@@ -145,6 +148,17 @@ pub fn emulator() -> Result<(), Failure> {
     }
     let version = output(command(program).arg("--version")).unwrap_or_default();
     println!("Emulator: {}", version.lines().next().unwrap_or(program));
+    Ok(())
+}
+
+/// Finds or installs the program that counts instructions on the host.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that installs it.
+pub fn valgrind() -> Result<(), Failure> {
+    if find_program(VALGRIND).is_none() {
+        install("the counter of instructions", &[VALGRIND])?;
+    }
     Ok(())
 }
 

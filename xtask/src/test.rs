@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+use crate::bench;
 use crate::demo;
 use crate::firmware::{
     self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
@@ -139,6 +140,18 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
             size::check_stack(root, &demo::drive(root)?.join("summary.json"))
         });
         tally.tests("tests of the workspace", root, &["--workspace"], None);
+        let target = root.join(bench::MACHINES_TARGET);
+        tally.tests(
+            "tests of the machines that are compared",
+            &root.join(bench::MACHINES_FOLDER),
+            &[
+                "--package",
+                "bench-machines",
+                "--target-dir",
+                &target.to_string_lossy(),
+            ],
+            None,
+        );
         if let Some(toolchain) = &toolchain {
             example_checks(root, toolchain, &mut tally);
         }
@@ -165,6 +178,7 @@ fn host_checks(root: &Path, tally: &mut Tally) {
             EXAMPLE_FOLDER,
             EXAMPLE_FIRMWARE_FOLDER,
             fuzz::PACKAGE_FOLDER,
+            bench::MACHINES_FOLDER,
         ] {
             let name = format!(
                 "formatting of {}",

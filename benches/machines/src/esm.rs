@@ -1,0 +1,64 @@
+//! The player as a mission that the interpreter runs. A button is a flag of the panel's task: the pulse turns it into an event, and the event moves the
+//! player, both in one macro step.
+
+use esm_core::{Interpreter, Observer, TransitionTaken};
+
+use crate::{Button, Counters, Player};
+
+/// Transitions that are told apart; the last count is of all from there on.
+pub const TRANSITIONS: usize = 64;
+
+/// Counts of transitions, by their place in the mission's tables.
+pub type TransitionCounters = Counters<TRANSITIONS>;
+
+/// Counts the transitions that the interpreter takes.
+pub struct Count<'c>(pub &'c TransitionCounters);
+
+impl Observer for Count<'_> {
+    #[inline(always)]
+    fn transition(&mut self, taken: TransitionTaken) {
+        self.0
+            .count(usize::from(taken.transition).min(TRANSITIONS - 1));
+    }
+}
+
+/// The task state whose flags are set from outside: each mission here has it as its first.
+pub const PANEL: usize = 0;
+
+/// The player.
+pub struct Machine<'m, 'c> {
+    interpreter: Interpreter<'m, &'m [u8]>,
+    counters: &'c TransitionCounters,
+}
+
+impl<'m, 'c> Machine<'m, 'c> {
+    /// The machine that `interpreter` runs.
+    #[must_use]
+    pub fn new(interpreter: Interpreter<'m, &'m [u8]>, counters: &'c TransitionCounters) -> Self {
+        Self {
+            interpreter,
+            counters,
+        }
+    }
+
+    /// Sets a flag of the panel, or clears it.
+    #[inline(always)]
+    pub fn set(&mut self, flag: usize, value: bool) {
+        self.interpreter.set_flag(PANEL, flag, value);
+    }
+
+    /// One macro step.
+    #[inline(never)]
+    pub fn step(&mut self) {
+        // A fault shows in the counts.
+        let _ = self.interpreter.macro_step(&mut Count(self.counters));
+    }
+}
+
+impl Player for Machine<'_, '_> {
+    #[inline(never)]
+    fn dispatch(&mut self, button: Button) {
+        self.set(button as usize, true);
+        self.step();
+    }
+}

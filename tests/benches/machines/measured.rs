@@ -1,0 +1,152 @@
+//! Running the programs that are measured: on the host under callgrind and against the clock, on the emulated Cortex-M4.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// What one program told.
+#[derive(Clone, Debug, Default)]
+pub struct Measured {
+    /// By row: how much, for one event.
+    rows: BTreeMap<String, f64>,
+    /// By row: numbers.
+    told: BTreeMap<String, Vec<u32>>,
+}
+
+impl Measured {
+    /// What an event takes.
+    pub fn event(&self, row: &str) -> Option<f64> {
+        self.rows.get(row).copied()
+    }
+
+    /// Numbers that were told.
+    pub fn told(&self, row: &str) -> Option<&[u32]> {
+        self.told.get(row).map(Vec::as_slice)
+    }
+
+    /// All that two programs told.
+    pub fn and(mut self, other: Self) -> Self {
+        self.rows.extend(other.rows);
+        self.told.extend(other.told);
+        self
+    }
+
+    /// Reads what a program printed. `amount` says what a row took, by its place among the rows and its last number.
+    fn read(
+        text: &str,
+        amount: impl Fn(usize, Option<f64>) -> Option<f64>,
+    ) -> Result<Self, String> {
+        let mut measured = Self::default();
+        for line in text.lines() {
+            let mut words = line.split_whitespace();
+            let row = |words: &mut std::str::SplitWhitespace<'_>| {
+                let name = words.next()?.to_owned();
+                let events: f64 = words.next()?.parse().ok()?;
+                let last = words.next().and_then(|word| word.parse().ok());
+                let amount = amount(measured.rows.len(), last)?;
+                Some((name, events, amount))
+            };
+            let told = |words: &mut std::str::SplitWhitespace<'_>| {
+                let name = words.next()?.to_owned();
+                let numbers: Option<Vec<u32>> = words.map(|word| word.parse().ok()).collect();
+                Some((name, numbers?))
+            };
+            match words.next() {
+                Some("row") => {
+                    let (name, events, amount) =
+                        row(&mut words).ok_or_else(|| format!("no row: {line}"))?;
+                    measured.rows.insert(name, amount / events);
+                }
+                Some("tell") => {
+                    let (name, numbers) =
+                        told(&mut words).ok_or_else(|| format!("no numbers: {line}"))?;
+                    measured.told.insert(name, numbers);
+                }
+                // The emulator and the kernel of the emulated board remark this and that; what ends a program early says so at the end of its output.
+                _ => return Err(format!("the program says: {line}")),
+            }
+        }
+        Ok(measured)
+    }
+}
+
+fn output(command: &mut Command) -> Result<Output, String> {
+    let shown = format!("{command:?}");
+    let output = command
+        .output()
+        .map_err(|error| format!("{shown}: {error}"))?;
+    if output.status.success() {
+        Ok(output)
+    } else {
+        Err(format!(
+            "{shown}: {}\n{}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr)
+        ))
+    }
+}
+
+/// Nanoseconds on the host.
+///
+/// # Errors
+/// What the program or the system says.
+pub fn nanoseconds(program: &Path, folder: &Path) -> Result<Measured, String> {
+    let output = output(Command::new(program).arg(folder).arg("time"))?;
+    Measured::read(&String::from_utf8_lossy(&output.stdout), |_, last| last)
+}
+
+/// Instructions on the host, by callgrind.
+///
+/// # Errors
+/// What the program or the system says.
+pub fn host_instructions(program: &Path, folder: &Path) -> Result<Measured, String> {
+    // Callgrind numbers its files in the order of the calls, and the program prints a row before each.
+    let counts = folder.join("callgrind");
+    let output = output(
+        Command::new("valgrind")
+            .args(["--tool=callgrind", "--quiet", "--collect-atstart=no"])
+            .args(["--toggle-collect=counted", "--dump-after=counted"])
+            .arg(format!("--callgrind-out-file={}", counts.display()))
+            .arg(program)
+            .arg(folder)
+            .arg("count"),
+    )?;
+    let total = |row: usize, _: Option<f64>| {
+        let file = fs::read_to_string(folder.join(format!("callgrind.{}", row + 1))).ok()?;
+        let line = file
+            .lines()
+            .find_map(|line| line.strip_prefix("totals: "))?;
+        line.trim().parse().ok()
+    };
+    Measured::read(&String::from_utf8_lossy(&output.stdout), total)
+}
+
+/// Nanoseconds that an instruction takes in the emulator, as a power of two: 25.6 ticks of the board's timer.
+const SHIFT: u32 = 10;
+/// Nanoseconds that a tick of the board's timer takes.
+const TICK_NS: u64 = 40;
+
+/// Instructions on the emulated Cortex-M4.
+///
+/// # Errors
+/// What the program or the system says.
+pub fn board_instructions(program: &Path, folder: &Path) -> Result<Measured, String> {
+    let program = program.canonicalize().map_err(|error| error.to_string())?;
+    let output = output(
+        Command::new(host_tools::qemu::QEMU)
+            .args(["-machine", "mps2-an386", "-icount"])
+            .arg(format!("shift={SHIFT},sleep=off"))
+            .args(["-nographic", "-monitor", "none", "-serial", "null"])
+            .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+            .arg(program)
+            .current_dir(folder),
+    )?;
+    // Where the emulator puts what the firmware prints.
+    let text = String::from_utf8_lossy(&output.stderr);
+    let instruction_ns = 1_u64 << SHIFT;
+    Measured::read(&text, |_, ticks| {
+        // Reading the timer itself is half an instruction more or less.
+        ticks.map(|ticks| ((ticks as u64 * TICK_NS + instruction_ns / 2) / instruction_ns) as f64)
+    })
+}
