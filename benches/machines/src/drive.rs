@@ -14,6 +14,8 @@ pub enum Drive {
     Still,
     /// Macro steps before each of which a flag changes that nothing looks at: the interpreter cannot know that nothing is to be done.
     Stirred,
+    /// Changes of a flag alone.
+    Set,
     /// Sets this flag of the panel for one macro step, after a rest.
     Flag(u8),
     /// Checks the mission.
@@ -30,6 +32,7 @@ impl Drive {
             "script" => Self::Script,
             "still" => Self::Still,
             "stirred" => Self::Stirred,
+            "set" => Self::Set,
             "verify" => Self::Verify,
             "start" => Self::Start,
             _ => Self::Flag(word.strip_prefix("flag-")?.parse().ok()?),
@@ -129,6 +132,11 @@ pub fn run(
             for step in 0..STEPS {
                 machine.set(STIR, step % 2 == 0);
                 machine.step();
+            }
+        }),
+        Drive::Set => meter.measure(row, STEPS, || {
+            for step in 0..STEPS {
+                machine.set(STIR, step % 2 == 0);
             }
         }),
         Drive::Flag(flag) => meter.measure_once(row, 1, || {

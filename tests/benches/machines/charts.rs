@@ -57,6 +57,7 @@ impl Plan {
         let player = fs::read_to_string(root().join(PLAYER)).map_err(|error| error.to_string())?;
         let blob = plan.add(&player)?;
         plan.line("cd51-esm", "script", blob);
+        plan.line("set-cd51", "set", blob);
         plan.line("verify-cd51", "verify", blob);
         plan.line("start-cd51", "start", blob);
         let deaf = plan.add(&without_region(&player, "player")?)?;
