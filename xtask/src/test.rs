@@ -210,6 +210,17 @@ fn host_checks(root: &Path, tally: &mut Tally) {
                 "warnings",
             ]))
         });
+        tally.step("lints of the machines that are compared", || {
+            let folder = root.join(bench::MACHINES_FOLDER);
+            process::run(
+                cargo(&folder)
+                    .args(["clippy", "--quiet", "--all-targets"])
+                    .args(["--package", "bench-machines", "--package", "bench-host"])
+                    .arg("--target-dir")
+                    .arg(root.join(bench::MACHINES_TARGET))
+                    .args(["--", "-D", "warnings"]),
+            )
+        });
     } else {
         tally.skip(
             "lints",
