@@ -115,7 +115,8 @@ impl Report {
         format!(
             "Measured on {} by `cargo xtask bench machines --write`, with {}; `lto = \"fat\"`, one codegen unit, `panic = \"abort\"`.\n\
              M4: instructions on {}, machine mps2-an386, code for thumbv7m, `-icount`. Host: instructions under {}, and\n\
-             nanoseconds, the shortest of ten measurements, at `-O2`. Counts repeat exactly; nanoseconds depend on the machine and on who else uses it.\n",
+             nanoseconds, the shortest of ten measurements, at `-O2`. Counts repeat exactly; nanoseconds depend on the machine and on who else uses it;\n\
+             a dash stands where a difference of them drowns in that, and where there is nothing to measure.\n",
             self.date, self.compiler, self.emulator, self.valgrind
         )
     }
@@ -140,7 +141,8 @@ impl Report {
     fn net(&self, row: &str, less: &str) -> Vec<String> {
         let of = |setting: &Setting| {
             let own = setting.measured.event(less)?;
-            Some((setting.measured.event(row)? - own).max(0.0))
+            // Differences of nanoseconds can drown in what disturbs both.
+            Some(setting.measured.event(row)? - own).filter(|less| *less >= 0.0)
         };
         self.settings
             .iter()
