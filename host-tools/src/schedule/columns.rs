@@ -859,18 +859,7 @@ mod tests {
     use super::super::check;
     use super::super::instances::{Family, Kind, make};
     use super::*;
-
-    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
-        (1..)
-            .zip(times_us)
-            .map(|(number, &(period_us, duration_us))| SlotSpec {
-                number,
-                period_us,
-                duration_us,
-                fixed_start_us: None,
-            })
-            .collect()
-    }
+    use crate::schedule::tests::slots;
 
     /// The starts that are found with much work.
     fn search(slots: &[SlotSpec]) -> Option<Vec<u32>> {

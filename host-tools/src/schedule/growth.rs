@@ -94,19 +94,7 @@ mod tests {
 
     use super::super::{Outcome, check, solve};
     use super::*;
-
-    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
-        times_us
-            .iter()
-            .zip(1..)
-            .map(|(&(period_us, duration_us), number)| SlotSpec {
-                number,
-                period_us,
-                duration_us,
-                fixed_start_us: None,
-            })
-            .collect()
-    }
+    use crate::schedule::tests::slots;
 
     #[test]
     fn each_slot_may_grow_until_the_next_one_begins() {

@@ -277,18 +277,7 @@ mod tests {
     use super::super::check;
     use super::super::oracle::{has_schedule, random_set};
     use super::*;
-
-    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
-        (1..)
-            .zip(times_us)
-            .map(|(number, &(period_us, duration_us))| SlotSpec {
-                number,
-                period_us,
-                duration_us,
-                fixed_start_us: None,
-            })
-            .collect()
-    }
+    use crate::schedule::tests::slots;
 
     fn search_all(slots: &[SlotSpec]) -> End {
         let mut clock = Clock::new(Duration::MAX);

@@ -414,19 +414,7 @@ mod tests {
 
     use super::super::check;
     use super::*;
-
-    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
-        times_us
-            .iter()
-            .zip(1..)
-            .map(|(&(period_us, duration_us), number)| SlotSpec {
-                number,
-                period_us,
-                duration_us,
-                fixed_start_us: None,
-            })
-            .collect()
-    }
+    use crate::schedule::tests::slots;
 
     /// (slot, old, new period) of each proposal.
     fn proposals(times_us: &[(u32, u32)], percent: u32) -> Vec<Vec<(u32, u32, u32)>> {

@@ -190,20 +190,8 @@ fn placed_anew(
 mod tests {
     use super::*;
     use crate::schedule::instances::{Family, Kind, make};
+    use crate::schedule::tests::slots;
     use crate::schedule::{Outcome, check, solve};
-
-    fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
-        times_us
-            .iter()
-            .zip(1..)
-            .map(|(&(period_us, duration_us), number)| SlotSpec {
-                number,
-                period_us,
-                duration_us,
-                fixed_start_us: None,
-            })
-            .collect()
-    }
 
     #[test]
     fn loads_are_counted_frame_by_frame() {

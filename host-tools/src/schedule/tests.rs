@@ -14,7 +14,7 @@ fn slot(number: u32, period_us: u32, duration_us: u32) -> SlotSpec {
 }
 
 /// Slots of (period, duration), numbered from 1.
-fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
+pub(super) fn slots(times_us: &[(u32, u32)]) -> Vec<SlotSpec> {
     times_us
         .iter()
         .zip(1..)
