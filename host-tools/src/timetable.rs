@@ -365,21 +365,24 @@ pub fn gaps(occurrences: &[Occurrence], from_us: u64, to_us: u64) -> Vec<Gap> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
-        let timed = slots
-            .iter()
-            .zip(1..)
-            .map(|(&(start_us, period_us, duration_us), number)| TimedSlot {
-                number,
-                start_us,
-                period_us,
-                duration_us,
-            });
-        Timetable::new(timed.collect())
+    /// Slots by start, period and duration in microseconds, numbered from `first`.
+    pub(crate) fn numbered_from(first: u32, slots: &[(u32, u32, u32)]) -> Timetable {
+        let timed = |(&(start_us, period_us, duration_us), number)| TimedSlot {
+            number,
+            start_us,
+            period_us,
+            duration_us,
+        };
+        Timetable::new(slots.iter().zip(first..).map(timed).collect())
+    }
+
+    /// The same, numbered from 1.
+    pub(crate) fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
+        numbered_from(1, slots)
     }
 
     #[test]

@@ -147,16 +147,10 @@ fn metadata(name: &str, thread: usize, args: Value) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timetable::TimedSlot;
+    use crate::timetable::tests::numbered_from;
 
     fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
-        let timed = |(&(start_us, period_us, duration_us), number)| TimedSlot {
-            number,
-            start_us,
-            period_us,
-            duration_us,
-        };
-        Timetable::new(slots.iter().zip(5..).map(timed).collect())
+        numbered_from(5, slots)
     }
 
     /// The events of a kind with the track that each is on, after a check of what the format asks of all.

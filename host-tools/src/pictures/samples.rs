@@ -6,7 +6,7 @@ use super::{
     FloorLine, Leg, Mark, MissionStates, PathPicture, PathSample, RegionStates, Room, SlotPicture,
     StateSpan, Timeline,
 };
-use crate::timetable::{TimedSlot, Timetable};
+use crate::timetable::tests::timetable;
 
 /// Two missions in a flat of four rooms, with a collision.
 pub(super) fn flat() -> PathPicture {
@@ -192,15 +192,4 @@ pub(super) fn thirty_slots() -> SlotPicture {
         timetable: timetable(&slots),
         tasks: BTreeMap::new(),
     }
-}
-
-/// Slots by start, period and duration in microseconds.
-fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
-    let timed = |(&(start_us, period_us, duration_us), number)| TimedSlot {
-        number,
-        start_us,
-        period_us,
-        duration_us,
-    };
-    Timetable::new(slots.iter().zip(1..).map(timed).collect())
 }

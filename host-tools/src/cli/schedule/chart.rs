@@ -161,17 +161,7 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timetable::TimedSlot;
-
-    fn timetable(slots: &[(u32, u32, u32)]) -> Timetable {
-        let timed = |(&(start_us, period_us, duration_us), number)| TimedSlot {
-            number,
-            start_us,
-            period_us,
-            duration_us,
-        };
-        Timetable::new(slots.iter().zip(1..).map(timed).collect())
-    }
+    use crate::timetable::tests::timetable;
 
     #[test]
     fn a_chart_shows_each_slot_and_what_is_free() {

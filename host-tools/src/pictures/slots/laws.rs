@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::pictures::scene::{Shape, Text};
-use crate::timetable::TimedSlot;
+use crate::timetable::tests::timetable;
 
 /// What a text covers: left, top, right, bottom. Letters without tails are lower than their line.
 fn area(text: &Text) -> [f32; 4] {
@@ -61,18 +61,9 @@ fn violations(scene: &Scene) -> Vec<String> {
 }
 
 fn picture(slots: &[(u32, u32, u32)]) -> SlotPicture {
-    let timed = slots
-        .iter()
-        .zip(1..)
-        .map(|(&(start_us, period_us, duration_us), number)| TimedSlot {
-            number,
-            start_us,
-            period_us,
-            duration_us,
-        });
     SlotPicture {
         title: "Slots of missions/with/a/path/that/is/long/patrol.esm".into(),
-        timetable: Timetable::new(timed.collect()),
+        timetable: timetable(slots),
         tasks: BTreeMap::new(),
     }
 }
