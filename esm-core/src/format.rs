@@ -2,7 +2,7 @@
 //!
 //! A blob is one mission: machine, schedule, data paths, parameters. It is made of
 //!
-//! 1. the four bytes `ESM1`, in which the digit is the version of this format;
+//! 1. the four bytes `ESM2`, in which the digit is the version of this format;
 //! 2. the [`Envelope`] in [postcard](https://postcard.jamesmunns.com/wire-format) encoding. All its fields are byte strings, so on the wire it is the
 //!    sections below one after another, each a varint (seven bits a byte, low ones first, the highest bit says that another byte follows) with the
 //!    section's length in bytes, and the bytes themselves;
@@ -19,51 +19,74 @@
 //! | slots | 16 | number, period, duration, first start: 32 bits each, times in µs |
 //! | containers | 16 | first region; control flags; channels; first instance; then what an instance takes with all inside it: flag bits; task instances; region instances; container instances |
 //! | regions | 4 | first state; container |
-//! | states | 16 | first transition; first transition not on the pulse; first flag; shape; *a*; *b*; timeout in µs (32 bits) |
-//! | transitions | 6 | event; target state; first code |
-//! | code | 4 | operand; operation (top 3 bits) and jump or last mark (low 13 bits) |
-//! | instances | 16 | container; first region instance; first flag; first channel; first task instance; end of task instances; region instance and state of the superstate around it |
+//! | states | 16 | events (32 bits); first transition; first transition not on the pulse; first flag; shape; *a*; *b* |
+//! | transitions | 8 | event and, in bit 15, the plain mark; target state; guard; action |
+//! | code | 4 | operand; operation (top 3 bits) and jump or last mark (low 13 bits). Or, where a guard says so, mask; value |
+//! | timers | 4 | timeout in µs (32 bits) |
+//! | instances | 12 | container; first region instance; first flag; first channel; first task instance; region instance around, 0 at the root |
 //! | region instances | 8 | next; first flag; initial state; instance |
-//! | channels | 10 | event; first instance; number of instances; first byte of visibility bits (32 bits, all ones: whole window) |
-//! | visibility | 1 | bits, lowest first |
+//! | channels | 8 | event; first word of its row; first region word; region words |
+//! | listeners | 4 | words of rows (32 bits) |
 //! | tasks | 20 | signature hash (64 bits); start of the signature's text; its length; exclusive group or none; data ports; flags; parameters |
 //! | signatures | 1 | the texts of the signatures, see [`crate::signature`] |
-//! | task states | 6 | task; slot, or none for slot 0; first parameter |
+//! | task states | 8 | task; slot, or none for slot 0; first parameter; state |
 //! | parameters | 4 | 32 bits of a value |
-//! | task instances | 6 | state; region instance; first connection |
+//! | task instances | 10 | state; region instance; first connection; first flag in the whole machine; task state |
 //! | connections | 2 | net, or none for an open port |
 //! | nets | 8 | hash of the type's name (64 bits) |
 //! | names | 1 | see below |
 //!
 //! **Templates and instances.** A container is stored once, however often it is used: containers, regions, states, transitions and code are templates.
 //! What differs from instance to instance are bases (first flag, first channel, first task instance), to which everything in a template is
-//! relative. A *shape* holds the kind of a state in its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time task, 4 slot-0 task, 5 superstate), in bit 12
-//! whether it has a timeout, and below how many flag bits entering it resets. For a task state *a* is the task instance relative to the instance's
-//! first, *b* the task state; for a superstate *a* is the first region instance inside relative to the region instance that holds
-//! the state, *b* the container instance inside relative to the instance that holds it; otherwise both are 0.
+//! relative.
+//!
+//! **States.** Bit 0 of a state's *events* is set if it has a transition on the pulse, or on an event whose number is a multiple of 32; bit `n` above that if it has one on an
+//! event whose number leaves the remainder `n`. No other bit is set. A *shape* holds the kind of the state in its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time
+//! task, 4 slot-0 task, 5 superstate), in bit 12 whether it has a timeout, and below how many flag bits entering it resets. For a task state *a* is the task instance relative
+//! to the instance's first; for a superstate it is the container instance inside relative to the instance that holds it; otherwise it is 0. For a state with a timeout *b* is its
+//! record among the timers, otherwise 0.
 //!
 //! **Order.** Everything stands in one order, and the parts of a thing stand together: the regions of container 0, of container 1, …; the
-//! states of region 0, of region 1, … with `initial` first and `final` last; the transitions of state 0, of state 1, …, in each those on the pulse first;
-//! the code of transition 0, of transition 1, …; the channels of instance 0, … So an end is where the next thing begins, and nothing is shared but by the rules.
+//! states of region 0, of region 1, … with `initial` first and `final` last; the transitions of state 0, of state 1, …; the code of transition 0, of transition 1, …, in each that of
+//! the guard first; the timers and the task states in the order of their states; the channels of instance 0, … So an end is where the next thing begins, and nothing is
+//! shared but by the rules. Of the transitions of a state those on the pulse come first, in source order; then the others by the numbers of their events, those on one event in source order.
 //!
 //! **Instance tree.** Container instances, region instances and task instances are numbered depth first, regions and states in source order. The
 //! machine is instance 0 of container 0. A region instance's *next* is its next sibling, or, for the last of an instance, the *next* of the region instance
-//! around, or the number of region instances. The walk of the interpreter starts at 0 and goes either to the first region instance inside the current
-//! superstate or to *next*; both are above where it stands, so it ends without recursion or a stack.
+//! around, or the number of region instances. So what is inside a region instance stands between it and its *next*, and walking in the order of numbers is walking outer before
+//! inner and regions in source order.
 //!
 //! **Flags.** The block of a container instance starts with `exit` and `timeout` of its superstate (at the root: of the machine, whose exit flag says that it
 //! is finished) and its control flags in the order of declaration. The blocks of its states follow, region by region: a simple state has its timeout
 //! flag or nothing; a task state exit, timeout, busy and its control flags in the order of the signature; a superstate the whole block of the instance inside. So the first flag of an
 //! instance is its superstate's, and every flag that a transition can name is a bit at a fixed distance from the first flag of its instance.
 //!
-//! **Guards and actions.** Bit 15 of a transition's event says that it has code; otherwise its guard is true and it has no actions. Code starts
-//! with the tests of the guard: operation 1 jumps if the flag is clear, 2 if it is set, 3 and 4 do so by the busy flag of the superstate that the transition leaves,
-//! which is the *or* of those of the active task states inside. A jump of 0 ends the guard as false, else it counts records ahead, at most to the first record
-//! that is no test: when that is reached, the guard is true. It is operation 0 where there are no actions, otherwise the first action: 5 sends on a
-//! channel, 6 clears a flag, 7 sets one; the low bit marks the last.
+//! **Guards.** Most guards ask for flags of the state that is left, and there is a short form for them. The *window* of a state is made of the first 15 flags that entering it
+//! resets, the first in the lowest bit; flags behind them have the long form.
 //!
-//! **Channels.** An event that is sent in a container instance has a channel there, one for each pair of instance and sent event. It carries the event's number and
-//! where it is visible: a window of instances, and in the window a bit each.
+//! | guard | is true if |
+//! |---|---|
+//! | *n* = 0–14 | bit *n* of the window is set |
+//! | 16 + *n* = 16–30 | bit *n* of the window is clear |
+//! | 31 | always |
+//! | 32–32,767 | the program from code record *guard* − 32 on says so |
+//! | 32,768 + *i* | (window xor value) and mask is 0, with mask and value of code record *i* |
+//!
+//! 15 means nothing. A bit must be one of the state's own flags. A mask has at least two bits, all of them the state's own flags, and a value only bits of its mask. `initial` has no
+//! flags: only 31 and programs can be guards there.
+//!
+//! A program is a row of tests, of which each jumps or goes on to the next, and ends with operation 0, which says that the guard is true. Operation 1 jumps if the flag is clear, 2 if it is set, 3
+//! and 4 do so by the busy flag of the superstate that the transition leaves, which is the *or* of those of the active task states inside. A jump of 0 ends the guard as false, else it counts
+//! records ahead, at most to the end. Operands count from the first flag of the instance. A test names only flags at the head of its instance's block (exit, timeout, control flags)
+//! or own flags of the state that is left: nothing else can make a guard of a state true, and a machine in which none of them changes can rest.
+//!
+//! **Actions.** 0 is none; 32,768 + *c* one `send` on channel *c* of the instance; any other number 1 + the code record of the first of a row, in which operation 5 sends on a channel, 6 clears a flag and
+//! 7 sets one, and the low bit of the last is set. The *plain mark* stands at each transition that changes nothing but the current state: from `initial` or a simple state to a
+//! simple state without flags, without actions.
+//!
+//! **Channels.** An event that is sent in a container instance has a channel there, one for each pair of instance and sent event. It carries the event's number and the row of those who
+//! listen: a bit for each region instance in which the event is visible and whose template has a transition on it. Word *k* of the row is for the region instances from
+//! 32 · (first region word + *k*) on, the first in the highest bit. A row neither begins nor ends with a word without bits. Rows may be shared.
 //!
 //! # Names
 //!
@@ -74,12 +97,12 @@
 //! # Limits
 //!
 //! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one state, 32,767 events, [`MAX_STATE_INSTANCES`] state instances, jumps over at most 8,191
-//! tests, times of at most [`MAX_TIME_US`].
+//! tests, 32,736 code records, times of at most [`MAX_TIME_US`].
 
 use serde::{Deserialize, Serialize};
 
 /// The first four bytes of a blob.
-pub const MAGIC: [u8; 4] = *b"ESM1";
+pub const MAGIC: [u8; 4] = *b"ESM2";
 /// Bytes of the CRC at the end of a blob.
 pub const CRC_BYTES: usize = 4;
 /// Event number of the pulse.
@@ -89,7 +112,7 @@ pub const NONE: u16 = u16::MAX;
 /// The longest period and timeout: 4,000 s. Below 2³² µs, so that the age of a state can be told from 32 bits.
 pub const MAX_TIME_US: u32 = 4_000_000_000;
 /// The greatest number of an event.
-pub const MAX_EVENT: u16 = TRANSITION_HAS_CODE - 1;
+pub const MAX_EVENT: u16 = TRANSITION_IS_PLAIN - 1;
 /// The most flags that one state can have.
 pub const MAX_STATE_FLAGS: u16 = STATE_FLAGS_MASK;
 /// The longest jump of a guard, in tests.
@@ -118,14 +141,35 @@ pub const STATE_BACKGROUND_TASK: u16 = 4;
 /// Kind of a superstate.
 pub const STATE_SUPER: u16 = 5;
 
-/// Set in the event of a transition that has a guard or an action.
-pub const TRANSITION_HAS_CODE: u16 = 1 << 15;
+/// Set in the event of a transition that changes nothing but the current state.
+pub const TRANSITION_IS_PLAIN: u16 = 1 << 15;
+
+/// Flags in the window that guards see.
+pub const WINDOW_FLAGS: u16 = 15;
+/// Guard: a bit of the window is clear; to this the bit is added. Without it: the bit is set.
+pub const GUARD_IF_CLEAR: u16 = 16;
+/// Guard that is always true.
+pub const GUARD_TRUE: u16 = 31;
+/// Guard: a program; to this its first code record is added.
+pub const GUARD_PROGRAM: u16 = 32;
+/// Guard: a mask; to this its code record is added.
+pub const GUARD_MASK: u16 = 1 << 15;
+
+/// No action.
+pub const ACTION_NONE: u16 = 0;
+/// Actions in a row; to this its first code record is added.
+pub const ACTION_ROW: u16 = 1;
+/// One `send`; to this the channel is added.
+pub const ACTION_SEND: u16 = 1 << 15;
+
+/// The most records of code: guards and actions must be able to name them.
+pub const MAX_CODE: usize = (GUARD_MASK - GUARD_PROGRAM) as usize;
 
 /// Where the operation of an instruction stands.
 pub const CODE_OPERATION_SHIFT: u16 = 13;
 /// The bits of an instruction that hold its jump, or in bit 0 its last mark.
 pub const CODE_LOW_MASK: u16 = (1 << CODE_OPERATION_SHIFT) - 1;
-/// Guard ends, no actions.
+/// A guard's program ends; the guard is true.
 pub const CODE_END: u16 = 0;
 /// Jumps if the flag is clear.
 pub const CODE_JUMP_IF_CLEAR: u16 = 1;
@@ -141,9 +185,6 @@ pub const CODE_SEND: u16 = 5;
 pub const CODE_CLEAR: u16 = 6;
 /// Sets a flag.
 pub const CODE_SET: u16 = 7;
-
-/// Visibility of a channel that its whole window sees.
-pub const CHANNEL_NO_BITS: u32 = u32::MAX;
 
 /// Bit of `exit` in the flag block of a task state or superstate.
 pub const FLAG_EXIT: usize = 0;
@@ -192,14 +233,16 @@ sections! {
     Transitions transitions,
     /// Guards and actions.
     Code code,
+    /// Timeouts of states.
+    Timers timers,
     /// Container instances.
     Instances instances,
     /// Region instances.
     RegionInstances region_instances,
     /// Events by sender.
     Channels channels,
-    /// Bits of the channels' windows.
-    Visibility visibility,
+    /// Rows of the region instances that listen to channels.
+    Listeners listeners,
     /// Tasks in use.
     Tasks tasks,
     /// Texts of their signatures.

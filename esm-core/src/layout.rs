@@ -47,30 +47,38 @@ fields! {
         0 FIRST_STATE 1 CONTAINER
     }
     state: States {
-        0 FIRST_TRANSITION 1 FIRST_EVENT_TRANSITION 2 FIRST_FLAG 3 SHAPE 4 A 5 B
-        6 TIMEOUT_LOW 7 TIMEOUT_HIGH
+        0 EVENTS_LOW 1 EVENTS_HIGH 2 FIRST_TRANSITION 3 FIRST_EVENT_TRANSITION 4 FIRST_FLAG
+        5 SHAPE 6 A 7 B
     }
     transition: Transitions {
-        0 EVENT 1 TARGET 2 CODE
+        0 EVENT 1 TARGET 2 GUARD 3 ACTION
     }
     code: Code {
         0 OPERAND 1 CONTROL
     }
+    mask: Code {
+        0 MASK 1 VALUE
+    }
+    timer: Timers {
+        0 TIMEOUT_LOW 1 TIMEOUT_HIGH
+    }
     instance: Instances {
-        0 CONTAINER 1 FIRST_REGION 2 FIRST_FLAG 3 FIRST_CHANNEL 4 FIRST_TASK 5 END_TASK
-        6 PARENT_REGION 7 PARENT_STATE
+        0 CONTAINER 1 FIRST_REGION 2 FIRST_FLAG 3 FIRST_CHANNEL 4 FIRST_TASK 5 AROUND
     }
     region_instance: RegionInstances {
         0 NEXT 1 FIRST_FLAG 2 INITIAL 3 INSTANCE
+    }
+    channel: Channels {
+        0 EVENT 1 FIRST_ROW_WORD 2 FIRST_REGION_WORD 3 REGION_WORDS
     }
     task: Tasks {
         4 TEXT_START 5 TEXT_LENGTH 6 EXCLUSIVE 7 DATA 8 FLAGS 9 PARAMS
     }
     task_state: TaskStates {
-        0 TASK 1 SLOT 2 FIRST_PARAM
+        0 TASK 1 SLOT 2 FIRST_PARAM 3 STATE
     }
     task_instance: TaskInstances {
-        0 STATE 1 REGION 2 FIRST_CONNECTION
+        0 STATE 1 REGION 2 FIRST_CONNECTION 3 FIRST_FLAG 4 TASK_STATE
     }
     connection: Connections {
         0 NET

@@ -64,15 +64,11 @@ pub enum StateKind {
     Task {
         /// Task instance, relative to [`Instance::first_task`].
         task_offset: usize,
-        /// Index of the [`TaskState`].
-        task_state: usize,
         /// Whether it runs in a slot; false for slot 0.
         real_time: bool,
     },
     /// An instance of a container is inside.
     Super {
-        /// First region instance inside, relative to the region instance that holds this state.
-        region_offset: usize,
         /// Container instance inside, relative to the instance that holds this state.
         instance_offset: usize,
     },
@@ -81,7 +77,9 @@ pub enum StateKind {
 /// A local state of a region template, pseudo-states included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
-    /// First transition out of it; first those on the pulse, then the others, both in source order.
+    /// Events that its transitions are on: bit 0 for the pulse, and for each other event the bit of its number's remainder by 32.
+    pub events: u32,
+    /// First transition out of it; first those on the pulse in source order, then the others by the numbers of their events.
     pub first_transition: usize,
     /// First transition that is not on the pulse.
     pub first_event_transition: usize,
@@ -101,10 +99,40 @@ pub struct State {
 pub struct Transition {
     /// [`format::PULSE`] or the number of an event.
     pub event: u16,
+    /// Whether it changes nothing but the current state.
+    pub is_plain: bool,
     /// The state that it leads to.
     pub target: usize,
-    /// Its first [`Code`], where it has a guard or an action.
-    pub code: Option<usize>,
+    /// Its guard as the format writes it; see [`Tables::guard_of`].
+    pub guard: u16,
+    /// Its action as the format writes it; see [`Tables::actions_of`].
+    pub action: u16,
+}
+
+/// What must hold for a transition to be taken. Bits are those of the window: bit 0 is the first flag of the state that is left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guard {
+    /// Always true.
+    True,
+    /// A flag has a value.
+    Flag {
+        /// Bit of the window, below [`format::WINDOW_FLAGS`].
+        bit: usize,
+        /// The value that makes it true.
+        value: bool,
+    },
+    /// All flags of a mask have their values.
+    Mask {
+        /// Bits of the window that are looked at.
+        mask: u16,
+        /// Those of them that must be set; the others must be clear.
+        value: u16,
+    },
+    /// Tests, one after another; see [`Tables::program_of`].
+    Program {
+        /// The first [`Code`].
+        first: usize,
+    },
 }
 
 /// One instruction of a guard or an action.
@@ -126,7 +154,7 @@ pub enum Code {
         /// Instructions ahead; `None` where the guard is false.
         jump: Option<usize>,
     },
-    /// Ends the code of a transition without actions.
+    /// Ends a guard as true.
     End,
     /// Action: appends an event to the queue.
     Send {
@@ -159,10 +187,8 @@ pub struct Instance {
     pub first_channel: usize,
     /// The first task instance inside it, at any depth.
     pub first_task: usize,
-    /// One past the last task instance inside it, at any depth.
-    pub end_task: usize,
-    /// The superstate that it is inside of: region instance and state. For the machine both are 0 and mean nothing.
-    pub parent: (usize, usize),
+    /// The region instance that holds its superstate; 0 for the machine, where it means nothing. See [`Tables::superstate_of`].
+    pub around: usize,
 }
 
 /// A region instance. Numbered depth first: what is inside a region's superstates stands between it and the next of its siblings.
@@ -178,17 +204,17 @@ pub struct RegionInstance {
     pub instance: usize,
 }
 
-/// An event as sent from one container instance, and where it is visible.
+/// An event as sent from one container instance, and the row of region instances that listen to it; see [`Tables::is_listening`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channel {
     /// Number of the event.
     pub event: u16,
-    /// First instance of the window outside of which it is not visible.
-    pub first_instance: usize,
-    /// Instances in the window.
-    pub instances: usize,
-    /// First byte in the visibility bits, the window's first instance in the lowest bit; `None` where the whole window sees it.
-    pub bits: Option<usize>,
+    /// First word of its row in the table of listeners.
+    pub first_row_word: usize,
+    /// Region instances that come before its row, in words of 32.
+    pub first_region_word: usize,
+    /// Words of its row.
+    pub region_words: usize,
 }
 
 /// A task that the mission uses.
@@ -213,6 +239,8 @@ pub struct TaskState {
     pub slot: Option<usize>,
     /// First of its parameter values, which stand in the order of the signature.
     pub first_param: usize,
+    /// The state.
+    pub state: usize,
 }
 
 /// A task state of a container instance. Numbered in the order of the instance tree.
@@ -224,6 +252,10 @@ pub struct TaskInstance {
     pub region: usize,
     /// First of its connections, one for each data port in the order of the signature.
     pub first_connection: usize,
+    /// First bit of its flag block in the whole machine.
+    pub first_flag: usize,
+    /// Its [`TaskState`].
+    pub task_state: usize,
 }
 
 /// Where what belongs to a task instance stands: looked up once, and read as often as it is needed.
@@ -237,6 +269,8 @@ pub struct TaskPlaces {
     pub first_param: u16,
     /// [`TaskInstance::first_connection`].
     pub first_connection: u16,
+    /// [`TaskInstance::region`].
+    pub region: u16,
 }
 
 /// A net: data ports joined by data paths, over all container borders.
@@ -248,7 +282,7 @@ pub struct Net {
 
 /// Bytes of a record of each section.
 const RECORD_BYTES: [u8; Section::ALL.len()] = [
-    10, 16, 16, 4, 16, 6, 4, 16, 8, 10, 1, 20, 1, 6, 4, 6, 2, 8, 1,
+    10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1,
 ];
 
 /// Bytes of a record of a section.
@@ -389,9 +423,13 @@ impl<'a> Task<'a> {
 }
 
 impl State {
-    /// Decodes a record; an unknown kind is `None`.
-    pub(crate) fn decode(record: &[u8; 16]) -> Option<Self> {
+    /// Decodes a record; an unknown kind is `None`. The timeout is that of its record among the timers.
+    fn decode(record: &[u8; 16], timeout_us: impl Fn(usize) -> Option<u32>) -> Option<Self> {
         let &[
+            m0,
+            m1,
+            m2,
+            m3,
             t0,
             t1,
             e0,
@@ -404,55 +442,50 @@ impl State {
             a1,
             b0,
             b1,
-            l0,
-            l1,
-            l2,
-            l3,
         ] = record;
         let shape = u16::from_le_bytes([k0, k1]);
-        let (a, b) = (word(a0, a1), word(b0, b1));
+        let a = word(a0, a1);
         let kind = match shape >> format::STATE_KIND_SHIFT {
             format::STATE_INITIAL => StateKind::Initial,
             format::STATE_FINAL => StateKind::Final,
             format::STATE_SIMPLE => StateKind::Simple,
             kind @ (format::STATE_TASK | format::STATE_BACKGROUND_TASK) => StateKind::Task {
                 task_offset: a,
-                task_state: b,
                 real_time: kind == format::STATE_TASK,
             },
-            format::STATE_SUPER => StateKind::Super {
-                region_offset: a,
-                instance_offset: b,
-            },
+            format::STATE_SUPER => StateKind::Super { instance_offset: a },
             _ => return None,
         };
         let has_timeout = shape & format::STATE_HAS_TIMEOUT != 0;
         Some(Self {
+            events: u32::from_le_bytes([m0, m1, m2, m3]),
             first_transition: word(t0, t1),
             first_event_transition: word(e0, e1),
             first_flag: word(f0, f1),
             flags: usize::from(shape & format::STATE_FLAGS_MASK),
             kind,
-            timeout_us: has_timeout.then_some(u32::from_le_bytes([l0, l1, l2, l3])),
+            timeout_us: has_timeout.then(|| timeout_us(word(b0, b1))).flatten(),
         })
     }
 }
 
 impl Transition {
-    pub(crate) fn decode(record: &[u8; 6]) -> Self {
-        let &[e0, e1, t0, t1, c0, c1] = record;
+    fn decode(record: &[u8; 8]) -> Self {
+        let &[e0, e1, t0, t1, g0, g1, a0, a1] = record;
         let event = u16::from_le_bytes([e0, e1]);
         Self {
-            event: event & !format::TRANSITION_HAS_CODE,
+            event: event & !format::TRANSITION_IS_PLAIN,
+            is_plain: event & format::TRANSITION_IS_PLAIN != 0,
             target: word(t0, t1),
-            code: (event & format::TRANSITION_HAS_CODE != 0).then_some(word(c0, c1)),
+            guard: u16::from_le_bytes([g0, g1]),
+            action: u16::from_le_bytes([a0, a1]),
         }
     }
 }
 
 impl Code {
     /// Decodes a record; an unknown operation is `None`.
-    pub(crate) fn decode(record: &[u8; 4]) -> Option<Self> {
+    fn decode(record: &[u8; 4]) -> Option<Self> {
         let &[o0, o1, c0, c1] = record;
         let operand = word(o0, o1);
         let control = u16::from_le_bytes([c0, c1]);
@@ -487,8 +520,7 @@ impl Code {
 }
 
 impl RegionInstance {
-    #[inline(always)]
-    pub(crate) fn decode(record: &[u8; 8]) -> Self {
+    fn decode(record: &[u8; 8]) -> Self {
         let &[n0, n1, f0, f1, i0, i1, c0, c1] = record;
         Self {
             next: word(n0, n1),
@@ -500,63 +532,27 @@ impl RegionInstance {
 }
 
 impl Instance {
-    #[inline]
-    pub(crate) fn decode(record: &[u8; 16]) -> Self {
-        let &[
-            c0,
-            c1,
-            r0,
-            r1,
-            f0,
-            f1,
-            h0,
-            h1,
-            t0,
-            t1,
-            e0,
-            e1,
-            p0,
-            p1,
-            s0,
-            s1,
-        ] = record;
+    fn decode(record: &[u8; 12]) -> Self {
+        let &[c0, c1, r0, r1, f0, f1, h0, h1, t0, t1, p0, p1] = record;
         Self {
             container: word(c0, c1),
             first_region: word(r0, r1),
             first_flag: word(f0, f1),
             first_channel: word(h0, h1),
             first_task: word(t0, t1),
-            end_task: word(e0, e1),
-            parent: (word(p0, p1), word(s0, s1)),
+            around: word(p0, p1),
         }
     }
 }
 
 impl Channel {
-    /// Whether it is visible in an instance, given the visibility bits.
-    #[inline]
-    pub(crate) fn is_visible(&self, bits: &[u8], instance: usize) -> bool {
-        let offset = instance.wrapping_sub(self.first_instance);
-        if offset >= self.instances {
-            return false;
-        }
-        match self.bits {
-            None => true,
-            Some(first) => bits
-                .get(first + offset / 8)
-                .is_some_and(|byte| byte >> (offset % 8) & 1 != 0),
-        }
-    }
-
-    #[inline]
-    pub(crate) fn decode(record: &[u8; 10]) -> Self {
-        let &[e0, e1, f0, f1, n0, n1, b0, b1, b2, b3] = record;
-        let bits = u32::from_le_bytes([b0, b1, b2, b3]);
+    fn decode(record: &[u8; 8]) -> Self {
+        let &[e0, e1, w0, w1, r0, r1, n0, n1] = record;
         Self {
             event: u16::from_le_bytes([e0, e1]),
-            first_instance: word(f0, f1),
-            instances: word(n0, n1),
-            bits: (bits != format::CHANNEL_NO_BITS).then_some(bits as usize),
+            first_row_word: word(w0, w1),
+            first_region_word: word(r0, r1),
+            region_words: word(n0, n1),
         }
     }
 }
@@ -702,7 +698,15 @@ impl<'a> Tables<'a> {
     /// One state.
     #[must_use]
     pub fn state(&self, index: usize) -> Option<State> {
-        self.record(Section::States, index).and_then(State::decode)
+        let record = self.record(Section::States, index)?;
+        State::decode(record, |timer| self.timeout_us(timer))
+    }
+
+    /// A timeout, by its index among the timers.
+    #[must_use]
+    pub fn timeout_us(&self, timer: usize) -> Option<u32> {
+        let record = self.record(Section::Timers, timer)?;
+        Some(u32::from_le_bytes(*record))
     }
 
     /// The region template that a state belongs to. Takes logarithmic time.
@@ -731,7 +735,7 @@ impl<'a> Tables<'a> {
     #[must_use]
     pub fn source_of_transition(&self, transition: usize) -> usize {
         let starts_by_then = |record: &[u8; 16]| {
-            let [t0, t1, ..] = *record;
+            let [_, _, _, _, t0, t1, ..] = *record;
             word(t0, t1) <= transition
         };
         self.records(Section::States)
@@ -739,7 +743,7 @@ impl<'a> Tables<'a> {
             .saturating_sub(1)
     }
 
-    /// The transitions out of a state: first those on the pulse, then the others, both in source order.
+    /// The transitions out of a state: first those on the pulse in source order, then the others by the numbers of their events, those on one event in source order.
     #[must_use]
     pub fn transitions_of(&self, state: usize) -> core::ops::Range<usize> {
         match self.state(state) {
@@ -769,24 +773,70 @@ impl<'a> Tables<'a> {
         self.record(Section::Code, index).and_then(Code::decode)
     }
 
-    /// The instructions of a transition: its guard, then its actions.
-    pub fn code_of(&self, transition: usize) -> impl Iterator<Item = Code> + use<'a> {
+    /// The guard of a transition; none where it is written in a way that means nothing.
+    #[must_use]
+    pub fn guard_of(&self, transition: usize) -> Option<Guard> {
+        let guard = self.transition(transition)?.guard;
+        let flag = |bit, value| {
+            (bit < format::WINDOW_FLAGS).then_some(Guard::Flag {
+                bit: usize::from(bit),
+                value,
+            })
+        };
+        if guard == format::GUARD_TRUE {
+            Some(Guard::True)
+        } else if guard < format::GUARD_IF_CLEAR {
+            flag(guard, true)
+        } else if guard < format::GUARD_PROGRAM {
+            flag(guard - format::GUARD_IF_CLEAR, false)
+        } else if guard < format::GUARD_MASK {
+            let first = usize::from(guard - format::GUARD_PROGRAM);
+            Some(Guard::Program { first })
+        } else {
+            let record = usize::from(guard - format::GUARD_MASK);
+            let &[m0, m1, v0, v1] = self.record(Section::Code, record)?;
+            Some(Guard::Mask {
+                mask: u16::from_le_bytes([m0, m1]),
+                value: u16::from_le_bytes([v0, v1]),
+            })
+        }
+    }
+
+    /// The tests of a transition's guard, where it is a program, without the end.
+    pub fn program_of(&self, transition: usize) -> impl Iterator<Item = Code> + use<'a> {
+        let first = match self.guard_of(transition) {
+            Some(Guard::Program { first }) => Some(first),
+            _ => None,
+        };
         let tables = *self;
-        let start = self
+        let codes = first.into_iter().flat_map(|first| first..);
+        codes
+            .map_while(move |at| tables.code(at))
+            .take_while(|code| matches!(code, Code::Test { .. } | Code::TestBusyInside { .. }))
+    }
+
+    /// The actions of a transition: [`Code::Send`] and [`Code::Write`].
+    pub fn actions_of(&self, transition: usize) -> impl Iterator<Item = Code> + use<'a> {
+        let action = self
             .transition(transition)
-            .and_then(|transition| transition.code);
-        let mut next = start;
-        core::iter::from_fn(move || {
+            .map_or(format::ACTION_NONE, |transition| transition.action);
+        let send = (action >= format::ACTION_SEND).then(|| Code::Send {
+            channel: usize::from(action - format::ACTION_SEND),
+            last: true,
+        });
+        let mut next = (action != format::ACTION_NONE && send.is_none())
+            .then(|| usize::from(action - format::ACTION_ROW));
+        let tables = *self;
+        let row = core::iter::from_fn(move || {
             let at = next?;
             let code = tables.code(at)?;
-            let last = match code {
-                Code::End => true,
-                Code::Send { last, .. } | Code::Write { last, .. } => last,
-                Code::Test { .. } | Code::TestBusyInside { .. } => false,
+            let (Code::Send { last, .. } | Code::Write { last, .. }) = code else {
+                return None;
             };
             next = (!last).then_some(at + 1);
             Some(code)
-        })
+        });
+        send.into_iter().chain(row)
     }
 
     /// Number of container instances.
@@ -799,6 +849,47 @@ impl<'a> Tables<'a> {
     #[must_use]
     pub fn instance(&self, index: usize) -> Option<Instance> {
         self.record(Section::Instances, index).map(Instance::decode)
+    }
+
+    /// The superstate that a container instance is inside of: region instance and state; none for the machine. Takes time proportional to the number of
+    /// states of its region.
+    #[must_use]
+    pub fn superstate_of(&self, instance: usize) -> Option<(usize, usize)> {
+        let around = (instance != 0).then_some(self.instance(instance)?.around)?;
+        let region = self.region_instance(around)?;
+        let state = (region.initial..self.state_count()).find(|state| {
+            self.state(*state).is_none_or(|state| match state.kind {
+                StateKind::Super { instance_offset } => {
+                    region.instance + instance_offset == instance
+                }
+                StateKind::Final => true,
+                _ => false,
+            })
+        })?;
+        let is_super = matches!(self.state(state)?.kind, StateKind::Super { .. });
+        is_super.then_some((around, state))
+    }
+
+    /// The task instances inside a container instance, at any depth.
+    #[must_use]
+    pub fn tasks_inside(&self, instance: usize) -> core::ops::Range<usize> {
+        let Some(instance) = self.instance(instance) else {
+            return 0..0;
+        };
+        let span = self
+            .container(instance.container)
+            .map_or(0, |container| container.task_span);
+        instance.first_task..instance.first_task + span
+    }
+
+    /// The first region instance inside a state, if it is a superstate, of a region instance.
+    #[must_use]
+    pub fn first_region_inside(&self, region_instance: usize, state: usize) -> Option<usize> {
+        let StateKind::Super { instance_offset } = self.state(state)?.kind else {
+            return None;
+        };
+        let around = self.region_instance(region_instance)?.instance;
+        Some(self.instance(around + instance_offset)?.first_region)
     }
 
     /// Number of region instances.
@@ -826,10 +917,20 @@ impl<'a> Tables<'a> {
         self.record(Section::Channels, index).map(Channel::decode)
     }
 
-    /// Whether what is sent on `channel` is visible in `instance`. Takes constant time.
+    /// Whether a region instance listens to what is sent on `channel`: whether the event is visible in its container instance, and its template has a
+    /// transition on it. Takes constant time.
     #[must_use]
-    pub fn is_visible(&self, channel: &Channel, instance: usize) -> bool {
-        channel.is_visible(self.section(Section::Visibility), instance)
+    pub fn is_listening(&self, channel: &Channel, region_instance: usize) -> bool {
+        const WORD_BITS: usize = 32;
+        let offset = (region_instance / WORD_BITS).wrapping_sub(channel.first_region_word);
+        if offset >= channel.region_words {
+            return false;
+        }
+        let row = self.records::<4>(Section::Listeners);
+        row.get(channel.first_row_word + offset)
+            .is_some_and(|word| {
+                u32::from_le_bytes(*word) << (region_instance % WORD_BITS) >> 31 != 0
+            })
     }
 
     /// The tasks that the mission uses.
@@ -856,13 +957,22 @@ impl<'a> Tables<'a> {
     /// One task state.
     #[must_use]
     pub fn task_state(&self, index: usize) -> Option<TaskState> {
-        let [t0, t1, s0, s1, p0, p1] = *self.record(Section::TaskStates, index)?;
+        let [t0, t1, s0, s1, p0, p1, l0, l1] = *self.record(Section::TaskStates, index)?;
         let slot = u16::from_le_bytes([s0, s1]);
         Some(TaskState {
             task: word(t0, t1),
             slot: (slot != format::NONE).then_some(usize::from(slot)),
             first_param: word(p0, p1),
+            state: word(l0, l1),
         })
+    }
+
+    /// The record of a task state, by the state. Takes logarithmic time.
+    #[must_use]
+    pub fn task_state_at(&self, state: usize) -> Option<usize> {
+        let records = self.records::<8>(Section::TaskStates);
+        let state_of = |[.., low, high]: &[u8; 8]| word(*low, *high);
+        records.binary_search_by_key(&state, state_of).ok()
     }
 
     /// The 32 bits of a parameter value: of an `i32`, `u32` or `f32` its own, of a `bool` 0 or 1.
@@ -881,43 +991,43 @@ impl<'a> Tables<'a> {
     /// One task instance.
     #[must_use]
     pub fn task_instance(&self, index: usize) -> Option<TaskInstance> {
-        let [s0, s1, r0, r1, c0, c1] = *self.record(Section::TaskInstances, index)?;
+        let [s0, s1, r0, r1, c0, c1, f0, f1, t0, t1] =
+            *self.record(Section::TaskInstances, index)?;
         Some(TaskInstance {
             state: word(s0, s1),
             region: word(r0, r1),
             first_connection: word(c0, c1),
+            first_flag: word(f0, f1),
+            task_state: word(t0, t1),
         })
     }
 
     /// The template that a task instance is made of: its task, slot and parameters.
     #[must_use]
     pub fn task_state_of(&self, task_instance: usize) -> Option<TaskState> {
-        match self.state(self.task_instance(task_instance)?.state)?.kind {
-            StateKind::Task { task_state, .. } => self.task_state(task_state),
-            _ => None,
-        }
+        self.task_state(self.task_instance(task_instance)?.task_state)
     }
 
     /// First bit of a task instance's flag block (exit, timeout, busy, control flags in the order of the signature), and its length.
     #[must_use]
     pub fn flags_of_task(&self, task_instance: usize) -> Option<(usize, usize)> {
         let instance = self.task_instance(task_instance)?;
-        self.flags_of_state(instance.region, instance.state)
+        let shape = self.word(layout::state::SHAPE, instance.state) as u16;
+        let flags = usize::from(shape & format::STATE_FLAGS_MASK);
+        Some((instance.first_flag, flags))
     }
 
     /// Where what belongs to a task instance stands.
     #[must_use]
     pub fn task_places(&self, task_instance: usize) -> Option<TaskPlaces> {
         let instance = self.task_instance(task_instance)?;
-        let &[_, _, _, _, f0, f1, s0, s1, _, _, t0, t1, ..] =
-            self.record::<16>(Section::States, instance.state)?;
-        let region_flag = self.word(layout::region_instance::FIRST_FLAG, instance.region);
-        let state_flag = u16::from_le_bytes([f0, f1]);
+        let shape = self.word(layout::state::SHAPE, instance.state) as u16;
         Some(TaskPlaces {
-            first_flag: state_flag.wrapping_add(region_flag as u16),
-            flags: u16::from_le_bytes([s0, s1]) & format::STATE_FLAGS_MASK,
-            first_param: self.word(layout::task_state::FIRST_PARAM, word(t0, t1)) as u16,
+            first_flag: instance.first_flag as u16,
+            flags: shape & format::STATE_FLAGS_MASK,
+            first_param: self.word(layout::task_state::FIRST_PARAM, instance.task_state) as u16,
             first_connection: instance.first_connection as u16,
+            region: instance.region as u16,
         })
     }
 
