@@ -3,7 +3,8 @@
 //! A machine is free of errors by construction: every name it uses is defined, every flag is used in its direction, containers are
 //! used downwards only. Within that it uses the whole language, and is biased towards what is easy to get wrong: containers used many
 //! times, events that travel up and down through several of them, queues of one or two places, transitions that send in a circle,
-//! several regions that write one flag, timeouts that fall on a macro step exactly.
+//! several regions that write one flag, timeouts that fall on a macro step exactly. Some machines have many of a thing, so that no word of bits is enough
+//! for it: flags of a state, events, regions.
 
 use std::fmt::Write as _;
 
@@ -24,6 +25,8 @@ pub struct Size {
     nested: usize,
     /// Regions of a container.
     regions: usize,
+    /// Regions of the machine, where it has many.
+    many_regions: usize,
     /// States of a region.
     states: usize,
     /// Macro steps of a scenario.
@@ -36,6 +39,7 @@ pub const FULL: Size = Size {
     containers: 5,
     nested: 30,
     regions: 4,
+    many_regions: 24,
     states: 5,
     steps: 60,
 };
@@ -46,6 +50,7 @@ pub const SMALL: Size = Size {
     containers: 3,
     nested: 6,
     regions: 2,
+    many_regions: 12,
     states: 4,
     steps: 20,
 };
@@ -54,10 +59,21 @@ pub const SMALL: Size = Size {
 const FLAG_NAMES: [&str; 5] = ["near", "far", "ready", "us", "f32"];
 const EVENT_NAMES: [&str; 6] = ["Go", "Back", "Up", "Down", "ms", "Hz"];
 
+/// Flags of a task or container that has many, besides those with a name. One task has no more than 16.
+const MORE_FLAGS: usize = 11;
+
+/// Events of a machine that has many. A few are used more than the others: these, and those whose numbers differ from theirs by a multiple of 32.
+const MANY_EVENTS: usize = 80;
+const HOT_EVENTS: [usize; 2] = [3, 32];
+const EVENTS_A_WORD: usize = 32;
+
+/// Levels of `and`, `or` and `not` in a guard.
+const GUARD_DEPTH: usize = 3;
+
 /// A flag of a task or container.
 #[derive(Clone)]
 struct Flag {
-    name: &'static str,
+    name: String,
     out: bool,
 }
 
@@ -77,10 +93,10 @@ struct Container {
 
 /// What a state offers to the transitions around it.
 #[derive(Clone)]
-enum Kind {
-    Simple,
-    /// Task state or superstate, with its flags.
-    WithFlags(Vec<Flag>),
+struct Offer {
+    /// The flags of a task state or superstate.
+    flags: Option<Vec<Flag>>,
+    has_timeout: bool,
 }
 
 /// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
@@ -97,6 +113,9 @@ pub fn machine_of(random: &mut Random, size: Size) -> String {
         tasks: Vec::new(),
         containers: Vec::new(),
         with_data: false,
+        with_many_flags: false,
+        with_many_regions: false,
+        event_names: EVENT_NAMES.map(str::to_owned).to_vec(),
     }
     .write()
 }
@@ -109,11 +128,21 @@ struct Writer<'r> {
     /// In the order of the file; each uses only those before it.
     containers: Vec<Container>,
     with_data: bool,
+    with_many_flags: bool,
+    with_many_regions: bool,
+    event_names: Vec<String>,
 }
 
 impl Writer<'_> {
     fn write(mut self) -> String {
         self.with_data = self.random.chance(25);
+        self.with_many_flags = self.random.chance(25);
+        self.with_many_regions = self.random.chance(10);
+        if self.random.chance(15) {
+            self.event_names = (1..=MANY_EVENTS)
+                .map(|number| format!("E{number}"))
+                .collect();
+        }
         self.line(format_args!("interpreter slot 1;"));
         let queue = match self.random.below(10) {
             0 => None,
@@ -133,7 +162,7 @@ impl Writer<'_> {
             self.line(format_args!("  out data value: Sample;"));
             self.line(format_args!("}}"));
         }
-        let deep = self.random.chance(5);
+        let deep = self.random.chance(8);
         let containers = if deep {
             self.size.nested
         } else {
@@ -182,16 +211,25 @@ impl Writer<'_> {
     }
 
     fn flags(&mut self) -> Vec<Flag> {
-        FLAG_NAMES
-            .iter()
-            .filter(|_| self.random.chance(45))
-            .collect::<Vec<_>>()
+        let (more, percent) = if self.with_many_flags && self.random.chance(75) {
+            (MORE_FLAGS, 90)
+        } else {
+            (0, 45)
+        };
+        let more = (0..more).map(|number| format!("flag{number}"));
+        let names: Vec<String> = FLAG_NAMES
             .into_iter()
-            .map(|&name| Flag {
-                name,
-                out: self.random.chance(60),
-            })
-            .collect()
+            .map(str::to_owned)
+            .chain(more)
+            .collect();
+        let mut flags = Vec::new();
+        for name in names {
+            if self.random.chance(percent) {
+                let out = self.random.chance(60);
+                flags.push(Flag { name, out });
+            }
+        }
+        flags
     }
 
     fn write_flags(&mut self, flags: &[Flag]) {
@@ -244,11 +282,17 @@ impl Writer<'_> {
         let keyword = if is_machine { "machine" } else { "container" };
         self.line(format_args!("{keyword} {name} {{"));
         let mut events = Vec::new();
-        for event in EVENT_NAMES {
-            if !self.random.chance(if is_machine { 70 } else { 55 }) {
+        let is_wide = self.event_names.len() > EVENT_NAMES.len();
+        let percent = match is_machine {
+            true if is_wide => 100,
+            true => 70,
+            false => 55,
+        };
+        for event in self.event_names.clone() {
+            if !self.random.chance(percent) {
                 continue;
             }
-            events.push(event);
+            events.push(event.clone());
             if is_machine {
                 self.line(format_args!("  event {event};"));
                 continue;
@@ -273,19 +317,23 @@ impl Writer<'_> {
         self.write_flags(&flags);
 
         let mut instances = 1;
-        let regions = self.random.between(1, self.size.regions);
+        let regions = if is_machine && self.with_many_regions {
+            self.random
+                .between(self.size.many_regions / 2, self.size.many_regions)
+        } else {
+            self.random.between(1, self.size.regions)
+        };
         let mut task_states = Vec::new();
         for region in 0..regions {
             self.line(format_args!("  region r{region} {{"));
-            let states = self.write_states(deep && region == 0, &mut instances);
-            for (state, (kind, is_task)) in states.iter().enumerate() {
+            let states = self.write_states(deep, region, &mut instances);
+            for (state, (_, is_task)) in states.iter().enumerate() {
                 if *is_task {
                     task_states.push(format!("r{region}.s{state}.value"));
                 }
-                let _ = kind;
             }
-            let kinds: Vec<Kind> = states.into_iter().map(|(kind, _)| kind).collect();
-            self.write_transitions(&kinds, &events, &flags, is_machine);
+            let offers: Vec<Offer> = states.into_iter().map(|(offer, _)| offer).collect();
+            self.write_transitions(&offers, &events, &flags, deep && region == 0);
             self.line(format_args!("  }}"));
         }
         if self.with_data {
@@ -309,7 +357,12 @@ impl Writer<'_> {
     }
 
     /// Writes the states of a region. Each comes back with whether it is a task state.
-    fn write_states(&mut self, must_nest: bool, instances: &mut usize) -> Vec<(Kind, bool)> {
+    fn write_states(
+        &mut self,
+        deep: bool,
+        region: usize,
+        instances: &mut usize,
+    ) -> Vec<(Offer, bool)> {
         let mut states = Vec::new();
         for state in 0..self.random.between(1, self.size.states) {
             let timeout = match self.random.below(10) {
@@ -326,13 +379,15 @@ impl Writer<'_> {
                 3 => format!(" timeout {} ms", self.random.between(1, 50)),
                 _ => String::new(),
             };
-            let nest = (must_nest && state == 0) || self.random.chance(35);
+            let has_timeout = !timeout.is_empty();
+            let must_nest = deep && region == 0 && state == 0;
+            let nest = must_nest || self.random.chance(if deep { 4 } else { 35 });
             let fitting: Vec<usize> = (0..self.containers.len())
                 .filter(|&index| {
                     *instances + self.containers[index].instances <= self.size.instances
                 })
                 .collect();
-            let chosen = if must_nest && state == 0 {
+            let chosen = if must_nest {
                 fitting.last().copied()
             } else {
                 self.random.pick(&fitting).copied()
@@ -340,16 +395,16 @@ impl Writer<'_> {
             if let Some(container) = chosen.filter(|_| nest) {
                 let inside = &self.containers[container];
                 *instances += inside.instances;
-                let kind = Kind::WithFlags(inside.flags.clone());
+                let flags = Some(inside.flags.clone());
                 let name = inside.name.clone();
                 self.line(format_args!("    super s{state}: {name}{timeout};"));
-                states.push((kind, false));
+                states.push((Offer { flags, has_timeout }, false));
             } else if self.random.chance(60) {
                 let index = self.random.below(self.tasks.len());
                 let task = &self.tasks[index];
                 let (name, has_slot) = (task.name.clone(), task.has_slot);
                 let has_params = !task.params.is_empty();
-                let kind = Kind::WithFlags(task.flags.clone());
+                let flags = Some(task.flags.clone());
                 let slot = if !has_slot || self.random.chance(20) {
                     let slot = self.random.pick(&[0, 2, 7]).copied().unwrap_or(2);
                     format!(" slot {slot}")
@@ -364,10 +419,11 @@ impl Writer<'_> {
                 self.line(format_args!(
                     "    task s{state}: {name}{slot}{timeout}{with};"
                 ));
-                states.push((kind, true));
+                states.push((Offer { flags, has_timeout }, true));
             } else {
                 self.line(format_args!("    state s{state}{timeout};"));
-                states.push((Kind::Simple, false));
+                let flags = None;
+                states.push((Offer { flags, has_timeout }, false));
             }
         }
         states
@@ -375,21 +431,35 @@ impl Writer<'_> {
 
     fn write_transitions(
         &mut self,
-        states: &[Kind],
-        events: &[&'static str],
+        states: &[Offer],
+        events: &[String],
         parent_flags: &[Flag],
-        is_machine: bool,
+        goes_down: bool,
     ) {
-        let parent_flags = if is_machine { &[] } else { parent_flags };
         // The way in. Mostly unguarded, so that most of a machine is reached.
-        for _ in 0..self.random.below(2) {
+        let goes_straight = goes_down && self.random.chance(95);
+        for _ in 0..self.random.below(if goes_straight { 1 } else { 2 }) {
             self.write_transition(None, states, events, parent_flags);
         }
-        let first = self.random.below(states.len());
-        let actions = self.actions(Some(&states[first]), events, parent_flags);
+        // Down a machine that is nested deeply, its first state is the way.
+        let first = if goes_straight {
+            0
+        } else {
+            self.random.below(states.len())
+        };
+        let actions = if goes_straight {
+            String::new()
+        } else {
+            self.actions(Some(&states[first]), events, parent_flags)
+        };
         self.line(format_args!("    initial -> s{first}{actions};"));
         for source in 0..states.len() {
-            for _ in 0..self.random.below(4) {
+            let most = if events.len() > EVENT_NAMES.len() {
+                7
+            } else {
+                4
+            };
+            for _ in 0..self.random.below(most) {
                 self.write_transition(Some(source), states, events, parent_flags);
             }
         }
@@ -398,17 +468,17 @@ impl Writer<'_> {
     fn write_transition(
         &mut self,
         source: Option<usize>,
-        states: &[Kind],
-        events: &[&'static str],
+        states: &[Offer],
+        events: &[String],
         parent_flags: &[Flag],
     ) {
-        let source_kind = source.map(|source| &states[source]);
+        let offer = source.map(|source| &states[source]);
         let target = (!self.random.chance(8)).then(|| self.random.below(states.len()));
         let trigger = match self.random.below(10) {
-            0 if matches!(source_kind, Some(Kind::WithFlags(_))) => " on *".to_owned(),
+            0 if offer.is_some_and(|offer| offer.flags.is_some()) => " on *".to_owned(),
             0..=2 => String::new(),
             3 => " on pulse".to_owned(),
-            _ => match self.random.pick(events) {
+            _ => match self.event(events) {
                 Some(event) => format!(" on {event}"),
                 None => String::new(),
             },
@@ -416,7 +486,7 @@ impl Writer<'_> {
         let on_pulse = !trigger.starts_with(" on ") || trigger.ends_with("pulse");
         // Unguarded pulses would hurry through the machine: most of them wait for something.
         let guard = if trigger != " on *" && self.random.chance(if on_pulse { 85 } else { 40 }) {
-            self.guard(source_kind, parent_flags, 3)
+            self.guard(offer, parent_flags, GUARD_DEPTH)
                 .map_or(String::new(), |guard| format!(" [{guard}]"))
         } else {
             String::new()
@@ -429,13 +499,67 @@ impl Writer<'_> {
         ));
     }
 
+    /// One of the events that a container sees. Of many, mostly one of a few, so that what is sent is received.
+    fn event<'e>(&mut self, events: &'e [String]) -> Option<&'e String> {
+        let hot = if events.len() > EVENT_NAMES.len() && self.random.chance(90) {
+            let turns = self.random.below(MANY_EVENTS / EVENTS_A_WORD) * EVENTS_A_WORD;
+            let number = self.random.pick(&HOT_EVENTS).map_or(0, |hot| hot + turns);
+            let name = format!("E{number}");
+            events.iter().find(|event| **event == name)
+        } else {
+            None
+        };
+        hot.or_else(|| self.random.pick(events))
+    }
+
+    /// A conjunction of some of the flags of a source that a transition can read. Most are wanted reset, which they mostly are.
+    fn conjunction(&mut self, source: &Offer) -> Option<String> {
+        let mut flags = own_flags(source);
+        // The last are those that are most often beyond what can be looked at together.
+        let last = self.random.chance(30);
+        let mut terms = Vec::new();
+        for _ in 0..self.random.between(2, 14) {
+            if flags.is_empty() {
+                break;
+            }
+            let place = match last {
+                true => flags.len() - 1,
+                false => self.random.below(flags.len()),
+            };
+            let flag = flags.swap_remove(place);
+            let is_wanted = self.random.chance(if terms.is_empty() { 70 } else { 20 });
+            terms.push(match (is_wanted, self.random.below(8)) {
+                (true, 0) => format!("not not {flag}"),
+                (true, _) => flag,
+                (false, 0) => format!("not ({flag})"),
+                (false, _) => format!("not {flag}"),
+            });
+        }
+        let parts = terms.len();
+        (parts > 1).then(|| terms.join(" and "))
+    }
+
     /// A guard that is allowed at a source, or nothing where none is.
     fn guard(
         &mut self,
-        source: Option<&Kind>,
+        source: Option<&Offer>,
         parent_flags: &[Flag],
         depth: usize,
     ) -> Option<String> {
+        if depth == GUARD_DEPTH
+            && source.is_some_and(|source| source.has_timeout)
+            && self.random.chance(40)
+        {
+            return Some("timeout".to_owned());
+        }
+        if depth == GUARD_DEPTH
+            && self
+                .random
+                .chance(if self.with_many_flags { 50 } else { 20 })
+            && let Some(conjunction) = source.and_then(|source| self.conjunction(source))
+        {
+            return Some(conjunction);
+        }
         if depth > 0 && self.random.chance(45) {
             let operator = match self.random.below(3) {
                 0 => {
@@ -461,18 +585,7 @@ impl Writer<'_> {
             .iter()
             .map(|flag| format!("^{}", flag.name))
             .collect();
-        if let Some(kind) = source {
-            atoms.push("timeout".to_owned());
-            if let Kind::WithFlags(flags) = kind {
-                atoms.extend(["exit".to_owned(), "busy".to_owned()]);
-                atoms.extend(
-                    flags
-                        .iter()
-                        .filter(|flag| flag.out)
-                        .map(|flag| format!(".{}", flag.name)),
-                );
-            }
-        }
+        atoms.extend(source.into_iter().flat_map(own_flags));
         let atom = self.random.pick(&atoms)?.clone();
         Some(if self.random.chance(35) {
             format!("not {atom}")
@@ -483,8 +596,8 @@ impl Writer<'_> {
 
     fn actions(
         &mut self,
-        target: Option<&Kind>,
-        events: &[&'static str],
+        target: Option<&Offer>,
+        events: &[String],
         parent_flags: &[Flag],
     ) -> String {
         let mut choices: Vec<String> = Vec::new();
@@ -492,7 +605,7 @@ impl Writer<'_> {
             choices.push(format!("set ^{}", flag.name));
             choices.push(format!("clear ^{}", flag.name));
         }
-        if let Some(Kind::WithFlags(flags)) = target {
+        if let Some(flags) = target.and_then(|target| target.flags.as_ref()) {
             for flag in flags.iter().filter(|flag| !flag.out) {
                 choices.push(format!("set .{}", flag.name));
                 choices.push(format!("set .{}", flag.name));
@@ -502,7 +615,7 @@ impl Writer<'_> {
         let mut actions = Vec::new();
         for _ in 0..self.random.below(4) {
             if self.random.chance(35)
-                && let Some(event) = self.random.pick(events)
+                && let Some(event) = self.event(events)
             {
                 actions.push(format!("send {event}"));
             } else if let Some(choice) = self.random.pick(&choices) {
@@ -515,6 +628,17 @@ impl Writer<'_> {
             format!(" / {}", actions.join(", "))
         }
     }
+}
+
+/// The flags of a state that transitions from it can read.
+fn own_flags(offer: &Offer) -> Vec<String> {
+    let mut flags = vec!["timeout".to_owned()];
+    if let Some(own) = &offer.flags {
+        flags.extend(["exit".to_owned(), "busy".to_owned()]);
+        let outs = own.iter().filter(|flag| flag.out);
+        flags.extend(outs.map(|flag| format!(".{}", flag.name)));
+    }
+    flags
 }
 
 /// A random scenario for a machine: some macro steps, changes at and between them, in no order of time.
@@ -550,39 +674,29 @@ pub fn scenario_of(random: &mut Random, model: &Model, size: Size) -> Scenario {
             _ => None,
         })
         .collect();
-    // Wherever a task state is reached is not known here: many changes, so that some hit.
-    for _ in 0..random.below(steps as usize * 6) {
-        let Some(&(path, flags)) = random.pick(&tasks) else {
-            break;
-        };
-        let state = path.to_owned();
-        let outs: Vec<&host_tools::model::Flag> = flags
-            .iter()
-            .filter(|flag| flag.direction == Direction::Out)
-            .collect();
-        let action = match random.below(10) {
-            0 | 1 => Action::Exit { state },
-            2 => Action::Busy {
-                state,
-                value: random.chance(70),
-            },
-            _ => match random.pick(&outs) {
-                Some(flag) => Action::Write {
-                    state,
-                    flag: flag.name.clone(),
-                    value: random.chance(75),
-                },
-                None => Action::Exit { state },
-            },
-        };
-        let at_us = random.below(steps as usize) as u64 * step_us
-            + if random.chance(30) {
+    let changes_a_step = random.below(12);
+    reference::steer(model, step_us, steps, |step, active, wishes| {
+        let mut changes = Vec::new();
+        for _ in 0..random.below(changes_a_step + 1) {
+            let wish = match random.chance(60) {
+                true => random.pick(wishes).cloned(),
+                false => None,
+            };
+            let Some(action) = wish.or_else(|| change(random, &tasks, active)) else {
+                break;
+            };
+            changes.push(action.clone());
+            // At the macro step or, which is the same, somewhere behind the one before.
+            let earlier_us = if step > 0 && random.chance(30) {
                 random.below(step_us as usize) as u64
             } else {
                 0
             };
-        scenario.entries.push(Entry { at_us, action });
-    }
+            let at_us = step * step_us - earlier_us;
+            scenario.entries.push(Entry { at_us, action });
+        }
+        changes
+    });
     for _ in 0..random.below(8) {
         if let Some(action) = expectation(random, &states, model) {
             let at_us = random.below((steps as usize + 3) * step_us as usize) as u64;
@@ -591,6 +705,41 @@ pub fn scenario_of(random: &mut Random, model: &Model, size: Size) -> Scenario {
         }
     }
     scenario
+}
+
+/// Something that a task does, or what its dispatcher does: mostly one whose state is active.
+fn change(
+    random: &mut Random,
+    tasks: &[(&str, &[host_tools::model::Flag])],
+    active: &[String],
+) -> Option<Action> {
+    let mut picked = random.pick(tasks);
+    if random.chance(85) {
+        let is_active = |(path, _): &&(&str, _)| active.iter().any(|state| state == path);
+        let current: Vec<_> = tasks.iter().filter(is_active).collect();
+        picked = random.pick(&current).copied().or(picked);
+    }
+    let &(path, flags) = picked?;
+    let state = path.to_owned();
+    let outs: Vec<_> = flags
+        .iter()
+        .filter(|flag| flag.direction == Direction::Out)
+        .collect();
+    Some(match random.below(10) {
+        0 | 1 => Action::Exit { state },
+        2..=4 => Action::Busy {
+            state,
+            value: random.chance(75),
+        },
+        _ => match random.pick(&outs) {
+            Some(flag) => Action::Write {
+                state,
+                flag: flag.name.clone(),
+                value: random.chance(75),
+            },
+            None => Action::Exit { state },
+        },
+    })
 }
 
 /// An expectation that may hold or not.

@@ -14,6 +14,7 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::fmt::Write as _;
+use std::ops::Range;
 
 use host_tools::model::{
     Action, Container, Guard, Model, SlotRef, Source, StateKind, Target, Transition, Trigger,
@@ -33,11 +34,44 @@ pub struct Outcome {
     pub failed: Vec<usize>,
 }
 
+/// A transition that was taken, with what was so when it was: for tests that count how often what matters happened.
+#[derive(Clone, Debug)]
+pub struct Taken<'m> {
+    /// The transition.
+    pub transition: &'m Transition,
+    /// The container that it is written in.
+    pub container: &'m Container,
+    /// The region that it is written in.
+    pub region: &'m host_tools::model::Region,
+    /// The region instances of that container's instance, and those inside of it. The first belongs to no other instance.
+    pub instance: Range<usize>,
+    /// The region instance, numbered depth first.
+    pub region_number: usize,
+    /// Superstates around it.
+    pub depth: usize,
+    /// The number of the macro step.
+    pub step: u64,
+    /// The region instances inside the superstate that was left, and inside the one that was entered.
+    pub inside: [Range<usize>; 2],
+    /// Whether `timeout` of the source read true, and whether `busy` did.
+    pub timeout: bool,
+    /// See `timeout`.
+    pub busy: bool,
+}
+
 /// Runs the machine of `model` under `scenario` from t = 0 to its end, or to the first fault.
 ///
 /// # Panics
 /// Where the model has no machine, or the scenario names what the machine does not have: both are made by the tests themselves.
 pub fn run(model: &Model, scenario: &Scenario) -> Outcome {
+    run_noting(model, scenario).0
+}
+
+/// [`run`], and all transitions that were taken.
+///
+/// # Panics
+/// As [`run`] does.
+pub fn run_noting<'m>(model: &'m Model, scenario: &Scenario) -> (Outcome, Vec<Taken<'m>>) {
     let interpreter_slot = model.interpreter_slot.expect("an interpreter slot");
     let period_us = scenario
         .period_us
@@ -80,9 +114,34 @@ pub fn run(model: &Model, scenario: &Scenario) -> Outcome {
             scenario::Action::Expect { .. }
         )
     }));
-    Outcome {
+    let outcome = Outcome {
         trace: machine.trace,
         failed: failed.into_iter().collect(),
+    };
+    (outcome, machine.taken)
+}
+
+/// Runs the machine of `model` for some macro steps. Before each, `choose` is told which states are active and what changes would make a part of some guard
+/// true that is false, and says what changes.
+///
+/// # Panics
+/// Where the model has no machine, or a change names what it does not have.
+pub fn steer(
+    model: &Model,
+    period_us: u64,
+    steps: u64,
+    mut choose: impl FnMut(u64, &[String], &[scenario::Action]) -> Vec<scenario::Action>,
+) {
+    let mut machine = Machine::new(model);
+    for step in 0..steps {
+        let mut wishes = Vec::new();
+        machine.add_wishes(ROOT, &mut wishes);
+        for change in choose(step, &machine.active(), &wishes) {
+            machine.change(&change);
+        }
+        if machine.macro_step(step, step * period_us).is_err() {
+            return;
+        }
     }
 }
 
@@ -137,10 +196,14 @@ struct Instance {
     /// Path of the holder with a `/` behind it; empty for the root.
     prefix: String,
     regions: Vec<Region>,
+    /// Numbers of its region instances and of those inside of it.
+    region_numbers: Range<usize>,
 }
 
 /// A region of an instance, now.
 struct Region {
+    /// All regions are numbered depth first.
+    number: usize,
     current: Local,
     start_us: u64,
     states: Vec<State>,
@@ -175,6 +238,9 @@ struct Machine<'m> {
     micro: usize,
     t_us: u64,
     trace: Vec<String>,
+    taken: Vec<Taken<'m>>,
+    /// Regions made so far.
+    regions: usize,
 }
 
 impl<'m> Machine<'m> {
@@ -187,6 +253,8 @@ impl<'m> Machine<'m> {
             micro: 0,
             t_us: 0,
             trace: Vec::new(),
+            taken: Vec::new(),
+            regions: 0,
         };
         machine.instantiate(model.machine.expect("a machine"), None, String::new());
         machine
@@ -201,13 +269,16 @@ impl<'m> Machine<'m> {
             holder,
             prefix: prefix.clone(),
             regions: Vec::new(),
+            region_numbers: self.regions..self.regions,
         });
         for (region, declared) in model.containers[container].regions.iter().enumerate() {
             self.instances[instance].regions.push(Region {
+                number: self.regions,
                 current: Local::Initial,
                 start_us: 0,
                 states: Vec::new(),
             });
+            self.regions += 1;
             for (state, declared_state) in declared.states.iter().enumerate() {
                 let here = Place {
                     instance,
@@ -236,6 +307,7 @@ impl<'m> Machine<'m> {
                 });
             }
         }
+        self.instances[instance].region_numbers.end = self.regions;
         instance
     }
 
@@ -304,7 +376,7 @@ impl<'m> Machine<'m> {
 
     fn take(
         &mut self,
-        transition: &Transition,
+        transition: &'m Transition,
         instance: usize,
         region: usize,
         event: &Event,
@@ -314,6 +386,7 @@ impl<'m> Machine<'m> {
         if self.queue.len() + transition.actions.iter().filter(sends).count() > capacity {
             return Err(Fault::EventQueueOverflow);
         }
+        self.note(transition, instance, region);
 
         if let Source::State(state) = transition.source {
             self.disable(Place {
@@ -379,6 +452,40 @@ impl<'m> Machine<'m> {
             }
         }
         Ok(())
+    }
+
+    /// Keeps that a transition is about to be taken.
+    fn note(&mut self, transition: &'m Transition, instance: usize, region: usize) {
+        let place = |state| Place {
+            instance,
+            region,
+            state,
+        };
+        let source = match transition.source {
+            Source::Initial => None,
+            Source::State(state) => Some(place(state)),
+        };
+        let target = match transition.target {
+            Target::Final => None,
+            Target::State(state) => Some(place(state)),
+        };
+        let inside = |place: Option<Place>| {
+            let inside = place.and_then(|place| self.state(place).inside);
+            inside.map_or(0..0, |inside| self.instances[inside].region_numbers.clone())
+        };
+        let container = self.container(instance);
+        self.taken.push(Taken {
+            transition,
+            container,
+            region: &container.regions[region],
+            instance: self.instances[instance].region_numbers.clone(),
+            region_number: self.instances[instance].regions[region].number,
+            depth: self.instances[instance].prefix.matches('/').count() / 2,
+            step: self.step,
+            inside: [inside(source), inside(target)],
+            timeout: source.is_some_and(|place| self.state(place).timeout),
+            busy: source.is_some_and(|place| self.busy(place)),
+        });
     }
 
     /// Disables the state if it is a real-time task state, and every such state that is active inside it.
@@ -485,6 +592,75 @@ impl<'m> Machine<'m> {
                 self.state_mut(place).busy = *value;
             }
             scenario::Action::Expect { .. } => {}
+        }
+    }
+
+    /// The changes from outside that would give a flag the value that a guard of a current state wants it to have.
+    fn add_wishes(&self, instance: usize, wishes: &mut Vec<scenario::Action>) {
+        let regions = &self.container(instance).regions;
+        for (region, now) in self.instances[instance].regions.iter().enumerate() {
+            let Local::State(state) = now.current else {
+                continue;
+            };
+            let place = Place {
+                instance,
+                region,
+                state,
+            };
+            for transition in &regions[region].transitions {
+                if transition.source != Source::State(state) {
+                    continue;
+                }
+                match &transition.guard {
+                    Some(guard) => self.add_wish(guard, true, place, wishes),
+                    None if transition.trigger == Trigger::Star => {
+                        self.add_wish(&Guard::Exit, true, place, wishes);
+                    }
+                    None => {}
+                }
+            }
+            if let Some(inside) = now.states[state].inside {
+                self.add_wishes(inside, wishes);
+            }
+        }
+    }
+
+    fn add_wish(
+        &self,
+        guard: &Guard,
+        value: bool,
+        place: Place,
+        wishes: &mut Vec<scenario::Action>,
+    ) {
+        match (guard, self.kind(place)) {
+            (Guard::Not(inner), _) => self.add_wish(inner, !value, place, wishes),
+            (Guard::And(terms) | Guard::Or(terms), _) => {
+                for term in terms {
+                    self.add_wish(term, value, place, wishes);
+                }
+            }
+            (Guard::Busy, StateKind::Super { .. }) => {
+                for inner in self.current_inside(place) {
+                    self.add_wish(guard, value, inner, wishes);
+                }
+            }
+            (flag, StateKind::Task { .. })
+                if self.is_true(flag, place.instance, Some(place)) != value =>
+            {
+                let state =
+                    self.local_path(place.instance, place.region, Local::State(place.state));
+                match flag {
+                    Guard::Exit if value => wishes.push(scenario::Action::Exit { state }),
+                    Guard::Busy => wishes.push(scenario::Action::Busy { state, value }),
+                    Guard::Own(flag) => wishes.push(scenario::Action::Write {
+                        state,
+                        flag: self.flag_names(place)[*flag].to_owned(),
+                        value,
+                    }),
+                    _ => {}
+                }
+            }
+            _ => {}
         }
     }
 

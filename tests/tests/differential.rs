@@ -6,6 +6,7 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use esm_tests::occasions::Occasions;
 use esm_tests::reference::{self, Outcome};
 use esm_tests::scenario::Scenario;
 use esm_tests::shrink::shrink;
@@ -76,6 +77,7 @@ fn random_machines_run_as_the_reference_says() {
     let first = environment::number("ESM_SEED", 1);
     let machines = environment::number("ESM_MACHINES", DEFAULT_MACHINES);
     let mut sample = Sample::default();
+    let mut occasions = Occasions::default();
     for seed in first..first + machines {
         let text = random_machine::machine(seed);
         let built = subject::build(&text).unwrap_or_else(|cause| {
@@ -87,7 +89,7 @@ fn random_machines_run_as_the_reference_says() {
         for number in 0..SCENARIOS_A_MACHINE {
             let scenario =
                 random_machine::scenario(seed * SCENARIOS_A_MACHINE + number, &built.model);
-            let expected = reference::run(&built.model, &scenario);
+            let (expected, taken) = reference::run_noting(&built.model, &scenario);
             let found = subject::simulate(&built.blob, &scenario);
             let difference = match &found {
                 Ok(found) => first_difference(&expected, found),
@@ -100,11 +102,13 @@ fn random_machines_run_as_the_reference_says() {
                 );
             }
             sample.add(&expected);
+            occasions.add(&built.model, &taken);
         }
     }
-    println!("{machines} machines from seed {first}: {sample:?}");
+    println!("{machines} machines from seed {first}: {sample:?}\n{occasions:?}");
     if machines >= DEFAULT_MACHINES {
         sample.assert_has_all();
+        occasions.assert_all();
     }
 }
 
