@@ -17,10 +17,6 @@ use core::ops::Deref;
 use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
-use crate::layout::{
-    Field, code, connection, container, instance, mission, region, region_instance, state, task,
-    task_instance, task_state, transition,
-};
 use crate::tables::{self, Slot, Tables};
 
 /// No index, as a field reads it.
@@ -202,12 +198,9 @@ impl Layout {
             rest = content.get(length as usize..).ok_or(Refusal::Cut)?;
             *place = ((body.len() - content.len()) as u32, length);
             let records = length as usize / tables::record_bytes(section);
-            let is_text = matches!(
-                section,
-                Section::Visibility | Section::Signatures | Section::Names
-            );
+            let is_text = tables::record_bytes(section) == 1;
             if records * tables::record_bytes(section) != length as usize
-                || (!is_text && records >= usize::from(format::NONE))
+                || (!is_text && records >= NONE)
             {
                 return Err(Refusal::SectionLength(section));
             }
@@ -226,553 +219,590 @@ impl Layout {
 fn check(bytes: &[u8]) -> Result<Layout, Refusal> {
     let layout = Layout::read(bytes)?;
     let mut pass = Pass::over(layout.tables(bytes));
-    match pass.check() {
-        Ok(()) => Ok(layout),
-        Err(cause) => Err(Refusal::Record {
-            section: Section::ALL
-                .get(usize::from(pass.section))
-                .copied()
-                .unwrap_or(Section::Mission),
-            index: pass.index as u16,
-            cause,
-        }),
+    pass.check();
+    match pass.refusal {
+        None => Ok(layout),
+        Some(refusal) => Err(refusal),
     }
 }
 
-fn ensure(holds: bool, cause: Cause) -> Result<(), Cause> {
-    if holds { Ok(()) } else { Err(cause) }
-}
+/// The 16-bit words of a record, and some of those behind it; [`NONE`] where the table has ended. More than a record has: with one length for all tables, one
+/// function reads them all, and where a record is short it reads where the next one's parts begin.
+type Words = [usize; 11];
 
-/// The pass, with the places that it has come to.
+/// What an instance takes, or where its next parts are: flags, task instances, region instances, container instances. In the order of a
+/// container's fields.
+type Spans = [usize; 4];
+const TASKS: usize = 1;
+const REGIONS: usize = 2;
+const INSTANCES: usize = 3;
+
+/// The pass, with the places that it has come to. It goes on after the first thing that is wrong, as far as the next loop: so most
+/// checks need no way out.
 struct Pass<'a> {
     tables: Tables<'a>,
-    /// The record under test, by section number and index: it is the one that is wrong if a test fails.
-    section: u8,
+    /// Records that were come to, by section: what comes next begins there.
+    seen: [usize; Section::ALL.len()],
+    /// The record under test: it is the one that is wrong if a test fails.
+    section: Section,
     index: usize,
-    /// Next records of the templates.
-    regions: usize,
-    states: usize,
-    transitions: usize,
-    code: usize,
-    task_states: usize,
-    params: usize,
+    refusal: Option<Refusal>,
+    state_instances: usize,
 }
 
-/// The container under test, and what its states took of its spans so far.
-struct Spans {
-    container: usize,
-    /// Its first instance.
-    instance: usize,
+/// The instance under test, and its container.
+struct Around {
+    /// Whether it is the first instance of its container, which then is under test itself.
+    is_model: bool,
+    /// Number of the first instance of its container.
+    model: usize,
+    /// First flag, task instance and region instance, and the instance.
+    base: Spans,
+    /// Flags at the head of its block.
+    head: usize,
+    channels: usize,
+}
+
+/// The region under test, with the states from `first` up to `end`.
+struct Region {
+    number: usize,
+    first: usize,
+    end: usize,
+}
+
+/// The state under test.
+struct Source {
+    kind: u16,
+    first_flag: usize,
     flags: usize,
-    tasks: usize,
-    /// Relative to the region instance whose states are being checked.
-    regions: usize,
-    instances: usize,
 }
 
 impl<'a> Pass<'a> {
     fn over(tables: Tables<'a>) -> Self {
         Self {
             tables,
-            section: Section::Mission as u8,
+            seen: [0; Section::ALL.len()],
+            section: Section::Mission,
             index: 0,
-            regions: 0,
-            states: 0,
-            transitions: 0,
-            code: 0,
-            task_states: 0,
-            params: 0,
+            refusal: None,
+            state_instances: 0,
         }
     }
 
-    fn check(&mut self) -> Result<(), Cause> {
-        self.mission()?;
-        self.slots()?;
-        self.tasks()?;
-        self.templates()?;
-        self.instances()?;
-        self.channels()?;
-        self.connections()
+    fn check(&mut self) {
+        self.mission();
+        self.slots();
+        self.tasks();
+        for index in 0..self.tables.count(Section::Instances) {
+            if self.refusal.is_some() {
+                return;
+            }
+            self.instance(index);
+        }
+        self.channels();
+        self.connections();
+        self.ends();
     }
 
-    /// Says which record is under test. Its section is that of the field read last.
-    #[inline(always)]
-    fn at(&mut self, index: usize) {
+    /// Says which record is under test.
+    fn at(&mut self, section: Section, index: usize) {
+        self.section = section;
         self.index = index;
     }
 
-    /// The same where no field was read yet.
-    fn at_in(&mut self, section: Section, index: usize) {
-        self.section = section as u8;
-        self.index = index;
-    }
-
-    /// Nothing is left of a section behind `checked` records.
+    /// The words of any record.
     #[inline(never)]
-    fn end(&mut self, section: Section, checked: usize) -> Result<(), Cause> {
-        self.at_in(section, checked);
-        ensure(checked == self.tables.count(section), Cause::Order)
+    fn words(&self, section: Section, index: usize) -> Words {
+        let mut words = [NONE; _];
+        let start = index * tables::record_bytes(section);
+        let bytes = self.tables.section(section).get(start..).unwrap_or(&[]);
+        let (pairs, _) = bytes.as_chunks();
+        for (word, pair) in words.iter_mut().zip(pairs) {
+            *word = usize::from(u16::from_le_bytes(*pair));
+        }
+        words
     }
 
-    /// A field of the record under test.
+    /// The words of the record that is under test from now on.
     #[inline(never)]
-    fn field(&mut self, field: Field) -> usize {
-        self.section = field.section() as u8;
-        self.tables.word(field, self.index)
+    fn read(&mut self, section: Section, index: usize) -> Words {
+        self.at(section, index);
+        self.words(section, index)
     }
 
-    /// A field of the record under test has this value.
+    /// The words of the next record of a section, which is under test from now on.
     #[inline(never)]
-    fn expect(&mut self, field: Field, value: usize, cause: Cause) -> Result<(), Cause> {
-        ensure(self.field(field) == value, cause)
+    fn next(&mut self, section: Section) -> Words {
+        let index = self.take(section);
+        self.read(section, index)
     }
 
-    /// A section has a record with this index.
+    /// Goes on by a record.
+    fn take(&mut self, section: Section) -> usize {
+        let index = self.seen[section as usize];
+        self.seen[section as usize] += 1;
+        index
+    }
+
     #[inline(never)]
-    fn has(&self, section: Section, index: usize) -> Result<(), Cause> {
-        ensure(index < self.tables.count(section), Cause::Index)
+    fn ensure(&mut self, holds: bool, cause: Cause) {
+        if !holds && self.refusal.is_none() {
+            self.refusal = Some(Refusal::Record {
+                section: self.section,
+                index: self.index as u16,
+                cause,
+            });
+        }
     }
 
-    fn mission(&mut self) -> Result<(), Cause> {
-        self.end(Section::Mission, 1)?;
-        self.index = 0;
-        let queue = self.field(mission::QUEUE);
-        ensure(queue.wrapping_sub(1) < format::MAX_QUEUE, Cause::Range)?;
-        let events = self.field(mission::EVENTS);
-        ensure(events <= usize::from(format::MAX_EVENT), Cause::Range)?;
-        let slot = self.field(mission::INTERPRETER_SLOT);
-        self.has(Section::Slots, slot)
+    /// Words begin with these.
+    #[inline(never)]
+    fn expect(&mut self, words: &[usize], expected: &[usize], cause: Cause) {
+        let equal = words
+            .iter()
+            .zip(expected)
+            .all(|(word, expected)| word == expected);
+        self.ensure(equal, cause);
+    }
+
+    fn mission(&mut self) {
+        // What the machine takes is all there is.
+        let [.., flags, tasks, regions, instances, _, _, _] = self.words(Section::Containers, 0);
+        self.seen[Section::Mission as usize] = 1;
+        self.seen[Section::TaskInstances as usize] = tasks;
+        self.seen[Section::RegionInstances as usize] = regions;
+        self.seen[Section::Instances as usize] = instances;
+        let words = self.read(Section::Mission, 0);
+        let [queue, slot, events, ..] = words;
+        self.ensure(queue.wrapping_sub(1) < format::MAX_QUEUE, Cause::Range);
+        self.ensure(events <= usize::from(format::MAX_EVENT), Cause::Range);
+        self.ensure(slot < self.tables.count(Section::Slots), Cause::Index);
+        self.expect(&words, &[queue, slot, events, flags], Cause::Template);
     }
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
     /// their periods (Korst, Aarts, Lenstra 1996).
     ///
     /// The interpreter's slot starts at 0, for the time of a machine is that of its slots.
-    fn slots(&mut self) -> Result<(), Cause> {
-        let interpreter = self.tables.interpreter_slot();
+    fn slots(&mut self) {
+        let tables = self.tables;
+        let interpreter = tables.interpreter_slot();
         let mut index = 0;
-        while let Some(slot) = self.tables.slot(index) {
-            self.at_in(Section::Slots, index);
+        while let Some(slot) = tables.slot(index) {
+            self.at(Section::Slots, index);
             let in_range = slot.number >= 1
                 && slot.period_us <= format::MAX_TIME_US
                 && slot.duration_us <= slot.period_us
                 && slot.start_us < slot.period_us
                 && (slot.start_us == 0 || index != interpreter);
-            ensure(in_range, Cause::Range)?;
-            for earlier in 0..index {
-                let earlier = self.tables.slot(earlier).ok_or(Cause::Index)?;
+            self.ensure(in_range, Cause::Range);
+            if self.refusal.is_some() {
+                return;
+            }
+            for earlier in (0..index).filter_map(|earlier| tables.slot(earlier)) {
                 let apart = do_not_overlap(&earlier, &slot) && slot.number != earlier.number;
-                ensure(apart, Cause::Overlap)?;
+                self.ensure(apart, Cause::Overlap);
             }
             index += 1;
         }
-        Ok(())
     }
 
-    fn tasks(&mut self) -> Result<(), Cause> {
+    fn tasks(&mut self) {
         let groups = self.tables.exclusive_group_count();
-        let mut text_bytes = 0;
         for index in 0..self.tables.count(Section::Tasks) {
-            self.at(index);
-            self.expect(task::TEXT_START, text_bytes, Cause::Order)?;
-            text_bytes += self.field(task::TEXT_LENGTH);
-            let group = self.field(task::EXCLUSIVE);
-            ensure(group < groups || group == NONE, Cause::Range)?;
+            let [_, _, _, _, text_start, text_length, exclusive, ..] =
+                self.read(Section::Tasks, index);
+            let text = self.seen[Section::Signatures as usize];
+            self.seen[Section::Signatures as usize] += text_length;
+            self.ensure(text_start == text, Cause::Order);
+            self.ensure(exclusive < groups || exclusive == NONE, Cause::Range);
         }
-        self.end(Section::Signatures, text_bytes)
     }
 
-    fn templates(&mut self) -> Result<(), Cause> {
-        for index in 0..self.tables.count(Section::Containers) {
-            self.container(index)?;
+    /// Checks an instance's regions and what is inside them, and its container where this is the first instance of it.
+    fn instance(&mut self, index: usize) {
+        let words = self.read(Section::Instances, index);
+        let [
+            number,
+            first_region,
+            first_flag,
+            first_channel,
+            first_task,
+            around,
+            ..,
+        ] = words;
+        let mut behind = self.words(Section::RegionInstances, around)[0];
+        if index == 0 {
+            behind = self.tables.count(Section::RegionInstances);
+            self.expect(&words, &[0; 6], Cause::Template);
         }
-        self.end(Section::Regions, self.regions)?;
-        self.end(Section::States, self.states)?;
-        self.end(Section::Transitions, self.transitions)?;
-        self.end(Section::Code, self.code)?;
-        self.end(Section::TaskStates, self.task_states)?;
-        self.end(Section::Params, self.params)
-    }
+        self.ensure(
+            first_channel == self.seen[Section::Channels as usize],
+            Cause::Order,
+        );
+        let is_model = number == self.seen[Section::Containers as usize];
+        if is_model {
+            self.take(Section::Containers);
+        }
+        self.ensure(
+            number < self.seen[Section::Containers as usize],
+            Cause::Order,
+        );
 
-    fn container(&mut self, index: usize) -> Result<(), Cause> {
-        self.at(index);
-        self.expect(container::FIRST_REGION, self.regions, Cause::Order)?;
-        let instance = self.field(container::FIRST_INSTANCE);
-        self.has(Section::Instances, instance)?;
-        let instance_of = self.tables.word(instance::CONTAINER, instance);
-        ensure(instance_of == index, Cause::Index)?;
-        let flags = self.field(container::FLAGS);
-        let mut spans = Spans {
-            container: index,
-            instance,
-            flags: format::CONTAINER_CONTROL_FLAGS + flags,
-            tasks: 0,
-            regions: 0,
-            instances: 1,
+        let container = self.words(Section::Containers, number);
+        let [first_template, flags, channels, model, spans @ .., _, _, _] = container;
+        if is_model {
+            self.at(Section::Containers, number);
+            let regions = self.seen[Section::Regions as usize];
+            self.expect(&container, &[regions, flags, channels, index], Cause::Order);
+        }
+        self.seen[Section::Channels as usize] += channels;
+        let around = Around {
+            is_model,
+            model,
+            base: [first_flag, first_task, first_region, index],
+            head: format::CONTAINER_CONTROL_FLAGS + flags,
+            channels,
         };
-        let mut region_instances = 0;
-        while self.tables.word(region::CONTAINER, self.regions) == index {
-            spans.regions = 1;
-            self.region(&mut spans)?;
-            region_instances += spans.regions;
-            self.regions += 1;
-        }
-        self.at(index);
-        ensure(region_instances > 0, Cause::Template)?;
-        self.expect(container::FLAG_SPAN, spans.flags, Cause::Template)?;
-        self.expect(container::TASK_SPAN, spans.tasks, Cause::Template)?;
-        self.expect(container::REGION_SPAN, region_instances, Cause::Template)?;
-        self.expect(container::INSTANCE_SPAN, spans.instances, Cause::Template)
-    }
-
-    fn region(&mut self, spans: &mut Spans) -> Result<(), Cause> {
-        self.at(self.regions);
-        let first_state = self.states;
-        self.expect(region::FIRST_STATE, first_state, Cause::Order)?;
-        let end_state = self.tables.region_end(self.regions);
+        let mut next = around.base;
+        next[0] += around.head;
+        next[INSTANCES] += 1;
+        let mut template = first_template;
         loop {
-            self.at(self.states);
-            self.has(Section::States, self.states)?;
-            let shape = self.field(state::SHAPE) as u16;
-            let kind = shape >> format::STATE_KIND_SHIFT;
-            let is_first = self.states == first_state;
-            let is_last = self.states + 1 == end_state;
-            let right_kind = is_first == (kind == format::STATE_INITIAL)
-                && is_last == (kind == format::STATE_FINAL);
-            ensure(right_kind, Cause::Kind)?;
-            self.state(kind, shape, spans)?;
-            self.transitions(kind, spans.container, first_state, end_state)?;
-            self.states += 1;
-            if is_last {
-                return Ok(());
+            let [first, _, next_first, next_of, ..] = self.words(Section::Regions, template);
+            template += 1;
+            if is_model {
+                let words = self.next(Section::Regions);
+                let states = self.seen[Section::States as usize];
+                self.expect(&words, &[states, number], Cause::Order);
             }
-        }
-    }
-
-    fn state(&mut self, kind: u16, shape: u16, spans: &mut Spans) -> Result<(), Cause> {
-        self.expect(state::FIRST_FLAG, spans.flags, Cause::Order)?;
-        let flags = usize::from(shape & format::STATE_FLAGS_MASK);
-        if shape & format::STATE_HAS_TIMEOUT != 0 {
-            let high = self.field(state::TIMEOUT_HIGH) as u32;
-            let timeout_us = self.field(state::TIMEOUT_LOW) as u32 | high << 16;
-            let in_range = timeout_us <= format::MAX_TIME_US && flags > 0;
-            ensure(in_range, Cause::Range)?;
-        }
-        let mut flag_span = flags;
-        let right_flags = match kind {
-            format::STATE_INITIAL | format::STATE_FINAL => 0,
-            format::STATE_SIMPLE => flags.min(1),
-            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
-                self.expect(state::A, spans.tasks, Cause::Order)?;
-                self.expect(state::B, self.task_states, Cause::Order)?;
-                spans.tasks += 1;
-                format::TASK_CONTROL_FLAGS + self.task_state(kind == format::STATE_TASK)?
-            }
-            format::STATE_SUPER => {
-                self.expect(state::A, spans.regions, Cause::Order)?;
-                self.expect(state::B, spans.instances, Cause::Order)?;
-                let inside = spans.instance + spans.instances;
-                self.has(Section::Instances, inside)?;
-                let first_task = self.tables.word(instance::FIRST_TASK, spans.instance);
-                let right_task =
-                    self.tables.word(instance::FIRST_TASK, inside) == first_task + spans.tasks;
-                ensure(right_task, Cause::Order)?;
-                let content = self.tables.word(instance::CONTAINER, inside);
-                self.has(Section::Containers, content)?;
-                spans.tasks += self.tables.word(container::TASK_SPAN, content);
-                spans.regions += self.tables.word(container::REGION_SPAN, content);
-                spans.instances += self.tables.word(container::INSTANCE_SPAN, content);
-                flag_span = self.tables.word(container::FLAG_SPAN, content);
-                format::CONTAINER_CONTROL_FLAGS + self.tables.word(container::FLAGS, content)
-            }
-            _ => return Err(Cause::Kind),
-        };
-        spans.flags += flag_span;
-        ensure(flags == right_flags, Cause::Template)
-    }
-
-    /// Checks the next task state and returns the number of its task's control flags.
-    fn task_state(&mut self, real_time: bool) -> Result<usize, Cause> {
-        self.at(self.task_states);
-        self.has(Section::TaskStates, self.task_states)?;
-        let task = self.field(task_state::TASK);
-        self.has(Section::Tasks, task)?;
-        if real_time {
-            let slot = self.field(task_state::SLOT);
-            self.has(Section::Slots, slot)?;
-        } else {
-            self.expect(task_state::SLOT, NONE, Cause::Index)?;
-        }
-        self.expect(task_state::FIRST_PARAM, self.params, Cause::Order)?;
-        self.params += self.tables.word(task::PARAMS, task);
-        self.task_states += 1;
-        self.at_in(Section::States, self.states);
-        Ok(self.tables.word(task::FLAGS, task))
-    }
-
-    /// Checks the transitions out of the next state, whose region has the states from `first_state` up to `end_state`.
-    fn transitions(
-        &mut self,
-        kind: u16,
-        container: usize,
-        first_state: usize,
-        end_state: usize,
-    ) -> Result<(), Cause> {
-        let end = self.tables.transition_end(self.states);
-        self.expect(state::FIRST_TRANSITION, self.transitions, Cause::Order)?;
-        let first_on_event = self.field(state::FIRST_EVENT_TRANSITION);
-        let in_order = self.transitions <= first_on_event && first_on_event <= end;
-        ensure(in_order, Cause::Order)?;
-        let is_left = end != self.transitions;
-        ensure(!is_left || kind != format::STATE_FINAL, Cause::Kind)?;
-        while self.transitions < end {
-            self.at(self.transitions);
-            self.has(Section::Transitions, self.transitions)?;
-            let trigger = self.field(transition::EVENT) as u16;
-            let event = trigger & !format::TRANSITION_HAS_CODE;
-            let target = self.field(transition::TARGET);
-            let on_pulse = self.transitions < first_on_event;
-            let right = on_pulse == (event == format::PULSE)
-                && usize::from(event) <= self.tables.event_count()
-                && target > first_state
-                && target < end_state;
-            ensure(right, Cause::Index)?;
-            if event != trigger {
-                self.expect(transition::CODE, self.code, Cause::Order)?;
-                self.code(kind, container)?;
-            }
-            self.transitions += 1;
-        }
-        Ok(())
-    }
-
-    /// Checks a guard and the actions behind it.
-    fn code(&mut self, source_kind: u16, container: usize) -> Result<(), Cause> {
-        let mut farthest_jump = self.code;
-        let mut in_guard = true;
-        loop {
-            self.at(self.code);
-            self.has(Section::Code, self.code)?;
-            let control = self.field(code::CONTROL) as u16;
-            let low = control & format::CODE_LOW_MASK;
-            let operation = control >> format::CODE_OPERATION_SHIFT;
-            let is_test = (format::CODE_JUMP_IF_CLEAR..=format::CODE_JUMP_IF_BUSY_INSIDE)
-                .contains(&operation);
-            // What an operand must be below; nothing looks at the operand of what needs none.
-            let mut limit = self.tables.word(container::FLAG_SPAN, container);
-            if is_test {
-                farthest_jump = farthest_jump.max(self.code + usize::from(low));
-                let looks_inside = operation >= format::CODE_JUMP_IF_IDLE_INSIDE;
-                let has_inside = source_kind == format::STATE_SUPER;
-                ensure(in_guard && (has_inside || !looks_inside), Cause::Kind)?;
-            } else {
-                // A jump may lead to what follows the last test, and no farther.
-                ensure(!in_guard || farthest_jump <= self.code, Cause::Direction)?;
-                ensure(in_guard || operation != format::CODE_END, Cause::Kind)?;
-                in_guard = false;
-                if operation == format::CODE_SEND {
-                    limit = self.tables.word(container::CHANNELS, container);
+            let region = Region {
+                number: next[REGIONS],
+                first,
+                end: next_first.min(self.tables.count(Section::States)),
+            };
+            next[REGIONS] += 1;
+            let mut state = first;
+            loop {
+                self.state(&around, &region, state, &mut next);
+                state += 1;
+                if state >= region.end {
+                    break;
+                }
+                if self.refusal.is_some() {
+                    return;
                 }
             }
-            ensure(self.field(code::OPERAND) < limit, Cause::Index)?;
-            self.code += 1;
-            if operation == format::CODE_END || (!is_test && low != 0) {
-                return Ok(());
+            let is_last = next_of != number;
+            let words = self.read(Section::RegionInstances, region.number);
+            let after = if is_last { behind } else { next[REGIONS] };
+            self.expect(&words, &[after], Cause::Direction);
+            self.expect(&words, &[after, first_flag, first, index], Cause::Template);
+            if is_last || self.refusal.is_some() {
+                break;
             }
         }
-    }
-
-    /// Checks the instance tree: each instance from the one around it.
-    fn instances(&mut self) -> Result<(), Cause> {
-        let count = self.tables.count(Section::Instances);
-        self.at(0);
-        self.has(Section::Instances, 0)?;
-        self.expect(instance::CONTAINER, 0, Cause::Template)?;
-        self.expect(instance::FIRST_REGION, 0, Cause::Template)?;
-        self.expect(instance::FIRST_FLAG, 0, Cause::Template)?;
-        self.expect(instance::FIRST_TASK, 0, Cause::Template)?;
-        self.at(0);
-        self.expect(container::FIRST_INSTANCE, 0, Cause::Template)?;
-        self.expect(
-            container::FLAG_SPAN,
-            self.tables.flag_count(),
-            Cause::Template,
-        )?;
-        let mut seen = Seen {
-            instances: 1,
-            ..Seen::default()
-        };
-        for index in 0..count {
-            self.instance(index, &mut seen)?;
+        self.at(Section::Containers, number);
+        for (next, base) in next.iter_mut().zip(around.base) {
+            *next -= base;
         }
-        self.end(Section::Instances, seen.instances)?;
-        self.end(Section::RegionInstances, seen.regions)?;
-        self.end(Section::TaskInstances, seen.tasks)?;
-        self.end(Section::Channels, seen.channels)
+        self.expect(&spans, &next, Cause::Template);
     }
 
-    fn instance(&mut self, index: usize, seen: &mut Seen) -> Result<(), Cause> {
-        self.at(index);
-        let container = self.field(instance::CONTAINER);
-        self.has(Section::Containers, container)?;
-        self.expect(instance::FIRST_CHANNEL, seen.channels, Cause::Order)?;
-        seen.channels += self.tables.word(container::CHANNELS, container);
-        let first_task = self.field(instance::FIRST_TASK);
-        let end_task = first_task + self.tables.word(container::TASK_SPAN, container);
-        self.expect(instance::END_TASK, end_task, Cause::Template)?;
-        let first_flag = self.field(instance::FIRST_FLAG);
-        let parent = self.field(instance::PARENT_REGION);
-        let after = if index == 0 {
-            self.tables.count(Section::RegionInstances)
-        } else {
-            self.tables.word(region_instance::NEXT, parent)
-        };
-        let around = Around {
-            index,
-            container,
-            first_flag,
-            first_task,
-        };
-        let mut at = self.field(instance::FIRST_REGION);
-        let mut template = self.tables.word(container::FIRST_REGION, container);
-        while self.tables.word(region::CONTAINER, template) == container {
-            self.at(at);
-            // The one before was not the last, so the walk must not have left the instance.
-            ensure(at < after, Cause::Direction)?;
-            self.has(Section::RegionInstances, at)?;
-            let next = self.field(region_instance::NEXT);
-            ensure(next > at, Cause::Direction)?;
-            self.expect(region_instance::INSTANCE, index, Cause::Template)?;
-            self.expect(region_instance::FIRST_FLAG, first_flag, Cause::Template)?;
-            let first_state = self.tables.word(region::FIRST_STATE, template);
-            self.expect(region_instance::INITIAL, first_state, Cause::Template)?;
-            for state in first_state..self.tables.region_end(template) {
-                self.state_instance(&around, at, state, seen)?;
+    /// Checks what a state of a region instance stands for: a task instance, or an instance of a container. In the first instance of its container it
+    /// checks the state, too.
+    fn state(&mut self, around: &Around, region: &Region, index: usize, next: &mut Spans) {
+        // Templates that are used often could make this pass much longer than the blob.
+        self.state_instances += 1;
+        let words = self.read(Section::States, index);
+        let in_range = self.state_instances <= format::MAX_STATE_INSTANCES;
+        self.ensure(in_range, Cause::Range);
+        let shape = words[5] as u16;
+        let kind = shape >> format::STATE_KIND_SHIFT;
+        let flags = usize::from(shape & format::STATE_FLAGS_MASK);
+        let timed = shape & format::STATE_HAS_TIMEOUT;
+        let [first_flag, task_instance, first_region, instance] = *next;
+        let first_task = task_instance;
+        let mut taken: Spans = [flags, 0, 0, 0];
+        // Flags that it must have, and the part of its number that the state has to name.
+        let mut right_flags = usize::from(timed != 0 || flags != 0);
+        let mut a = 0;
+        match kind {
+            format::STATE_SIMPLE => {}
+            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
+                let words = self.read(Section::TaskInstances, task_instance);
+                let [_, _, connection, _, mut task_state, _, _, behind, ..] = words;
+                if around.is_model {
+                    task_state = self.take(Section::TaskStates);
+                }
+                let expected = [index, region.number, connection, first_flag, task_state];
+                self.expect(&words, &expected, Cause::Template);
+
+                let words = self.words(Section::TaskStates, task_state);
+                let [task, slot, mut first_param, ..] = words;
+                let [.., data, flags, params, _] = self.words(Section::Tasks, task);
+                let behind = behind.min(self.tables.count(Section::Connections));
+                self.ensure(behind == connection + data, Cause::Order);
+
+                self.at(Section::TaskStates, task_state);
+                if around.is_model {
+                    first_param = self.seen[Section::Params as usize];
+                    self.seen[Section::Params as usize] += params;
+                }
+                self.expect(&words, &[task, slot, first_param, index], Cause::Order);
+                let right_slot = if kind == format::STATE_TASK {
+                    slot < self.tables.count(Section::Slots)
+                } else {
+                    slot == NONE
+                };
+                self.ensure(right_slot, Cause::Index);
+                right_flags = format::TASK_CONTROL_FLAGS + flags;
+                taken[TASKS] = 1;
+                a = task_instance - around.base[TASKS];
             }
-            seen.regions += 1;
-            at = next;
-            template += 1;
+            format::STATE_SUPER => {
+                // What the first instance of the container around makes of this state holds for all of them.
+                a = instance - around.base[INSTANCES];
+                let [number, ..] = self.words(Section::Instances, around.model + a);
+                let words = self.read(Section::Instances, instance);
+                let channel = words[3];
+                let expected = [
+                    number,
+                    first_region,
+                    first_flag,
+                    channel,
+                    first_task,
+                    region.number,
+                ];
+                self.expect(&words, &expected, Cause::Template);
+                let [_, flags, _, _, spans @ .., _, _, _] = self.words(Section::Containers, number);
+                right_flags = format::CONTAINER_CONTROL_FLAGS + flags;
+                taken = spans;
+            }
+            _ => right_flags = 0,
         }
-        self.at(index);
-        ensure(at == after, Cause::Direction)
+        if around.is_model {
+            let first_flag = first_flag - around.base[0];
+            let mut b = 0;
+            if timed != 0 {
+                b = self.seen[Section::Timers as usize];
+                let [low, high, ..] = self.next(Section::Timers);
+                let in_range = (low | high << 16) <= format::MAX_TIME_US as usize;
+                self.ensure(in_range && right_flags > 0, Cause::Range);
+            }
+            let source = Source {
+                kind,
+                first_flag,
+                flags,
+            };
+            let first = self.seen[Section::Transitions as usize];
+            let end = words[10].min(self.tables.count(Section::Transitions));
+            let (events, first_on_event) = self.transitions(around, region, &source, end);
+            self.at(Section::States, index);
+            let right_kind = if index == region.first {
+                kind == format::STATE_INITIAL
+            } else if index + 1 == region.end {
+                kind == format::STATE_FINAL && events == 0
+            } else {
+                (format::STATE_SIMPLE..=format::STATE_SUPER).contains(&kind)
+            };
+            self.ensure(right_kind, Cause::Kind);
+            let shape = usize::from(shape & !format::STATE_FLAGS_MASK) | right_flags;
+            let expected = [
+                events as u16 as usize,
+                events as usize >> 16,
+                first,
+                first_on_event,
+                first_flag,
+                shape,
+                a,
+                b,
+            ];
+            self.expect(&words, &expected, Cause::Order);
+        }
+        for (next, taken) in next.iter_mut().zip(taken) {
+            *next += taken;
+        }
     }
 
-    /// Checks what a state of a region instance stands for: a task instance, or an instance of a container.
-    fn state_instance(
+    /// Checks the next transitions up to `end`, all out of the state under test. Returns what events they are on, and the first that is not on the pulse.
+    fn transitions(
         &mut self,
         around: &Around,
-        region: usize,
-        state: usize,
-        seen: &mut Seen,
-    ) -> Result<(), Cause> {
-        // Templates that are used often could make this pass much longer than the blob.
-        seen.states += 1;
-        ensure(seen.states <= format::MAX_STATE_INSTANCES, Cause::Range)?;
-        let kind = self.tables.word(state::SHAPE, state) as u16 >> format::STATE_KIND_SHIFT;
-        let a = self.tables.word(state::A, state);
-        if kind == format::STATE_SUPER {
-            seen.instances += 1;
-            let offset = self.tables.word(state::B, state);
-            let first_flag = around.first_flag + self.tables.word(state::FIRST_FLAG, state);
-            // What the first instance of the container around makes of this state holds for all of them.
-            let model_around = self
-                .tables
-                .word(container::FIRST_INSTANCE, around.container);
-            let model = model_around + offset;
-            let container = self.tables.word(instance::CONTAINER, model);
-            let first_task = around.first_task + self.tables.word(instance::FIRST_TASK, model)
-                - self.tables.word(instance::FIRST_TASK, model_around);
-            self.at(around.index + offset);
-            self.has(Section::Instances, self.index)?;
-            self.expect(instance::CONTAINER, container, Cause::Template)?;
-            self.expect(instance::FIRST_REGION, region + a, Cause::Template)?;
-            self.expect(instance::FIRST_FLAG, first_flag, Cause::Template)?;
-            self.expect(instance::FIRST_TASK, first_task, Cause::Template)?;
-            self.expect(instance::PARENT_REGION, region, Cause::Template)?;
-            self.expect(instance::PARENT_STATE, state, Cause::Template)?;
-        } else if kind == format::STATE_TASK || kind == format::STATE_BACKGROUND_TASK {
-            seen.tasks += 1;
-            self.at(around.first_task + a);
-            self.has(Section::TaskInstances, self.index)?;
-            self.expect(task_instance::STATE, state, Cause::Template)?;
-            self.expect(task_instance::REGION, region, Cause::Template)?;
+        region: &Region,
+        source: &Source,
+        end: usize,
+    ) -> (u32, usize) {
+        let mut events = 0;
+        let mut last = 0;
+        let mut first_on_event = self.seen[Section::Transitions as usize];
+        while self.seen[Section::Transitions as usize] < end && self.refusal.is_none() {
+            let [trigger, target, guard, action, ..] = self.next(Section::Transitions);
+            let event = trigger & usize::from(format::MAX_EVENT);
+            events |= 1_u32 << (event % 32);
+            if event == 0 {
+                first_on_event += 1;
+            }
+            self.ensure(event >= last, Cause::Order);
+            last = event;
+            let in_range =
+                event <= self.tables.event_count() && target > region.first && target < region.end;
+            self.ensure(in_range, Cause::Index);
+            let [_, _, _, _, target_flag, target_shape, ..] = self.words(Section::States, target);
+            let is_plain = source.kind <= format::STATE_SIMPLE
+                && target_shape == usize::from(format::STATE_SIMPLE << format::STATE_KIND_SHIFT)
+                && action == 0;
+            self.ensure((trigger != event) == is_plain, Cause::Kind);
+
+            // Flags that guards have short forms for.
+            let window = source.flags.min(usize::from(format::WINDOW_FLAGS));
+            if guard < usize::from(format::GUARD_PROGRAM) {
+                let right = guard == usize::from(format::GUARD_TRUE)
+                    || guard % usize::from(format::GUARD_IF_CLEAR) < window;
+                self.ensure(right, Cause::Index);
+            } else if guard < usize::from(format::GUARD_MASK) {
+                let first = guard - usize::from(format::GUARD_PROGRAM);
+                let operations = if source.kind == format::STATE_SUPER {
+                    format::CODE_JUMP_IF_BUSY_INSIDE
+                } else {
+                    format::CODE_JUMP_IF_SET
+                };
+                self.code(
+                    around,
+                    first,
+                    source.first_flag,
+                    source.flags,
+                    (format::CODE_END, operations),
+                );
+            } else {
+                let at = self.seen[Section::Code as usize];
+                let [mask, value, ..] = self.next(Section::Code);
+                self.ensure(at == guard - usize::from(format::GUARD_MASK), Cause::Order);
+                let right =
+                    mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
+                self.ensure(right, Cause::Index);
+            }
+            if action >= usize::from(format::ACTION_SEND) {
+                let right = action - usize::from(format::ACTION_SEND) < around.channels;
+                self.ensure(right, Cause::Index);
+            } else if action != 0 {
+                self.code(
+                    around,
+                    action - usize::from(format::ACTION_ROW),
+                    target_flag,
+                    target_shape & usize::from(format::STATE_FLAGS_MASK),
+                    (format::CODE_SEND, format::CODE_SET),
+                );
+            }
         }
-        Ok(())
+        (events, first_on_event)
     }
 
-    fn channels(&mut self) -> Result<(), Cause> {
-        let tables = self.tables;
-        let mut index = 0;
-        while let Some(channel) = tables.channel(index) {
-            self.at_in(Section::Channels, index);
-            let instances = channel.instances;
-            let bits = tables.section(Section::Visibility).len();
-            let in_bits = match channel.bits {
-                None => true,
-                Some(first) => first <= bits && instances.div_ceil(8) <= bits - first,
+    /// Checks a program of tests, or a row of actions.
+    #[inline(never)]
+    fn code(
+        &mut self,
+        around: &Around,
+        first: usize,
+        first_flag: usize,
+        flags: usize,
+        (lowest, highest): (u16, u16),
+    ) {
+        let mut at = self.seen[Section::Code as usize];
+        let mut farthest = 0;
+        let mut right_place = at == first;
+        loop {
+            let [operand, control, ..] = self.next(Section::Code);
+            self.ensure(right_place, Cause::Order);
+            right_place = true;
+            let control = control as u16;
+            let low = control & format::CODE_LOW_MASK;
+            let operation = control >> format::CODE_OPERATION_SHIFT;
+            self.ensure((lowest..=highest).contains(&operation), Cause::Kind);
+            let right = if operation == format::CODE_SEND {
+                operand < around.channels
+            } else {
+                operand < around.head || operand.wrapping_sub(first_flag) < flags
             };
-            let right = usize::from(channel.event).wrapping_sub(1) < tables.event_count()
-                && channel.first_instance + instances <= tables.count(Section::Instances)
-                && in_bits;
-            ensure(right, Cause::Index)?;
-            index += 1;
+            self.ensure(right, Cause::Index);
+            let is_end = if operation < format::CODE_SEND {
+                operation == format::CODE_END
+            } else {
+                low != 0
+            };
+            if is_end || self.refusal.is_some() {
+                self.ensure(farthest <= at, Cause::Direction);
+                return;
+            }
+            farthest = farthest.max(at + usize::from(low));
+            at += 1;
         }
-        Ok(())
+    }
+
+    fn channels(&mut self) {
+        let regions = self.tables.count(Section::RegionInstances);
+        let listeners = self.tables.count(Section::Listeners);
+        for index in 0..self.tables.count(Section::Channels) {
+            let [event, first_row_word, first_region_word, words, ..] =
+                self.read(Section::Channels, index);
+            let end = first_region_word + words;
+            let row_end = first_row_word + words;
+            let right = event.wrapping_sub(1) < self.tables.event_count()
+                && end <= regions.div_ceil(32)
+                && row_end <= listeners;
+            self.ensure(right, Cause::Index);
+            if words != 0 && end > regions / 32 {
+                // Bits behind the last region instance.
+                let [low, high, ..] = self.words(Section::Listeners, row_end - 1);
+                let word = (low | high << 16) as u32;
+                self.ensure(word << (regions % 32) == 0, Cause::Range);
+            }
+        }
     }
 
     /// Checks the data ports of task instances.
-    fn connections(&mut self) -> Result<(), Cause> {
-        let mut connections = 0;
-        for index in 0..self.tables.count(Section::TaskInstances) {
-            self.at(index);
-            self.expect(task_instance::FIRST_CONNECTION, connections, Cause::Order)?;
-            let state = self.field(task_instance::STATE);
-            let task_state = self.tables.word(state::B, state);
-            let task = self.tables.word(task_state::TASK, task_state);
-            connections += self.tables.word(task::DATA, task);
-        }
-        self.end(Section::Connections, connections)?;
+    fn connections(&mut self) {
+        self.at(Section::Connections, 0);
+        let first = self.words(Section::TaskInstances, 0)[2];
+        let connections = self.tables.count(Section::Connections);
+        self.ensure(first.min(connections) == 0, Cause::Order);
         for index in 0..connections {
-            self.at(index);
-            let net = self.field(connection::NET);
-            if net != NONE {
-                self.has(Section::Nets, net)?;
-            }
+            let [net, ..] = self.read(Section::Connections, index);
+            let right = net == NONE || net < self.tables.count(Section::Nets);
+            self.ensure(right, Cause::Index);
         }
-        Ok(())
     }
-}
 
-/// What the pass over the instance tree has come by so far.
-#[derive(Default)]
-struct Seen {
-    instances: usize,
-    regions: usize,
-    states: usize,
-    tasks: usize,
-    channels: usize,
-}
-
-/// The instance whose states are looked at.
-struct Around {
-    index: usize,
-    container: usize,
-    first_flag: usize,
-    first_task: usize,
+    /// Nothing is left over.
+    fn ends(&mut self) {
+        for section in Section::ALL {
+            if matches!(
+                section,
+                Section::Slots
+                    | Section::Listeners
+                    | Section::Tasks
+                    | Section::Connections
+                    | Section::Nets
+                    | Section::Names
+            ) {
+                continue;
+            }
+            let seen = self.seen[section as usize];
+            self.at(section, seen);
+            self.ensure(seen == self.tables.count(section), Cause::Order);
+        }
+    }
 }
 
 /// Whether two slots can never be due at once. A slot without duration may start where another does.
 fn do_not_overlap(earlier: &Slot, slot: &Slot) -> bool {
     let base_us = greatest_common_divisor(slot.period_us, earlier.period_us);
-    let apart_us = slot.start_us.abs_diff(earlier.start_us) % base_us;
-    let (first, second) = if slot.start_us >= earlier.start_us {
-        (earlier, slot)
-    } else {
-        (slot, earlier)
-    };
-    let end_us = apart_us.saturating_add(second.duration_us);
-    let is_point = apart_us == 0 && second.duration_us == 0 && first.duration_us <= base_us;
-    is_point || (first.duration_us <= apart_us && end_us <= base_us)
+    let (mut after_us, is_before) =
+        (slot.start_us % base_us).overflowing_sub(earlier.start_us % base_us);
+    if is_before || (after_us == 0 && slot.duration_us == 0) {
+        after_us = after_us.wrapping_add(base_us);
+    }
+    earlier.duration_us <= after_us && slot.duration_us <= base_us - after_us
 }
 
 fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
