@@ -1,17 +1,29 @@
 //! The interpreter: what a machine does, once, for firmware and host.
 //!
-//! It keeps its state in an arena of 32-bit words that the caller lends it: for each region instance its current state and the
-//! time at which that was entered, then the flags, the enable bits of the task instances, and the event queue. Everything else is read from
-//! the blob.
+//! It keeps its state in an arena of 32-bit words that the caller lends it. Everything else is read from the blob.
 //!
-//! Nothing here indexes: a read outside a table gives nothing, a write outside the arena does nothing. So there is no panic to reach, whatever a
-//! blob says, and no code for one. That every loop ends is what [`verify`](crate::verify()) proved.
+//! **Who is visited.** Two bits are kept for each region instance, 32 in a word, the first in the highest bit. *Active* says that all superstates around it are current;
+//! *awake* that the pulse may do something there. A pulse visits those that are both, an event those of its channel's row that are active, and each in ascending order, which is the
+//! order of the tree. So what has nothing to do costs nothing. A guard is a function of flags of its own state and of the head of its instance's block, and a region is
+//! woken when one of these changes: by a transition of its own, by its superstate's start, from outside, by an action or a `final` around it, by its timer. A guard that asks for busy tasks inside
+//! wakes its region each time.
+//!
+//! **Timers.** A deadline is kept, after which some timer may have run out; it may be early, never late. A macro step behind it wakes whoever is due and finds the next.
+//!
+//! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
-use core::ops::Deref;
+use core::marker::PhantomData;
+use core::ops::{Deref, Range};
 
 use crate::format::{self, Section};
-use crate::tables::{Channel, Instance, RegionInstance, StateKind, Tables, TaskPlaces};
-use crate::verify::{ArenaLayout, Verified};
+use crate::layout::{
+    Field, channel, code, container, instance, mask, region_instance, state, task_instance,
+    transition,
+};
+use crate::reads::access::Access;
+use crate::reads::{Checked, DefaultReads, Reads, WINDOW_BITS};
+use crate::tables::{Tables, TaskPlaces, record_bytes};
+use crate::verify::Verified;
 
 /// Why a machine was stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,9 +109,57 @@ pub struct StepSummary {
     pub finished: bool,
 }
 
-/// A machine that runs.
+/// How the arena is divided: the word at which each part begins. The parts stand in this order.
+///
+/// The current states come first, two a word, the one of the lower region instance in the low half.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ArenaLayout {
+    /// For each 32 region instances a word that says who is active, and one that says who is awake.
+    active: usize,
+    /// All flags, the first in the lowest bit.
+    flags: usize,
+    /// The enable bits of the task instances, the first in the lowest bit.
+    enabled: usize,
+    /// For each region instance the low 32 bits of the time at which its state was entered, if that has a timeout.
+    entered_us: usize,
+    /// The channels of events that wait, two a word.
+    queue: usize,
+    end: usize,
+    /// Numbers of region instances and of task instances.
+    regions: usize,
+    tasks: usize,
+}
+
+impl ArenaLayout {
+    pub(crate) fn of(tables: &Tables<'_>) -> Self {
+        let regions = tables.region_instance_count();
+        let tasks = tables.task_instance_count();
+        let active = regions.div_ceil(2);
+        let flags = active + 2 * regions.div_ceil(WORD_BITS);
+        let enabled = flags + tables.flag_count().div_ceil(WORD_BITS);
+        let entered_us = enabled + tasks.div_ceil(WORD_BITS);
+        let queue = entered_us + regions;
+        let end = queue + tables.queue_capacity().div_ceil(2);
+        Self {
+            active,
+            flags,
+            enabled,
+            entered_us,
+            queue,
+            end,
+            regions,
+            tasks,
+        }
+    }
+
+    pub(crate) fn words(&self) -> usize {
+        self.end
+    }
+}
+
+/// A machine that runs. `R` says how it reads its tables: see [`Reads`].
 #[derive(Debug)]
-pub struct Interpreter<'m, B> {
+pub struct Interpreter<'m, B, R = DefaultReads> {
     verified: Verified<B>,
     arena: &'m mut [u32],
     layout: ArenaLayout,
@@ -107,14 +167,81 @@ pub struct Interpreter<'m, B> {
     /// Number and time of the next macro step.
     step: u64,
     t_us: u64,
-    /// Time of the last pulse that was walked.
-    walked_us: u64,
-    /// As long as no flag changes from outside, macro steps up to this time do nothing.
-    quiet_until_us: Option<u64>,
+    /// No timer runs out before or at this time.
+    deadline_us: u64,
+    /// The events that wait: their number, the place of the first in the queue, and the place behind the last. The queue is a ring.
+    queued: u8,
+    queue_first: u8,
+    queue_end: u8,
+    queue_capacity: u8,
+    /// The micro step that is under way.
+    micro: u8,
+    /// Whether some region is awake. A machine that was stopped never sleeps.
+    is_awake: bool,
     fault: Option<Fault>,
+    reads: PhantomData<R>,
 }
 
-impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
+const WORD_BITS: usize = u32::BITS as usize;
+/// The first region instance of a word.
+const FIRST: u32 = 1 << (u32::BITS - 1);
+
+/// The region instances of a word of 32 that are not before `region`.
+#[inline]
+fn not_before(region: usize, word: usize) -> u32 {
+    match region.saturating_sub(WORD_BITS * word) {
+        offset @ 0..WORD_BITS => u32::MAX >> offset,
+        _ => 0,
+    }
+}
+
+/// What a transition of one region instance means for the others.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Effect {
+    /// Nothing.
+    Own,
+    /// Who is active or awake changed. Those before the next sibling are not visited any more.
+    Wide,
+    /// It could not be taken.
+    Fault,
+}
+
+/// What guards see: in the low half the first own flags of a state, in the high half their complement.
+#[derive(Clone, Copy)]
+struct Window(u32);
+
+impl Window {
+    /// Cores that test the highest bit of a shifted word at no cost have it the other way round.
+    const REVERSED: bool = cfg!(target_arch = "arm");
+
+    #[inline(always)]
+    fn of(flags: u32) -> Self {
+        let flags = flags & ((1 << format::WINDOW_FLAGS) - 1);
+        let bits = flags | !flags << format::GUARD_IF_CLEAR;
+        Self(if Self::REVERSED {
+            bits.reverse_bits()
+        } else {
+            bits
+        })
+    }
+
+    /// Whether a guard that asks for one bit is true.
+    #[inline(always)]
+    fn holds(self, guard: usize) -> bool {
+        let guard = guard as u32 % u32::BITS;
+        if Self::REVERSED {
+            (self.0 << guard) >> (u32::BITS - 1) != 0
+        } else {
+            self.0 >> guard & 1 != 0
+        }
+    }
+}
+
+impl<'m, B> Interpreter<'m, B>
+where
+    B: Deref<Target = [u8]>,
+    DefaultReads: Reads<B>,
+{
     /// A machine before its first macro step: all regions in `initial`, all flags reset, no task enabled.
     ///
     /// # Errors
@@ -124,39 +251,57 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
         reason = "gives the blob back, and there is no heap to box it on"
     )]
     pub fn new(verified: Verified<B>, arena: &'m mut [u32]) -> Result<Self, ArenaTooSmall<'m, B>> {
+        Self::with_reads(verified, arena)
+    }
+}
+
+impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
+    /// The same as [`Interpreter::new`], for other reads than those of most machines: `Interpreter::<_, Checked>::with_reads(…)`.
+    ///
+    /// # Errors
+    /// The arena has less than [`Verified::arena_words`].
+    #[expect(
+        clippy::result_large_err,
+        reason = "gives the blob back, and there is no heap to box it on"
+    )]
+    pub fn with_reads(
+        verified: Verified<B>,
+        arena: &'m mut [u32],
+    ) -> Result<Self, ArenaTooSmall<'m, B>> {
         let tables = verified.tables();
         let layout = ArenaLayout::of(&tables);
+        let queue_capacity = tables.queue_capacity() as u8;
+        let period_us = tables
+            .slot(tables.interpreter_slot())
+            .map_or(0, |slot| slot.period_us);
         let needed_words = layout.words();
-        if arena.len() < needed_words {
+        let Some(used) = arena.get_mut(..needed_words) else {
             return Err(ArenaTooSmall {
                 verified,
                 arena,
                 needed_words,
             });
-        }
-        arena.fill(0);
-        let (regions, _) = arena.as_chunks_mut::<2>();
-        for (place, region) in regions
-            .iter_mut()
-            .zip(tables.records(Section::RegionInstances))
-        {
-            let [current, _] = place;
-            *current = RegionInstance::decode(region).initial as u32;
-        }
-        let period_us = tables
-            .slot(tables.interpreter_slot())
-            .map_or(0, |slot| slot.period_us);
-        Ok(Self {
+        };
+        used.fill(0);
+        let mut machine = Self {
             verified,
             arena,
             layout,
             period_us,
             step: 0,
             t_us: 0,
-            walked_us: 0,
-            quiet_until_us: None,
+            deadline_us: u64::MAX,
+            queued: 0,
+            queue_first: 0,
+            queue_end: 0,
+            queue_capacity,
+            micro: 0,
+            is_awake: false,
             fault: None,
-        })
+            reads: PhantomData,
+        };
+        machine.start_regions(0, layout.regions);
+        Ok(machine)
     }
 
     /// The same machine with another time between its macro steps than the period of the interpreter's slot, as a simulation may
@@ -183,55 +328,36 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
+        let passed_us = u64::from(missed) * u64::from(self.period_us);
+        if self.t_us + passed_us > self.deadline_us {
+            self.age_timers(passed_us);
+        }
         self.step += u64::from(missed);
-        self.t_us += u64::from(missed) * u64::from(self.period_us);
+        self.t_us += passed_us;
     }
 
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
     ///
     /// # Errors
     /// The fault that stopped the machine, in this macro step or before.
+    #[inline]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        if let Some(fault) = self.fault {
-            return Err(fault);
-        }
         let (step, t_us) = (self.step, self.t_us);
-        self.step += 1;
-        self.t_us += u64::from(self.period_us);
-        let mut summary = StepSummary {
+        let mut micro_steps = 1;
+        let mut changed = false;
+        if self.is_awake || t_us > self.deadline_us {
+            changed = self.walk(observer)?;
+            micro_steps = self.micro + 1;
+        }
+        self.step = step + 1;
+        self.t_us = t_us + u64::from(self.period_us);
+        Ok(StepSummary {
             step,
             t_us,
-            micro_steps: 1,
-            changed: false,
-            finished: false,
-        };
-        if self.quiet_until_us.is_some_and(|until_us| t_us <= until_us) {
-            summary.finished = self.is_finished();
-            return Ok(summary);
-        }
-        let since_walk_us = t_us - self.walked_us;
-        self.walked_us = t_us;
-        let tables = self.verified.tables();
-        let mut run = Run::new(tables, self.layout, self.arena, observer);
-        run.now_us = t_us as u32;
-        run.since_walk_us = u32::try_from(since_walk_us).unwrap_or(u32::MAX);
-        match run.macro_step() {
-            Ok(micro_steps) => {
-                summary.micro_steps = micro_steps;
-                summary.changed = run.changed;
-                let shortest_left_us = run.shortest_left_us;
-                self.quiet_until_us = (!summary.changed).then(|| {
-                    shortest_left_us.map_or(u64::MAX, |left_us| t_us + u64::from(left_us))
-                });
-                summary.finished = self.is_finished();
-                Ok(summary)
-            }
-            Err(fault) => {
-                run.disable_real_time(0..tables.task_instance_count());
-                self.fault = Some(fault);
-                Err(fault)
-            }
-        }
+            micro_steps,
+            changed,
+            finished: self.is_finished(),
+        })
     }
 
     /// The fault that stopped the machine.
@@ -247,37 +373,30 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
     /// The current state of a region instance, as an index into the tables. It means something only while the instance
     /// [is active](Self::is_active).
     pub fn current(&self, region_instance: usize) -> usize {
-        self.arena
-            .get(2 * region_instance)
-            .map_or(0, |word| *word as usize)
+        if region_instance < self.layout.regions {
+            Checked::load_half(self.arena, region_instance).into()
+        } else {
+            0
+        }
     }
 
-    /// Whether all superstates around a container instance are current. Takes time proportional to its depth.
+    /// Whether all superstates around a container instance are current. Takes constant time.
     pub fn is_active(&self, instance: usize) -> bool {
-        let tables = self.tables();
-        let mut index = instance;
-        while index != 0 {
-            let Some(around) = tables.instance(index).map(|instance| instance.parent) else {
-                return false;
-            };
-            if self.current(around.0) != around.1 {
-                return false;
-            }
-            // The instance around has a lower number: so this ends.
-            index = tables
-                .region_instance(around.0)
-                .map_or(0, |region| region.instance);
-        }
-        true
+        self.tables()
+            .instance(instance)
+            .is_some_and(|instance| self.is_region_active(instance.first_region))
+    }
+
+    /// Whether all superstates around a region instance are current. Takes constant time.
+    pub fn is_region_active(&self, region_instance: usize) -> bool {
+        let word = self.layout.active + 2 * (region_instance / WORD_BITS);
+        let active = Checked::load(self.arena, word);
+        region_instance < self.layout.regions && active & bit_of(region_instance) != 0
     }
 
     /// Whether a state of a region instance is current, and all superstates around it are.
     pub fn is_current_state(&self, region_instance: usize, state: usize) -> bool {
-        self.current(region_instance) == state
-            && self
-                .tables()
-                .region_instance(region_instance)
-                .is_some_and(|region| self.is_active(region.instance))
+        self.current(region_instance) == state && self.is_region_active(region_instance)
     }
 
     /// Whether the state of a task instance is current, and all superstates around it are.
@@ -294,36 +413,26 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// The enable bits of all task instances, the first in the lowest bit of the first word.
     pub fn enabled_words(&self) -> &[u32] {
-        let layout = self.layout;
-        let start = layout.regions + layout.flags;
-        self.arena.get(start..start + layout.enabled).unwrap_or(&[])
+        self.part(self.layout.enabled..self.layout.entered_us)
+    }
+
+    fn flag_words(&self) -> &[u32] {
+        self.part(self.layout.flags..self.layout.enabled)
+    }
+
+    fn part(&self, words: Range<usize>) -> &[u32] {
+        self.arena.get(words).unwrap_or(&[])
     }
 
     /// A flag by its bit in the whole machine; see [`Tables::flags_of_state`]. The busy bit of a superstate does not exist: see
     /// [`Self::is_busy_inside`].
     pub fn flag(&self, flag: usize) -> bool {
-        let layout = self.layout;
-        self.arena
-            .get(layout.regions..layout.regions + layout.flags)
-            .is_some_and(|flags| bit(flags, flag))
+        bit(self.flag_words(), flag)
     }
 
-    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, while it is current.
+    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false unless it is current.
     pub fn is_busy_inside(&self, region_instance: usize, superstate: usize) -> bool {
-        let tables = self.tables();
-        let layout = self.layout;
-        let (regions, rest) = self.arena.split_at(layout.regions.min(self.arena.len()));
-        let StateKind::Super { region_offset, .. } = tables
-            .state(superstate)
-            .map_or(StateKind::Initial, |state| state.kind)
-        else {
-            return false;
-        };
-        let end = tables
-            .region_instance(region_instance)
-            .map_or(0, |region| region.next);
-        let (regions, _) = regions.as_chunks::<2>();
-        any_busy(&tables, regions, rest, region_instance + region_offset, end)
+        self.is_current_state(region_instance, superstate) && self.is_busy_within(region_instance)
     }
 
     /// Changes a control flag of a task instance, by its place in the signature. Between macro steps only.
@@ -348,21 +457,10 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
             return 0;
         }
         let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
-        let layout = self.layout;
-        let words = self
-            .arena
-            .get(layout.regions..layout.regions + layout.flags);
-        let word = |index| {
-            words
-                .and_then(|words| words.get(index))
-                .map_or(0, |word| *word)
-        };
-        let shift = first % WORD_BITS;
-        let low = word(first / WORD_BITS) >> shift;
-        // Shifted twice, since a word cannot be shifted by all of its bits.
-        let high = word(first / WORD_BITS + 1) << 1 << (WORD_BITS - 1 - shift);
+        // Places need not come from this machine's tables.
+        let flags = Checked::window(self.flag_words(), first);
         let unused = 16usize.saturating_sub(count) as u32;
-        (low | high) as u16 & u16::MAX >> unused
+        flags as u16 & u16::MAX >> unused
     }
 
     /// [`set_flag`](Self::set_flag) of the task instance with these places.
@@ -402,550 +500,734 @@ impl<'m, B: Deref<Target = [u8]>> Interpreter<'m, B> {
 
     /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between macro steps only.
     pub fn clear_enabled(&mut self, task_instance: usize) {
-        let layout = self.layout;
-        let start = layout.regions + layout.flags;
-        if let Some(words) = self.arena.get_mut(start..start + layout.enabled) {
-            set_bit(words, task_instance, false);
+        if task_instance < self.layout.tasks {
+            self.disable(task_instance);
         }
     }
 
     /// Writes a bit of a task instance's flag block, if the block has it.
-    fn write_task_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
-        let Some((first, length)) = self.tables().flags_of_task(task_instance) else {
-            return;
-        };
-        self.write_flag(first, length, flag, value);
-    }
-
-    fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
-        self.write_flag(
-            usize::from(places.first_flag),
-            usize::from(places.flags),
-            flag,
-            value,
-        );
-    }
-
-    /// Writes a bit of the flag block that begins at `first` and has `length` bits, if it is one of them.
-    fn write_flag(&mut self, first: usize, length: usize, flag: usize, value: bool) {
-        let layout = self.layout;
-        if flag >= length {
+    #[inline]
+    fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
+        if task >= self.layout.tasks {
             return;
         }
-        if let Some(flags) = self
-            .arena
-            .get_mut(layout.regions..layout.regions + layout.flags)
-            && bit(flags, first + flag) != value
-        {
-            set_bit(flags, first + flag, value);
-            self.quiet_until_us = None;
+        let record = self.record(Section::TaskInstances, task);
+        let left = self.record(Section::States, self.field(record, task_instance::STATE));
+        if flag < self.field(left, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK) {
+            let first = self.field(record, task_instance::FIRST_FLAG);
+            let region = self.field(record, task_instance::REGION);
+            self.write_flag(first + flag, region, value);
+        }
+    }
+
+    /// Writes a bit of the flag block with these places, which need not come from this machine's tables.
+    fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
+        let (bit, region) = (
+            usize::from(places.first_flag) + flag,
+            usize::from(places.region),
+        );
+        let flags = WORD_BITS * (self.layout.enabled - self.layout.flags);
+        if flag < usize::from(places.flags) && bit < flags && region < self.layout.regions {
+            self.write_flag(bit, region, value);
+        }
+    }
+
+    /// Writes a flag, and wakes the region that it belongs to if it changes.
+    #[inline]
+    fn write_flag(&mut self, flag: usize, region: usize, value: bool) {
+        let place = self.layout.flags + flag / WORD_BITS;
+        let bit = 1 << (flag % WORD_BITS);
+        let word = self.load(place);
+        let written = if value { word | bit } else { word & !bit };
+        if written != word {
+            self.store(place, written);
+            self.wake(region);
         }
     }
 }
 
-const WORD_BITS: usize = u32::BITS as usize;
+/// Reads and writes.
+impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
+    /// The byte of the blob at which a record begins.
+    #[inline(always)]
+    fn record(&self, section: Section, index: usize) -> usize {
+        self.verified.tables().start(section) + record_bytes(section) * index
+    }
+
+    /// A field of the record that begins at a byte.
+    #[inline(always)]
+    fn field(&self, record: usize, field: Field) -> usize {
+        R::half(&self.verified.tables().bytes(), record + field.offset()).into()
+    }
+
+    #[inline(always)]
+    fn word_of(&self, record: usize) -> u32 {
+        R::word(&self.verified.tables().bytes(), record)
+    }
+
+    /// Which events a state's transitions are on. It is the first field of a state.
+    #[inline(always)]
+    fn events(&self, state: usize) -> u32 {
+        self.word_of(state)
+    }
+
+    #[inline(always)]
+    fn load(&self, word: usize) -> u32 {
+        R::load(self.arena, word)
+    }
+
+    #[inline(always)]
+    fn store(&mut self, word: usize, value: u32) {
+        R::store(self.arena, word, value);
+    }
+
+    /// The record of a region instance's current state.
+    #[inline(always)]
+    fn current_record(&self, region: usize) -> usize {
+        self.record(Section::States, R::load_half(self.arena, region).into())
+    }
+
+    /// The words that say whether a region instance is active, and behind it whether it is awake.
+    #[inline(always)]
+    fn active_word(&self, region: usize) -> usize {
+        self.layout.active + 2 * (region / WORD_BITS)
+    }
+
+    /// The next region instance that is not inside this one.
+    #[inline(always)]
+    fn next(&self, region: usize) -> usize {
+        let record = self.record(Section::RegionInstances, region);
+        self.field(record, region_instance::NEXT)
+    }
+
+    /// The first own flag of a state in a region instance.
+    #[inline(always)]
+    fn first_flag(&self, region: usize, state: usize) -> usize {
+        let region = self.record(Section::RegionInstances, region);
+        self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
+    }
+
+    /// The own flags of a state, the first in the lowest bit.
+    #[inline(always)]
+    fn own_flags(&self, region: usize, state: usize) -> u32 {
+        let first = WORD_BITS * self.layout.flags + self.first_flag(region, state);
+        R::window(self.arena, first)
+    }
+
+    #[inline(always)]
+    fn flag_at(&self, flag: usize) -> bool {
+        self.load(self.layout.flags + flag / WORD_BITS) >> (flag % WORD_BITS) & 1 != 0
+    }
+
+    #[inline]
+    fn set_flag_to(&mut self, flag: usize, value: bool) {
+        let place = self.layout.flags + flag / WORD_BITS;
+        let bit = 1 << (flag % WORD_BITS);
+        let word = self.load(place);
+        self.store(place, if value { word | bit } else { word & !bit });
+    }
+
+    #[inline(always)]
+    fn wake(&mut self, region: usize) {
+        let awake = self.active_word(region) + 1;
+        self.store(awake, self.load(awake) | bit_of(region));
+        self.is_awake = true;
+    }
+
+    /// Resets an enable bit and says whether it was set.
+    #[inline(always)]
+    fn disable(&mut self, task: usize) -> bool {
+        let place = self.layout.enabled + task / WORD_BITS;
+        let bit = 1 << (task % WORD_BITS);
+        let word = self.load(place);
+        let was_enabled = word & bit != 0;
+        if was_enabled {
+            self.store(place, word & !bit);
+        }
+        was_enabled
+    }
+
+    #[inline(always)]
+    fn enable(&mut self, task: usize) {
+        let place = self.layout.enabled + task / WORD_BITS;
+        self.store(place, self.load(place) | 1 << (task % WORD_BITS));
+    }
+}
+
+/// What happens in a macro step.
+impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
+    /// Handles the pulse and all events that follow from it; says whether any transition was taken.
+    #[inline(never)]
+    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<bool, Fault> {
+        if let Some(fault) = self.fault {
+            return Err(fault);
+        }
+        if self.t_us > self.deadline_us {
+            self.run_timers();
+        }
+        self.is_awake = false;
+        self.micro = 0;
+        let Some(mut changed) = self.pulse(observer) else {
+            return Err(self.stop(Fault::EventQueueOverflow, observer));
+        };
+        while let Some(left) = self.queued.checked_sub(1) {
+            if self.micro == MAX_MICRO_STEPS - 1 {
+                return Err(self.stop(Fault::MacroStepLimit, observer));
+            }
+            self.micro += 1;
+            self.queued = left;
+            let first = self.queue_first;
+            self.queue_first = self.place_after(first);
+            let sent = R::load_half(self.arena, 2 * self.layout.queue + usize::from(first));
+            let Some(moved) = self.event(sent.into(), observer) else {
+                return Err(self.stop(Fault::EventQueueOverflow, observer));
+            };
+            changed |= moved;
+        }
+        Ok(changed)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn stop<O: Observer>(&mut self, fault: Fault, observer: &mut O) -> Fault {
+        self.disable_real_time(0..self.layout.tasks, observer);
+        self.fault = Some(fault);
+        self.is_awake = true;
+        fault
+    }
+
+    /// Shows the pulse to those who are active and awake. Says whether any transition was taken; none if one could not be.
+    #[inline(never)]
+    fn pulse<O: Observer>(&mut self, observer: &mut O) -> Option<bool> {
+        let mut changed = false;
+        let mut resume = 0;
+        let mut pair = self.layout.active;
+        let mut base = 0;
+        while base < self.layout.regions {
+            let mut visit = 0;
+            'again: loop {
+                let awake = self.load(pair + 1);
+                visit = (visit | awake) & self.load(pair);
+                if resume > base {
+                    visit &= not_before(resume, base / WORD_BITS);
+                }
+                self.store(pair + 1, awake & !visit);
+                while visit != 0 {
+                    let offset = visit.leading_zeros();
+                    visit &= !(FIRST >> offset);
+                    let region = base + offset as usize;
+                    let current = self.current_record(region);
+                    if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT)
+                        != 0
+                    {
+                        self.run_timer(region, current);
+                    }
+                    let first = self.field(current, state::FIRST_TRANSITION);
+                    let end = self.field(current, state::FIRST_EVENT_TRANSITION);
+                    let window = Window::of(self.own_flags(region, current));
+                    let mut at = self.record(Section::Transitions, first);
+                    let end = self.record(Section::Transitions, end);
+                    while at != end {
+                        let guard = self.field(at, transition::GUARD);
+                        let holds = if guard < usize::from(format::GUARD_PROGRAM) {
+                            window.holds(guard)
+                        } else {
+                            self.is_true(guard, region, current)
+                        };
+                        if !holds {
+                            at += record_bytes(Section::Transitions);
+                            continue;
+                        }
+                        changed = true;
+                        match self.take(region, at, observer) {
+                            Effect::Own => break,
+                            Effect::Wide => {
+                                resume = self.next(region);
+                                continue 'again;
+                            }
+                            Effect::Fault => return None,
+                        }
+                    }
+                }
+                break;
+            }
+            base += WORD_BITS;
+            pair += 2;
+        }
+        Some(changed)
+    }
+
+    /// Shows an event to those who listen and are active.
+    #[inline(never)]
+    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Option<bool> {
+        let sent = self.record(Section::Channels, sent);
+        let event = self.field(sent, channel::EVENT) as u32;
+        let mut row = self.record(
+            Section::Listeners,
+            self.field(sent, channel::FIRST_ROW_WORD),
+        );
+        let row_end =
+            row + record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
+        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
+        let mut changed = false;
+        let mut resume = 0;
+        while row != row_end {
+            let base = WORD_BITS * word;
+            'again: loop {
+                let mut visit = self.word_of(row) & self.load(self.layout.active + 2 * word);
+                if resume > base {
+                    visit &= not_before(resume, word);
+                }
+                while visit != 0 {
+                    let offset = visit.leading_zeros();
+                    visit &= !(FIRST >> offset);
+                    let region = base + offset as usize;
+                    let current = self.current_record(region);
+                    if self.events(current) >> (event % u32::BITS) & 1 == 0 {
+                        continue;
+                    }
+                    let first = self.field(current, state::FIRST_EVENT_TRANSITION);
+                    let after = current + record_bytes(Section::States);
+                    // `final` has no transitions, so a state that has some is not the last.
+                    let end = self.field(after, state::FIRST_TRANSITION);
+                    let mut at = self.record(Section::Transitions, first);
+                    let end = self.record(Section::Transitions, end);
+                    while at != end {
+                        let trigger = self.field(at, transition::EVENT) as u32;
+                        // Without the mark above it.
+                        if trigger << 17 != event << 17 || !self.allows(region, current, at) {
+                            at += record_bytes(Section::Transitions);
+                            continue;
+                        }
+                        changed = true;
+                        match self.take(region, at, observer) {
+                            Effect::Own => break,
+                            Effect::Wide => {
+                                resume = self.next(region);
+                                continue 'again;
+                            }
+                            Effect::Fault => return None,
+                        }
+                    }
+                }
+                break;
+            }
+            row += record_bytes(Section::Listeners);
+            word += 1;
+        }
+        Some(changed)
+    }
+
+    /// Whether the guard of a transition is true.
+    #[inline(always)]
+    fn allows(&mut self, region: usize, current: usize, transition: usize) -> bool {
+        let guard = self.field(transition, transition::GUARD);
+        guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
+    }
+
+    /// Takes a transition and tells so.
+    #[inline(always)]
+    fn take<O: Observer>(&mut self, region: usize, at: usize, observer: &mut O) -> Effect {
+        let trigger = self.field(at, transition::EVENT) as u16;
+        let effect = if trigger & format::TRANSITION_IS_PLAIN != 0 {
+            let target = self.field(at, transition::TARGET);
+            self.make_current(region, target);
+            Effect::Own
+        } else {
+            self.take_any(region, at, observer)
+        };
+        if effect != Effect::Fault {
+            let first = self.record(Section::Transitions, 0);
+            observer.transition(TransitionTaken {
+                micro: self.micro,
+                region_instance: region as u16,
+                transition: ((at - first) / record_bytes(Section::Transitions)) as u16,
+            });
+        }
+        effect
+    }
+
+    /// Enters a state without flags or content; returns its record.
+    #[inline(always)]
+    fn make_current(&mut self, region: usize, target: usize) -> usize {
+        R::store_half(self.arena, region, target as u16);
+        let entered = self.record(Section::States, target);
+        if self.events(entered) & 1 != 0 {
+            self.wake(region);
+        }
+        entered
+    }
+
+    /// A guard of any form.
+    #[inline(never)]
+    fn is_true(&mut self, guard: usize, region: usize, current: usize) -> bool {
+        let flags = self.own_flags(region, current);
+        if guard < usize::from(format::GUARD_PROGRAM) {
+            return Window::of(flags).holds(guard);
+        }
+        if guard >= usize::from(format::GUARD_MASK) {
+            let at = self.record(Section::Code, guard - usize::from(format::GUARD_MASK));
+            let differ = flags as usize ^ self.field(at, mask::VALUE);
+            return differ & self.field(at, mask::MASK) == 0;
+        }
+        let here = self.record(Section::RegionInstances, region);
+        let first_flag = self.field(here, region_instance::FIRST_FLAG);
+        let mut at = self.record(Section::Code, guard - usize::from(format::GUARD_PROGRAM));
+        loop {
+            let control = self.field(at, code::CONTROL) as u16;
+            let jumps = match control >> format::CODE_OPERATION_SHIFT {
+                operation @ (format::CODE_JUMP_IF_CLEAR | format::CODE_JUMP_IF_SET) => {
+                    let is_set = self.flag_at(first_flag + self.field(at, code::OPERAND));
+                    is_set == (operation == format::CODE_JUMP_IF_SET)
+                }
+                operation @ (format::CODE_JUMP_IF_IDLE_INSIDE
+                | format::CODE_JUMP_IF_BUSY_INSIDE) => {
+                    // Tasks get busy without waking anyone but their own region.
+                    self.wake(region);
+                    let is_busy = self.is_busy_within(region);
+                    is_busy == (operation == format::CODE_JUMP_IF_BUSY_INSIDE)
+                }
+                _ => return true,
+            };
+            let ahead = match (jumps, usize::from(control & format::CODE_LOW_MASK)) {
+                (false, _) => 1,
+                (true, 0) => return false,
+                (true, jump) => jump,
+            };
+            at += record_bytes(Section::Code) * ahead;
+        }
+    }
+
+    /// Whether the busy flag of a current task state is set anywhere inside the current superstate of a region instance.
+    #[inline(never)]
+    fn is_busy_within(&self, region: usize) -> bool {
+        (region + 1..self.next(region)).any(|inside| {
+            let active = self.load(self.active_word(inside));
+            let current = self.current_record(inside);
+            let kind = self.field(current, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+            active & bit_of(inside) != 0
+                && matches!(kind, format::STATE_TASK | format::STATE_BACKGROUND_TASK)
+                && self.flag_at(self.first_flag(inside, current) + format::FLAG_BUSY)
+        })
+    }
+
+    /// Leaves a state, acts, enters another.
+    #[inline(never)]
+    fn take_any<O: Observer>(
+        &mut self,
+        region: usize,
+        transition: usize,
+        observer: &mut O,
+    ) -> Effect {
+        let mut effect = Effect::Own;
+        let here = self.record(Section::RegionInstances, region);
+        let instance_index = self.field(here, region_instance::INSTANCE);
+        let instance = self.record(Section::Instances, instance_index);
+        let left = self.current_record(region);
+        match self.field(left, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT {
+            format::STATE_TASK => {
+                let first_task = self.field(instance, instance::FIRST_TASK);
+                let task = first_task + self.field(left, state::A);
+                if self.disable(task) {
+                    observer.disabled(task as u16);
+                }
+            }
+            format::STATE_SUPER => {
+                let inside = instance_index + self.field(left, state::A);
+                self.leave_regions(region, inside, observer);
+                effect = Effect::Wide;
+            }
+            _ => {}
+        }
+        let target = self.field(transition, transition::TARGET);
+        let entered = self.record(Section::States, target);
+        let shape = self.field(entered, state::SHAPE) as u16;
+        let first_flag = self.first_flag(region, entered);
+        self.reset_flags(first_flag, shape & format::STATE_FLAGS_MASK);
+        let action = self.field(transition, transition::ACTION) as u16;
+        if action & format::ACTION_SEND != 0 {
+            let first_channel = self.field(instance, instance::FIRST_CHANNEL);
+            if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
+                return Effect::Fault;
+            }
+        } else if action != format::ACTION_NONE {
+            match self.act(usize::from(action - format::ACTION_ROW), here, entered) {
+                Effect::Own => {}
+                Effect::Wide => effect = Effect::Wide,
+                Effect::Fault => return Effect::Fault,
+            }
+        }
+        self.make_current(region, target);
+        if shape & format::STATE_HAS_TIMEOUT != 0 {
+            self.start_timer(region, entered);
+        }
+        match shape >> format::STATE_KIND_SHIFT {
+            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
+                let first_task = self.field(instance, instance::FIRST_TASK);
+                let task = first_task + self.field(entered, state::A);
+                self.enable(task);
+                observer.enabled(task as u16);
+            }
+            format::STATE_FINAL => {
+                let exit = self.field(instance, instance::FIRST_FLAG) + format::FLAG_EXIT;
+                self.set_flag_to(exit, true);
+                self.wake_instance(instance_index);
+                effect = Effect::Wide;
+            }
+            format::STATE_SUPER => {
+                let inside = instance_index + self.field(entered, state::A);
+                let inside = self.record(Section::Instances, inside);
+                let first = self.field(inside, instance::FIRST_REGION);
+                self.start_regions(first, self.next(region));
+                effect = Effect::Wide;
+            }
+            _ => {}
+        }
+        effect
+    }
+
+    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`.
+    #[inline(never)]
+    fn act(&mut self, first: usize, here: usize, entered: usize) -> Effect {
+        let mut effect = Effect::Own;
+        let first_flag = self.field(here, region_instance::FIRST_FLAG);
+        let own = self.field(entered, state::FIRST_FLAG);
+        let own_flags = self.field(entered, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
+        let instance_index = self.field(here, region_instance::INSTANCE);
+        let mut at = self.record(Section::Code, first);
+        loop {
+            let control = self.field(at, code::CONTROL) as u16;
+            let operand = self.field(at, code::OPERAND);
+            let operation = control >> format::CODE_OPERATION_SHIFT;
+            if operation == format::CODE_SEND {
+                let instance = self.record(Section::Instances, instance_index);
+                if !self.send(self.field(instance, instance::FIRST_CHANNEL) + operand) {
+                    return Effect::Fault;
+                }
+            } else {
+                self.set_flag_to(first_flag + operand, operation == format::CODE_SET);
+                // Own flags of the state that is entered are looked at by nobody else.
+                if operand.wrapping_sub(own) >= own_flags {
+                    self.wake_instance(instance_index);
+                    effect = Effect::Wide;
+                }
+            }
+            if control & format::CODE_LOW_MASK != 0 {
+                return effect;
+            }
+            at += record_bytes(Section::Code);
+        }
+    }
+
+    /// Resets `count` flags from `first` on.
+    #[inline(always)]
+    fn reset_flags(&mut self, first: usize, count: u16) {
+        let mut first = WORD_BITS * self.layout.flags + first;
+        let mut left = u32::from(count);
+        while left > WINDOW_BITS {
+            R::clear_window(self.arena, first, WINDOW_BITS);
+            first += WINDOW_BITS as usize;
+            left -= WINDOW_BITS;
+        }
+        R::clear_window(self.arena, first, left);
+    }
+
+    /// Appends an event to the queue. False if there is no room.
+    #[inline(always)]
+    fn send(&mut self, channel: usize) -> bool {
+        if self.queued == self.queue_capacity {
+            return false;
+        }
+        self.queued += 1;
+        let end = self.queue_end;
+        self.queue_end = self.place_after(end);
+        let place = 2 * self.layout.queue + usize::from(end);
+        R::store_half(self.arena, place, channel as u16);
+        true
+    }
+
+    /// The place in the queue behind another.
+    #[inline(always)]
+    fn place_after(&self, place: u8) -> u8 {
+        let next = place + 1;
+        if next == self.queue_capacity { 0 } else { next }
+    }
+
+    /// Wakes those in a container instance, at any depth, and the region instance around it.
+    #[inline(never)]
+    fn wake_instance(&mut self, instance_index: usize) {
+        let instance = self.record(Section::Instances, instance_index);
+        let around = self.field(instance, instance::AROUND);
+        let end = if instance_index == 0 {
+            self.layout.regions
+        } else {
+            self.next(around)
+        };
+        self.wake_all(around..end);
+    }
+
+    #[inline(never)]
+    fn wake_all(&mut self, regions: Range<usize>) {
+        let mut word = regions.start / WORD_BITS;
+        while WORD_BITS * word < regions.end {
+            let awake = self.layout.active + 2 * word + 1;
+            let those = not_before(regions.start, word) & !not_before(regions.end, word);
+            self.store(awake, self.load(awake) | those);
+            word += 1;
+        }
+        self.is_awake = true;
+    }
+
+    /// Ends what is inside the superstate of a region instance, a container instance.
+    #[inline(never)]
+    fn leave_regions<O: Observer>(&mut self, region: usize, inside: usize, observer: &mut O) {
+        let instance = self.record(Section::Instances, inside);
+        let content = self.field(instance, instance::CONTAINER);
+        let content = self.record(Section::Containers, content);
+        let first_task = self.field(instance, instance::FIRST_TASK);
+        let tasks = self.field(content, container::TASK_SPAN);
+        self.disable_real_time(first_task..first_task + tasks, observer);
+        let end = self.next(region);
+        let mut word = (region + 1) / WORD_BITS;
+        while WORD_BITS * word < end {
+            let active = self.layout.active + 2 * word;
+            let those = not_before(region + 1, word) & !not_before(end, word);
+            self.store(active, self.load(active) & !those);
+            word += 1;
+        }
+    }
+
+    /// Starts the region instances of a container instance, of which the first is `first`, and all are before `end`.
+    #[inline(never)]
+    fn start_regions(&mut self, first: usize, end: usize) {
+        let mut at = first;
+        while at < end {
+            let record = self.record(Section::RegionInstances, at);
+            let initial = self.field(record, region_instance::INITIAL);
+            let active = self.active_word(at);
+            self.store(active, self.load(active) | bit_of(at));
+            // It may have been woken when it was not active.
+            self.store(active + 1, self.load(active + 1) & !bit_of(at));
+            self.make_current(at, initial);
+            at = self.field(record, region_instance::NEXT);
+        }
+    }
+
+    /// Disables the enabled real-time tasks among some task instances.
+    #[inline(never)]
+    fn disable_real_time<O: Observer>(&mut self, tasks: Range<usize>, observer: &mut O) {
+        for task in tasks {
+            let record = self.record(Section::TaskInstances, task);
+            let state = self.record(Section::States, self.field(record, task_instance::STATE));
+            let kind = self.field(state, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+            if kind == format::STATE_TASK && self.disable(task) {
+                observer.disabled(task as u16);
+            }
+        }
+    }
+}
+
+/// Timers.
+///
+/// The age of a state is kept in 32 bits. As long as its timeout flag is not set, it was at most its limit at the last macro step, and it was current at that: so its age now
+/// is at least the period, and an age below that has wrapped. Time that is skipped is added to ages by [`Self::age_timers`].
+impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
+    #[inline(never)]
+    fn start_timer(&mut self, region: usize, entered: usize) {
+        self.store(self.layout.entered_us + region, self.t_us as u32);
+        let due_us = self.t_us + u64::from(self.limit_us(entered));
+        self.deadline_us = self.deadline_us.min(due_us);
+    }
+
+    fn limit_us(&self, state: usize) -> u32 {
+        self.word_of(self.record(Section::Timers, self.field(state, state::B)))
+    }
+
+    /// The timeout flag of a state in a region instance.
+    fn timeout_flag(&self, region: usize, state: usize) -> usize {
+        let kind = self.field(state, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+        let of_simple = kind == format::STATE_SIMPLE;
+        self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
+    }
+
+    /// What a state has left of its time; none if it is overdue.
+    fn left_us(&self, region: usize, state: usize) -> Option<u32> {
+        let entered_us = self.load(self.layout.entered_us + region);
+        let age_us = (self.t_us as u32).wrapping_sub(entered_us);
+        if age_us < self.period_us {
+            return None;
+        }
+        self.limit_us(state).checked_sub(age_us)
+    }
+
+    /// The record of a region instance's current state, if that is active and its timer runs.
+    fn timed(&self, region: usize) -> Option<usize> {
+        let active = self.load(self.active_word(region)) & bit_of(region) != 0;
+        let current = self.current_record(region);
+        let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
+        let runs = active && timed && !self.flag_at(self.timeout_flag(region, current));
+        runs.then_some(current)
+    }
+
+    /// Sets the timeout flag of the current state of a region instance if that has been so for longer than its limit.
+    #[cold]
+    #[inline(never)]
+    fn run_timer(&mut self, region: usize, current: usize) {
+        let flag = self.timeout_flag(region, current);
+        if !self.flag_at(flag) && self.left_us(region, current).is_none() {
+            self.set_flag_to(flag, true);
+        }
+    }
+
+    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds the next deadline.
+    #[cold]
+    #[inline(never)]
+    fn run_timers(&mut self) {
+        self.deadline_us = u64::MAX;
+        for region in 0..self.layout.regions {
+            let Some(current) = self.timed(region) else {
+                continue;
+            };
+            match self.left_us(region, current) {
+                None => self.wake_all(region..self.next(region)),
+                Some(left_us) => {
+                    let due_us = self.t_us + u64::from(left_us);
+                    self.deadline_us = self.deadline_us.min(due_us);
+                }
+            }
+        }
+    }
+
+    /// Adds time to the ages of states, as far as they can be told from 32 bits.
+    #[cold]
+    #[inline(never)]
+    fn age_timers(&mut self, passed_us: u64) {
+        let now_us = self.t_us.wrapping_add(passed_us) as u32;
+        for region in 0..self.layout.regions {
+            let Some(current) = self.timed(region) else {
+                continue;
+            };
+            let is_overdue = self
+                .left_us(region, current)
+                .is_none_or(|left_us| u64::from(left_us) < passed_us);
+            if is_overdue {
+                // Older than any limit and any period.
+                let entered_us = now_us.wrapping_sub(format::MAX_TIME_US + 1);
+                self.store(self.layout.entered_us + region, entered_us);
+            }
+        }
+    }
+}
+
+/// The bit of a region instance in its word.
+#[inline(always)]
+fn bit_of(region: usize) -> u32 {
+    FIRST >> (region % WORD_BITS)
+}
 
 #[inline]
 fn bit(words: &[u32], index: usize) -> bool {
     words
         .get(index / WORD_BITS)
         .is_some_and(|word| word >> (index % WORD_BITS) & 1 != 0)
-}
-
-#[inline(never)]
-fn set_bit(words: &mut [u32], index: usize, value: bool) {
-    if let Some(word) = words.get_mut(index / WORD_BITS) {
-        let mask = 1 << (index % WORD_BITS);
-        *word = if value { *word | mask } else { *word & !mask };
-    }
-}
-
-/// Clears `count` bits from `first` on.
-#[inline]
-fn clear_bits(words: &mut [u32], first: usize, count: usize) {
-    let mut first = first;
-    let mut count = count;
-    while count > 0 {
-        let shift = first % WORD_BITS;
-        let here = count.min(WORD_BITS - shift);
-        if let Some(word) = words.get_mut(first / WORD_BITS) {
-            *word &= !((u32::MAX >> (WORD_BITS - here)) << shift);
-        }
-        first += here;
-        count -= here;
-    }
-}
-
-/// Whether the busy flag of a current task state is set in the region instances from `first` up to `end`, which are all that
-/// is inside a current superstate.
-#[inline(never)]
-fn any_busy(
-    tables: &Tables<'_>,
-    regions: &[[u32; 2]],
-    flags: &[u32],
-    first: usize,
-    end: usize,
-) -> bool {
-    let mut at = first;
-    while at < end {
-        let (Some(region), Some([current, _])) = (tables.region_instance(at), regions.get(at))
-        else {
-            return false;
-        };
-        let Some(state) = tables.state(*current as usize) else {
-            return false;
-        };
-        at = match state.kind {
-            StateKind::Super { region_offset, .. } => at + region_offset,
-            StateKind::Task { .. }
-                if bit(
-                    flags,
-                    region.first_flag + state.first_flag + format::FLAG_BUSY,
-                ) =>
-            {
-                return true;
-            }
-            _ => region.next,
-        };
-    }
-    false
-}
-
-/// One macro step: tables and arena taken apart once, for all of it.
-struct Run<'a, O> {
-    tables: HotTables<'a>,
-    /// For what is rare.
-    all_tables: Tables<'a>,
-    /// Current state and time of its entry, by region instance.
-    regions: &'a mut [[u32; 2]],
-    flags: &'a mut [u32],
-    enabled: &'a mut [u32],
-    /// A ring of channels, two a word.
-    queue: &'a mut [u32],
-    queue_capacity: usize,
-    queue_first: usize,
-    queued: usize,
-    now_us: u32,
-    since_walk_us: u32,
-    /// The least time that a running timer has left.
-    shortest_left_us: Option<u32>,
-    micro: u8,
-    changed: bool,
-    observer: &'a mut O,
-}
-
-/// The tables that a macro step reads, cut out once for all of it.
-#[derive(Clone, Copy)]
-struct HotTables<'a> {
-    region_instances: &'a [[u8; 8]],
-    states: &'a [[u8; 16]],
-    transitions: &'a [[u8; 6]],
-    code: &'a [[u8; 4]],
-    instances: &'a [[u8; 16]],
-    channels: &'a [[u8; 10]],
-    visibility: &'a [u8],
-}
-
-impl<'a> HotTables<'a> {
-    fn of(tables: &Tables<'a>) -> Self {
-        Self {
-            region_instances: tables.records(Section::RegionInstances),
-            states: tables.records(Section::States),
-            transitions: tables.records(Section::Transitions),
-            code: tables.records(Section::Code),
-            instances: tables.records(Section::Instances),
-            channels: tables.records(Section::Channels),
-            visibility: tables.section(Section::Visibility),
-        }
-    }
-}
-
-/// The region instance that a transition is taken in.
-#[derive(Clone, Copy)]
-struct Here {
-    index: usize,
-    region: RegionInstance,
-}
-
-impl<'a, O: Observer> Run<'a, O> {
-    #[inline]
-    fn new(
-        tables: Tables<'a>,
-        layout: ArenaLayout,
-        arena: &'a mut [u32],
-        observer: &'a mut O,
-    ) -> Self {
-        let (regions, rest) = split(arena, layout.regions);
-        let (flags, rest) = split(rest, layout.flags);
-        let (enabled, rest) = split(rest, layout.enabled);
-        let (queue, _) = split(rest, layout.queue);
-        Self {
-            tables: HotTables::of(&tables),
-            all_tables: tables,
-            queue_capacity: layout.queue_capacity,
-            regions: regions.as_chunks_mut::<2>().0,
-            flags,
-            enabled,
-            queue,
-            queue_first: 0,
-            queued: 0,
-            now_us: 0,
-            since_walk_us: 0,
-            shortest_left_us: None,
-            micro: 0,
-            changed: false,
-            observer,
-        }
-    }
-
-    /// Handles the pulse and all events that follow from it; returns their number.
-    fn macro_step(&mut self) -> Result<u8, Fault> {
-        self.micro_step(None)?;
-        while let Some(channel) = self.take_event() {
-            if self.micro == MAX_MICRO_STEPS - 1 {
-                return Err(Fault::MacroStepLimit);
-            }
-            self.micro += 1;
-            self.micro_step(Some(channel))?;
-        }
-        Ok(self.micro + 1)
-    }
-
-    /// Shows one event, or the pulse, to all that is active: outer before inner, regions in their order.
-    fn micro_step(&mut self, event: Option<Channel>) -> Result<(), Fault> {
-        let mut index = 0;
-        while let Some(region) = self.tables.region_instances.get(index) {
-            let here = Here {
-                index,
-                region: RegionInstance::decode(region),
-            };
-            index = match self.visit(here, &event)? {
-                Some(inside) => inside,
-                None => here.region.next,
-            };
-        }
-        Ok(())
-    }
-
-    /// Shows an event to one region instance. Returns the first region instance inside its state, if that is to be visited too.
-    #[inline(always)]
-    fn visit(&mut self, here: Here, event: &Option<Channel>) -> Result<Option<usize>, Fault> {
-        let Some([current, entered_us]) = self.regions.get(here.index).copied() else {
-            return Ok(None);
-        };
-        let current = current as usize;
-        let states = self.tables.states;
-        // The last state of a region is `final`, which no transition leaves: so what can be left has another behind it.
-        let Some([state, after]) = states.get(current..).and_then(<[_]>::first_chunk::<2>) else {
-            return Ok(None);
-        };
-        let state = RawState::decode(state);
-        let [end_low, end_high, ..] = *after;
-        let (transitions, number) = match event {
-            None => {
-                if state.shape & format::STATE_HAS_TIMEOUT != 0 {
-                    self.run_timer(&state, here, entered_us);
-                }
-                (
-                    state.first_transition..state.first_event_transition,
-                    format::PULSE,
-                )
-            }
-            Some(channel) => {
-                let end = usize::from(u16::from_le_bytes([end_low, end_high]));
-                if channel.is_visible(self.tables.visibility, here.region.instance) {
-                    (state.first_event_transition..end, channel.event)
-                } else {
-                    (0..0, channel.event)
-                }
-            }
-        };
-        for index in transitions {
-            let Some(record) = self.tables.transitions.get(index) else {
-                break;
-            };
-            let &[e0, e1, t0, t1, c0, c1] = record;
-            let trigger = u16::from_le_bytes([e0, e1]);
-            if trigger & !format::TRANSITION_HAS_CODE != number {
-                continue;
-            }
-            let actions = if trigger & format::TRANSITION_HAS_CODE == 0 {
-                None
-            } else {
-                let code = usize::from(u16::from_le_bytes([c0, c1]));
-                match self.guard(code, &state, here) {
-                    None => continue,
-                    actions => actions,
-                }
-            };
-            let target = usize::from(u16::from_le_bytes([t0, t1]));
-            self.take(here, &state, target, actions)?;
-            self.observer.transition(TransitionTaken {
-                micro: self.micro,
-                region_instance: here.index as u16,
-                transition: index as u16,
-            });
-            return Ok(None);
-        }
-        let is_super = state.kind() == format::STATE_SUPER;
-        Ok(is_super.then_some(here.index + state.a))
-    }
-
-    /// Sets the timeout flag if the state has been current for longer than its limit.
-    ///
-    /// Its age is kept in 32 bits. The flag was not set at the last walk, so the age was at most the limit then; every state that is current at a
-    /// pulse was so at the last one, so the true age is at least the time since. An age below that has wrapped.
-    #[inline(never)]
-    fn run_timer(&mut self, state: &RawState, here: Here, entered_us: u32) {
-        let timeout_bit = if state.kind() == format::STATE_SIMPLE {
-            0
-        } else {
-            format::FLAG_TIMEOUT
-        };
-        let flag = here.region.first_flag + state.first_flag + timeout_bit;
-        if bit(self.flags, flag) {
-            return;
-        }
-        let age_us = self.now_us.wrapping_sub(entered_us);
-        let left_us = if age_us > state.timeout_us || age_us < self.since_walk_us {
-            set_bit(self.flags, flag, true);
-            // A guard of a region before this one may look at it, so the next macro step must be walked.
-            0
-        } else {
-            state.timeout_us - age_us
-        };
-        let shortest = self.shortest_left_us.unwrap_or(left_us);
-        self.shortest_left_us = Some(shortest.min(left_us));
-    }
-
-    /// Evaluates a guard. Returns where its actions begin if it is true.
-    #[inline]
-    fn guard(&self, code: usize, state: &RawState, here: Here) -> Option<usize> {
-        let mut at = code;
-        loop {
-            let &[o0, o1, c0, c1] = self.tables.code.get(at)?;
-            let control = u16::from_le_bytes([c0, c1]);
-            let operand = usize::from(u16::from_le_bytes([o0, o1]));
-            let jumps = match control >> format::CODE_OPERATION_SHIFT {
-                format::CODE_JUMP_IF_CLEAR => !bit(self.flags, here.region.first_flag + operand),
-                format::CODE_JUMP_IF_SET => bit(self.flags, here.region.first_flag + operand),
-                operation @ (format::CODE_JUMP_IF_IDLE_INSIDE
-                | format::CODE_JUMP_IF_BUSY_INSIDE) => {
-                    let first = here.index + state.a;
-                    let end = here.region.next;
-                    any_busy(&self.all_tables, self.regions, self.flags, first, end)
-                        == (operation == format::CODE_JUMP_IF_BUSY_INSIDE)
-                }
-                _ => return Some(at),
-            };
-            at += match (jumps, usize::from(control & format::CODE_LOW_MASK)) {
-                (false, _) => 1,
-                (true, 0) => return None,
-                (true, jump) => jump,
-            };
-        }
-    }
-
-    /// Leaves a state, acts, enters another.
-    #[inline(never)]
-    fn take(
-        &mut self,
-        here: Here,
-        left: &RawState,
-        target: usize,
-        actions: Option<usize>,
-    ) -> Result<(), Fault> {
-        let Here { index, region } = here;
-        let instance = self.instance(region.instance);
-        match left.kind() {
-            format::STATE_TASK => {
-                let task = instance.first_task + left.a;
-                if bit(self.enabled, task) {
-                    set_bit(self.enabled, task, false);
-                    self.observer.disabled(task as u16);
-                }
-            }
-            format::STATE_SUPER => {
-                let inside = self.instance(region.instance + left.b);
-                self.disable_real_time(inside.first_task..inside.end_task);
-            }
-            _ => {}
-        }
-        let Some(entered) = self.tables.states.get(target).map(RawState::decode) else {
-            return Ok(());
-        };
-        let flags = usize::from(entered.shape & format::STATE_FLAGS_MASK);
-        clear_bits(self.flags, region.first_flag + entered.first_flag, flags);
-        if let Some(actions) = actions {
-            self.act(actions, region.first_flag, instance.first_channel)?;
-        }
-        self.changed = true;
-        if let Some(place) = self.regions.get_mut(index) {
-            *place = [target as u32, self.now_us];
-        }
-        match entered.kind() {
-            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
-                let task = instance.first_task + entered.a;
-                set_bit(self.enabled, task, true);
-                self.observer.enabled(task as u16);
-            }
-            format::STATE_FINAL => {
-                set_bit(self.flags, region.first_flag + format::FLAG_EXIT, true);
-            }
-            format::STATE_SUPER => self.start_regions(index + entered.a, region.next),
-            _ => {}
-        }
-        Ok(())
-    }
-
-    /// Carries out actions from `at` to the last.
-    fn act(&mut self, at: usize, first_flag: usize, first_channel: usize) -> Result<(), Fault> {
-        let mut at = at;
-        while let Some(&[o0, o1, c0, c1]) = self.tables.code.get(at) {
-            let control = u16::from_le_bytes([c0, c1]);
-            let operand = usize::from(u16::from_le_bytes([o0, o1]));
-            match control >> format::CODE_OPERATION_SHIFT {
-                format::CODE_SEND => self.send(first_channel + operand)?,
-                format::CODE_CLEAR => set_bit(self.flags, first_flag + operand, false),
-                format::CODE_SET => set_bit(self.flags, first_flag + operand, true),
-                _ => break,
-            }
-            if control & format::CODE_LOW_MASK != 0 {
-                break;
-            }
-            at += 1;
-        }
-        Ok(())
-    }
-
-    /// Puts the regions of the container instance whose first one is `first`, all before `end`, into their initial states.
-    fn start_regions(&mut self, first: usize, end: usize) {
-        let mut at = first;
-        while at < end {
-            let Some(region) = self.tables.region_instances.get(at) else {
-                return;
-            };
-            let region = RegionInstance::decode(region);
-            if let Some(place) = self.regions.get_mut(at) {
-                *place = [region.initial as u32, self.now_us];
-            }
-            at = region.next;
-        }
-    }
-
-    /// Disables the enabled real-time tasks among some task instances.
-    #[inline(never)]
-    fn disable_real_time(&mut self, tasks: core::ops::Range<usize>) {
-        for task in tasks {
-            if bit(self.enabled, task) && self.is_real_time(task) {
-                set_bit(self.enabled, task, false);
-                self.observer.disabled(task as u16);
-            }
-        }
-    }
-
-    fn is_real_time(&self, task_instance: usize) -> bool {
-        let state = self
-            .all_tables
-            .task_instance(task_instance)
-            .and_then(|instance| self.tables.states.get(instance.state));
-        state.is_some_and(|state| RawState::decode(state).kind() == format::STATE_TASK)
-    }
-
-    #[inline]
-    fn instance(&self, index: usize) -> Instance {
-        const NOWHERE: [u8; 16] = [0; 16];
-        Instance::decode(self.tables.instances.get(index).unwrap_or(&NOWHERE))
-    }
-
-    /// Appends an event to the queue.
-    #[inline]
-    fn send(&mut self, channel: usize) -> Result<(), Fault> {
-        let capacity = self.queue_capacity;
-        if self.queued == capacity {
-            return Err(Fault::EventQueueOverflow);
-        }
-        let mut at = self.queue_first + self.queued;
-        if at >= capacity {
-            at -= capacity;
-        }
-        self.queued += 1;
-        if let Some(word) = self.queue.get_mut(at / 2) {
-            let shift = at % 2 * 16;
-            *word = *word & !(0xFFFF << shift) | (channel as u32) << shift;
-        }
-        Ok(())
-    }
-
-    /// Takes the first event from the queue.
-    #[inline]
-    fn take_event(&mut self) -> Option<Channel> {
-        self.queued = self.queued.checked_sub(1)?;
-        let at = self.queue_first;
-        self.queue_first += 1;
-        if self.queue_first == self.queue_capacity {
-            self.queue_first = 0;
-        }
-        let channel = self.queue.get(at / 2)? >> (at % 2 * 16) & 0xFFFF;
-        self.tables
-            .channels
-            .get(channel as usize)
-            .map(Channel::decode)
-    }
-}
-
-/// Cuts `count` words off, or all that there are.
-fn split(words: &mut [u32], count: usize) -> (&mut [u32], &mut [u32]) {
-    let count = count.min(words.len());
-    words.split_at_mut(count)
-}
-
-/// A state's record as the interpreter reads it: numbers alone, no decisions.
-struct RawState {
-    first_transition: usize,
-    first_event_transition: usize,
-    first_flag: usize,
-    shape: u16,
-    a: usize,
-    b: usize,
-    timeout_us: u32,
-}
-
-impl RawState {
-    #[inline(always)]
-    fn decode(record: &[u8; 16]) -> Self {
-        let &[
-            t0,
-            t1,
-            e0,
-            e1,
-            f0,
-            f1,
-            k0,
-            k1,
-            a0,
-            a1,
-            b0,
-            b1,
-            l0,
-            l1,
-            l2,
-            l3,
-        ] = record;
-        let word = |low, high| usize::from(u16::from_le_bytes([low, high]));
-        Self {
-            first_transition: word(t0, t1),
-            first_event_transition: word(e0, e1),
-            first_flag: word(f0, f1),
-            shape: u16::from_le_bytes([k0, k1]),
-            a: word(a0, a1),
-            b: word(b0, b1),
-            timeout_us: u32::from_le_bytes([l0, l1, l2, l3]),
-        }
-    }
-
-    #[inline(always)]
-    fn kind(&self) -> u16 {
-        self.shape >> format::STATE_KIND_SHIFT
-    }
 }

@@ -4,7 +4,7 @@
 //! once, and runs it. It decides what a machine does, for firmware and host tools alike; there is no second implementation.
 //!
 //! What it is not: it knows no hardware, no clock and no wire, and it runs no tasks. It says which tasks are enabled and which slot is due; whoever uses
-//! it has the timer, the tasks and their data. It allocates nothing, has no `unsafe`, and cannot panic on any input.
+//! it has the timer, the tasks and their data. It allocates nothing and cannot panic on any input. It has one small file with `unsafe`, [`reads`], and none without its feature `unchecked`.
 //!
 //! # Layers
 //!
@@ -12,6 +12,7 @@
 //! 2. [`tables`] are borrowed views of its sections.
 //! 3. [`verify()`] checks all of it in one pass. Only a [`Verified`] blob can be interpreted: the type is the proof.
 //! 4. [`Interpreter`] runs macro steps in an arena of words that the caller lends it.
+//!    It reads the tables by [`reads`].
 //! 5. [`Dispatcher`] says which slot is due next.
 //!
 //! Apart from these stand [`signature`], by which firmware and missions know a task, and [`texts`], the checks of what only people read.
@@ -33,19 +34,23 @@
 //! assert_eq!(finishes(b"no blob at all", &mut [0; 64]), Err(Refusal::Magic));
 //! ```
 #![no_std]
+#![cfg_attr(not(feature = "unchecked"), forbid(unsafe_code))]
 
 #[cfg(test)]
 extern crate std;
 
+mod buffer;
 pub mod dispatcher;
 pub mod format;
 mod interpreter;
 mod layout;
+pub mod reads;
 pub mod signature;
 pub mod tables;
 pub mod texts;
 mod verify;
 
+pub use buffer::BlobBuffer;
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
     ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, Observer, StepSummary, TransitionTaken,

@@ -563,6 +563,18 @@ impl<'a> Tables<'a> {
         Self { bytes, sections }
     }
 
+    /// The blob.
+    #[inline(always)]
+    pub(crate) fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// The byte of the blob at which a section begins.
+    #[inline(always)]
+    pub(crate) fn start(&self, section: Section) -> usize {
+        self.sections[section as usize].0 as usize
+    }
+
     /// The bytes of a section.
     #[inline(always)]
     pub(crate) fn section(&self, section: Section) -> &'a [u8] {

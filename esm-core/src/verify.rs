@@ -17,6 +17,7 @@ use core::ops::Deref;
 use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
+use crate::interpreter::ArenaLayout;
 use crate::tables::{self, Slot, Tables};
 
 /// No index, as a field reads it.
@@ -129,8 +130,8 @@ impl<B: Deref<Target = [u8]>> Verified<B> {
         self.layout.crc
     }
 
-    /// 32-bit words that [`Interpreter::new`](crate::Interpreter::new) needs: two for each region instance, a bit for each flag and each task instance, and half a
-    /// word for each place in the queue.
+    /// 32-bit words that [`Interpreter::new`](crate::Interpreter::new) needs: one and a half and two bits for each region instance, a bit for each flag and each task
+    /// instance, and half a word for each place in the queue.
     #[must_use]
     pub fn arena_words(&self) -> usize {
         ArenaLayout::of(&self.tables()).words()
@@ -140,35 +141,6 @@ impl<B: Deref<Target = [u8]>> Verified<B> {
     #[must_use]
     pub fn ram_bytes(&self) -> usize {
         self.arena_words() * size_of::<u32>()
-    }
-}
-
-/// How the interpreter divides its arena. Counts of words.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ArenaLayout {
-    pub(crate) regions: usize,
-    pub(crate) flags: usize,
-    pub(crate) enabled: usize,
-    pub(crate) queue: usize,
-    /// In events, not words.
-    pub(crate) queue_capacity: usize,
-}
-
-impl ArenaLayout {
-    #[inline]
-    pub(crate) fn of(tables: &Tables<'_>) -> Self {
-        const WORD_BITS: usize = 32;
-        Self {
-            regions: 2 * tables.region_instance_count(),
-            flags: tables.flag_count().div_ceil(WORD_BITS),
-            enabled: tables.task_instance_count().div_ceil(WORD_BITS),
-            queue: tables.queue_capacity().div_ceil(2),
-            queue_capacity: tables.queue_capacity(),
-        }
-    }
-
-    pub(crate) fn words(self) -> usize {
-        self.regions + self.flags + self.enabled + self.queue
     }
 }
 

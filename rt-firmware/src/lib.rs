@@ -25,7 +25,6 @@ pub mod log;
 pub mod background;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
-pub mod blob;
 pub mod board;
 pub mod body;
 pub mod check;

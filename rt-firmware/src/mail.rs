@@ -7,9 +7,9 @@
 use esm_core::Verified;
 use heapless::spsc::Queue;
 
-use crate::blob::BlobBuffer;
 use crate::link::message::{LinkError, MAX_CHUNK, SlotCounters, TaskCounters};
 use crate::ports::Job;
+use esm_core::BlobBuffer;
 
 /// One letter or job at a time; a queue holds one less than its length.
 const PLACES: usize = 2;

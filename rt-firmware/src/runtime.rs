@@ -45,7 +45,6 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
 use crate::background::Background;
-use crate::blob::BlobBuffer;
 use crate::link::device::{Desk, LinkSide};
 use crate::link::message::{Capacities, ResetReason};
 use crate::mail::{Letter, Mail};
@@ -56,6 +55,7 @@ use crate::realtime::trace::Trace;
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::ring::Ring;
 use crate::status::Snapshot;
+use esm_core::BlobBuffer;
 
 /// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
 /// interpreter, slots, task instances, nets, exclusive groups; and the bytes of the trace ring.

@@ -10,13 +10,13 @@ use super::message::{
     Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_STREAM_BYTES,
     PROTOCOL_VERSION, Request, Response, Status, Stream, ToDevice,
 };
-use crate::blob::BlobBuffer;
 use crate::check::check;
 use crate::mail::Letter;
 use crate::ports::Registry;
 use crate::ring::RingReader;
 use crate::runtime::About;
 use crate::status::SnapshotReader;
+use esm_core::BlobBuffer;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
 /// checksum, COBS, delimiter.

@@ -17,7 +17,6 @@ use esm_core::tables::{Tables, TaskPlaces};
 use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
-use crate::blob::BlobBuffer;
 use crate::board::{Board, OccurrenceStart, microseconds};
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, TaskCounters};
 use crate::link::trace::TraceRecord;
@@ -25,6 +24,7 @@ use crate::mail::{Bytes, Letter};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
 use crate::status::{Health, SnapshotWriter};
 use crate::task::{Declaration, Step};
+use esm_core::BlobBuffer;
 use slots::{SlotEntry, nanoseconds};
 use tasks::{NONE, TaskTable};
 use trace::{StepObserver, Trace};

@@ -1,0 +1,250 @@
+//! How the interpreter reads a verified blob and its arena: checked or unchecked.
+//!
+//! Both versions give the same for every place inside. Outside, [`Checked`] reads 0 and writes nothing, and [`Unchecked`] must not be asked. So each caller relies on an
+//! invariant, of which there are three:
+//!
+//! 1. *The blob is the one that was verified.* Bytes behind a [`StableBytes`] stay where they are and do not change, and a [`Verified`](crate::Verified) is made by the
+//!    verifier alone. Then sections are where its layout says, and each index, offset and span in a record points into its table.
+//! 2. *What the arena holds are indices out of the blob.* The interpreter is its only writer: a current state is an initial state or the target of a transition of
+//!    that region, and an event in the queue is the channel of an action.
+//! 3. *The arena is as long as the blob asks for*, which is compared when the interpreter is made. An index that comes from outside is compared before it is used.
+//!
+//! This is the only file of the crate with `unsafe`, and without the feature `unchecked` it has none. Tests run every input through both versions.
+
+use core::ops::Deref;
+
+use crate::buffer::BlobBuffer;
+
+const WORD_BITS: usize = u32::BITS as usize;
+
+/// Reads that are never outside: what they rely on is checked each time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Checked;
+
+/// Reads that rely on what was proved of the blob once.
+#[cfg(feature = "unchecked")]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unchecked;
+
+/// The reads of an interpreter for which none are named.
+#[cfg(feature = "unchecked")]
+pub type DefaultReads = Unchecked;
+/// The reads of an interpreter for which none are named.
+#[cfg(not(feature = "unchecked"))]
+pub type DefaultReads = Checked;
+
+/// A way to read blobs that are kept in a `B`: [`Checked`] for all, [`Unchecked`] where they are [`StableBytes`].
+pub trait Reads<B: ?Sized>: access::Access {}
+
+impl<B: Deref<Target = [u8]>> Reads<B> for Checked {}
+
+/// Bytes that stay the same, wherever their owner is moved to: slices, [`BlobBuffer`], and on hosts `Vec`, `Box`, `Rc` and `Arc`. Others can be read by [`Checked`].
+pub trait StableBytes: Deref<Target = [u8]> + stable::Sealed {}
+
+impl<B: Deref<Target = [u8]> + stable::Sealed> StableBytes for B {}
+
+#[cfg(feature = "unchecked")]
+impl<B: StableBytes> Reads<B> for Unchecked {}
+
+mod stable {
+    use super::BlobBuffer;
+
+    /// What gives the same bytes whenever it is dereferenced, as do its clones.
+    pub trait Sealed {}
+
+    impl Sealed for &[u8] {}
+    impl Sealed for &mut [u8] {}
+    impl Sealed for BlobBuffer<'_> {}
+
+    #[cfg(not(target_os = "none"))]
+    mod on_hosts {
+        extern crate std;
+
+        impl super::Sealed for std::vec::Vec<u8> {}
+        impl super::Sealed for std::boxed::Box<[u8]> {}
+        impl super::Sealed for std::rc::Rc<[u8]> {}
+        impl super::Sealed for std::sync::Arc<[u8]> {}
+    }
+}
+
+pub(crate) mod access {
+    /// The reads and writes. `at` is a byte of the blob; indices are words or halves of the arena, halves low ones first.
+    pub trait Access {
+        /// 16 bits of the blob.
+        fn half(bytes: &[u8], at: usize) -> u16;
+        /// 32 bits of the blob.
+        fn word(bytes: &[u8], at: usize) -> u32;
+        /// A word of the arena.
+        fn load(arena: &[u32], index: usize) -> u32;
+        /// Writes a word of the arena.
+        fn store(arena: &mut [u32], index: usize, value: u32);
+        /// Half a word of the arena.
+        fn load_half(arena: &[u32], index: usize) -> u16;
+        /// Writes half a word of the arena.
+        fn store_half(arena: &mut [u32], index: usize, value: u16);
+        /// At least 25 bits of the arena, from bit `at` on; the bits above mean nothing. The word behind is in the arena, too.
+        fn window(arena: &[u32], at: usize) -> u32;
+        /// Clears `count` bits of the arena, at most 25, from bit `at` on.
+        fn clear_window(arena: &mut [u32], at: usize, count: u32);
+    }
+}
+
+/// Bits that a window has at least: it begins at a byte.
+pub(crate) const WINDOW_BITS: u32 = u32::BITS - 7;
+
+impl access::Access for Checked {
+    #[inline(always)]
+    fn half(bytes: &[u8], at: usize) -> u16 {
+        let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
+        found.map_or(0, |half| u16::from_le_bytes(*half))
+    }
+
+    #[inline(always)]
+    fn word(bytes: &[u8], at: usize) -> u32 {
+        let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
+        found.map_or(0, |word| u32::from_le_bytes(*word))
+    }
+
+    #[inline(always)]
+    fn load(arena: &[u32], index: usize) -> u32 {
+        arena.get(index).copied().unwrap_or(0)
+    }
+
+    #[inline(always)]
+    fn store(arena: &mut [u32], index: usize, value: u32) {
+        if let Some(word) = arena.get_mut(index) {
+            *word = value;
+        }
+    }
+
+    #[inline(always)]
+    fn load_half(arena: &[u32], index: usize) -> u16 {
+        (Self::load(arena, index / 2) >> (index % 2 * 16)) as u16
+    }
+
+    #[inline(always)]
+    fn store_half(arena: &mut [u32], index: usize, value: u16) {
+        if let Some(word) = arena.get_mut(index / 2) {
+            let shift = index % 2 * 16;
+            *word = *word & !(0xFFFF << shift) | u32::from(value) << shift;
+        }
+    }
+
+    #[inline(always)]
+    fn window(arena: &[u32], at: usize) -> u32 {
+        let index = at / WORD_BITS;
+        let low = u64::from(Self::load(arena, index));
+        let high = u64::from(Self::load(arena, index + 1));
+        ((high << WORD_BITS | low) >> (at % WORD_BITS)) as u32
+    }
+
+    #[inline(always)]
+    fn clear_window(arena: &mut [u32], at: usize, count: u32) {
+        let index = at / WORD_BITS;
+        let mask = ((1u64 << count) - 1) << (at % WORD_BITS);
+        if let Some(word) = arena.get_mut(index) {
+            *word &= !(mask as u32);
+        }
+        if let Some(word) = arena.get_mut(index + 1) {
+            *word &= !((mask >> WORD_BITS) as u32);
+        }
+    }
+}
+
+#[cfg(feature = "unchecked")]
+#[allow(
+    unsafe_code,
+    reason = "each relies on an invariant of this module's; it is named there"
+)]
+mod unchecked {
+    use super::{Unchecked, WINDOW_BITS, access::Access};
+
+    /// The place of `T` at a byte of the blob.
+    #[inline(always)]
+    fn in_blob<T>(bytes: &[u8], at: usize) -> *const T {
+        debug_assert!(at + size_of::<T>() <= bytes.len(), "invariant 1: {at}");
+        // SAFETY: invariant 1: a record that the verified tables speak of is inside.
+        unsafe { bytes.as_ptr().add(at).cast() }
+    }
+
+    /// The place of `T` at a byte of the arena.
+    #[inline(always)]
+    fn in_arena<T>(arena: &[u32], at: usize) -> *const T {
+        debug_assert!(
+            at + size_of::<T>() <= size_of_val(arena),
+            "invariants 2 and 3: {at}"
+        );
+        // SAFETY: invariants 2 and 3: what the blob speaks of has its place, and so has what the arena itself speaks of.
+        unsafe { arena.as_ptr().cast::<u8>().add(at).cast() }
+    }
+
+    /// The same to write to.
+    #[inline(always)]
+    fn in_arena_mut<T>(arena: &mut [u32], at: usize) -> *mut T {
+        debug_assert!(
+            at + size_of::<T>() <= size_of_val(arena),
+            "invariants 2 and 3: {at}"
+        );
+        // SAFETY: as above.
+        unsafe { arena.as_mut_ptr().cast::<u8>().add(at).cast() }
+    }
+
+    impl Access for Unchecked {
+        #[inline(always)]
+        fn half(bytes: &[u8], at: usize) -> u16 {
+            // SAFETY: `in_blob` gave a place inside, and two bytes are always a number.
+            u16::from_le(unsafe { in_blob::<u16>(bytes, at).read_unaligned() })
+        }
+
+        #[inline(always)]
+        fn word(bytes: &[u8], at: usize) -> u32 {
+            // SAFETY: as above.
+            u32::from_le(unsafe { in_blob::<u32>(bytes, at).read_unaligned() })
+        }
+
+        #[inline(always)]
+        fn load(arena: &[u32], index: usize) -> u32 {
+            // SAFETY: `in_arena` gave a place inside, at a whole word.
+            unsafe { in_arena::<u32>(arena, 4 * index).read() }
+        }
+
+        #[inline(always)]
+        fn store(arena: &mut [u32], index: usize, value: u32) {
+            // SAFETY: as above.
+            unsafe { in_arena_mut::<u32>(arena, 4 * index).write(value) }
+        }
+
+        #[inline(always)]
+        fn load_half(arena: &[u32], index: usize) -> u16 {
+            // SAFETY: `in_arena` gave a place inside, at a whole half.
+            u16::from_le(unsafe { in_arena::<u16>(arena, 2 * index).read() })
+        }
+
+        #[inline(always)]
+        fn store_half(arena: &mut [u32], index: usize, value: u16) {
+            // SAFETY: as above.
+            unsafe { in_arena_mut::<u16>(arena, 2 * index).write(value.to_le()) }
+        }
+
+        #[inline(always)]
+        fn window(arena: &[u32], at: usize) -> u32 {
+            // SAFETY: `in_arena` gave a place inside; any four bytes are a number.
+            let word = unsafe { in_arena::<u32>(arena, at / 8).read_unaligned() };
+            word >> (at % 8)
+        }
+
+        #[inline(always)]
+        fn clear_window(arena: &mut [u32], at: usize, count: u32) {
+            debug_assert!(count <= WINDOW_BITS);
+            let place = in_arena_mut::<u32>(arena, at / 8);
+            let mask = ((1u32 << count) - 1) << (at % 8);
+            // SAFETY: as above.
+            unsafe { place.write_unaligned(place.read_unaligned() & !mask) }
+        }
+    }
+}
+
+#[cfg(all(feature = "unchecked", target_endian = "big"))]
+compile_error!(
+    "flags are read across words, low bytes first: build without the feature `unchecked`"
+);
