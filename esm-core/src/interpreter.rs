@@ -311,21 +311,6 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         Self { period_us, ..self }
     }
 
-    /// Gives blob and arena back.
-    pub fn into_parts(self) -> (Verified<B>, &'m mut [u32]) {
-        (self.verified, self.arena)
-    }
-
-    /// The blob that it runs.
-    pub fn verified(&self) -> &Verified<B> {
-        &self.verified
-    }
-
-    /// The tables of the blob that it runs.
-    pub fn tables(&self) -> Tables<'_> {
-        self.verified.tables()
-    }
-
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
         let passed_us = u64::from(missed) * u64::from(self.period_us);
@@ -358,6 +343,102 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             changed,
             finished: self.is_finished(),
         })
+    }
+
+    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false unless it is current.
+    pub fn is_busy_inside(&self, region_instance: usize, superstate: usize) -> bool {
+        self.is_current_state(region_instance, superstate) && self.is_busy_within(region_instance)
+    }
+
+    /// Changes a control flag of a task instance, by its place in the signature. Between macro steps only.
+    pub fn set_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
+        self.write_task_flag(task_instance, format::TASK_CONTROL_FLAGS + flag, value);
+    }
+
+    /// [`set_flag`](Self::set_flag) of the task instance with these places.
+    pub fn set_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
+        self.write_flag_at(places, format::TASK_CONTROL_FLAGS + flag, value);
+    }
+
+    /// [`set_busy`](Self::set_busy) of the task instance with these places.
+    pub fn set_busy_at(&mut self, places: &TaskPlaces, busy: bool) {
+        self.write_flag_at(places, format::FLAG_BUSY, busy);
+    }
+
+    /// Changes the busy flag of a task instance. Between macro steps only.
+    pub fn set_busy(&mut self, task_instance: usize, busy: bool) {
+        self.write_task_flag(task_instance, format::FLAG_BUSY, busy);
+    }
+
+    /// A task reports that it is finished: its exit flag is set, its enable bit reset. Between macro steps only.
+    pub fn report_exit(&mut self, task_instance: usize) {
+        self.write_task_flag(task_instance, format::FLAG_EXIT, true);
+        self.clear_enabled(task_instance);
+    }
+
+    /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between macro steps only.
+    pub fn clear_enabled(&mut self, task_instance: usize) {
+        if task_instance < self.layout.tasks {
+            self.disable(task_instance);
+        }
+    }
+
+    /// Writes a bit of a task instance's flag block, if the block has it.
+    #[inline]
+    fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
+        if task >= self.layout.tasks {
+            return;
+        }
+        let record = self.record(Section::TaskInstances, task);
+        let left = self.record(Section::States, self.field(record, task_instance::STATE));
+        if flag < self.field(left, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK) {
+            let first = self.field(record, task_instance::FIRST_FLAG);
+            let region = self.field(record, task_instance::REGION);
+            self.write_flag(first + flag, region, value);
+        }
+    }
+
+    /// Writes a bit of the flag block with these places, which need not come from this machine's tables.
+    fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
+        let (bit, region) = (
+            usize::from(places.first_flag) + flag,
+            usize::from(places.region),
+        );
+        let flags = WORD_BITS * (self.layout.enabled - self.layout.flags);
+        if flag < usize::from(places.flags) && bit < flags && region < self.layout.regions {
+            self.write_flag(bit, region, value);
+        }
+    }
+
+    /// Writes a flag, and wakes the region that it belongs to if it changes.
+    #[inline]
+    fn write_flag(&mut self, flag: usize, region: usize, value: bool) {
+        let place = self.layout.flags + flag / WORD_BITS;
+        let bit = 1 << (flag % WORD_BITS);
+        let word = self.load(place);
+        let written = if value { word | bit } else { word & !bit };
+        if written != word {
+            self.store(place, written);
+            self.wake(region);
+        }
+    }
+}
+
+/// What it shows of itself, and gives back.
+impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
+    /// Gives blob and arena back.
+    pub fn into_parts(self) -> (Verified<B>, &'m mut [u32]) {
+        (self.verified, self.arena)
+    }
+
+    /// The blob that it runs.
+    pub fn verified(&self) -> &Verified<B> {
+        &self.verified
+    }
+
+    /// The tables of the blob that it runs.
+    pub fn tables(&self) -> Tables<'_> {
+        self.verified.tables()
     }
 
     /// The fault that stopped the machine.
@@ -430,16 +511,6 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         bit(self.flag_words(), flag)
     }
 
-    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false unless it is current.
-    pub fn is_busy_inside(&self, region_instance: usize, superstate: usize) -> bool {
-        self.is_current_state(region_instance, superstate) && self.is_busy_within(region_instance)
-    }
-
-    /// Changes a control flag of a task instance, by its place in the signature. Between macro steps only.
-    pub fn set_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
-        self.write_task_flag(task_instance, format::TASK_CONTROL_FLAGS + flag, value);
-    }
-
     /// A control flag of a task instance, by its place in the signature.
     pub fn task_flag(&self, task_instance: usize, flag: usize) -> bool {
         self.tables()
@@ -463,16 +534,6 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         flags as u16 & u16::MAX >> unused
     }
 
-    /// [`set_flag`](Self::set_flag) of the task instance with these places.
-    pub fn set_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
-        self.write_flag_at(places, format::TASK_CONTROL_FLAGS + flag, value);
-    }
-
-    /// [`set_busy`](Self::set_busy) of the task instance with these places.
-    pub fn set_busy_at(&mut self, places: &TaskPlaces, busy: bool) {
-        self.write_flag_at(places, format::FLAG_BUSY, busy);
-    }
-
     /// The exit flag of a task instance.
     pub fn has_exited(&self, task_instance: usize) -> bool {
         self.tables()
@@ -485,64 +546,6 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         self.tables()
             .flags_of_task(task_instance)
             .is_some_and(|(first, _)| self.flag(first + format::FLAG_BUSY))
-    }
-
-    /// Changes the busy flag of a task instance. Between macro steps only.
-    pub fn set_busy(&mut self, task_instance: usize, busy: bool) {
-        self.write_task_flag(task_instance, format::FLAG_BUSY, busy);
-    }
-
-    /// A task reports that it is finished: its exit flag is set, its enable bit reset. Between macro steps only.
-    pub fn report_exit(&mut self, task_instance: usize) {
-        self.write_task_flag(task_instance, format::FLAG_EXIT, true);
-        self.clear_enabled(task_instance);
-    }
-
-    /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between macro steps only.
-    pub fn clear_enabled(&mut self, task_instance: usize) {
-        if task_instance < self.layout.tasks {
-            self.disable(task_instance);
-        }
-    }
-
-    /// Writes a bit of a task instance's flag block, if the block has it.
-    #[inline]
-    fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
-        if task >= self.layout.tasks {
-            return;
-        }
-        let record = self.record(Section::TaskInstances, task);
-        let left = self.record(Section::States, self.field(record, task_instance::STATE));
-        if flag < self.field(left, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK) {
-            let first = self.field(record, task_instance::FIRST_FLAG);
-            let region = self.field(record, task_instance::REGION);
-            self.write_flag(first + flag, region, value);
-        }
-    }
-
-    /// Writes a bit of the flag block with these places, which need not come from this machine's tables.
-    fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
-        let (bit, region) = (
-            usize::from(places.first_flag) + flag,
-            usize::from(places.region),
-        );
-        let flags = WORD_BITS * (self.layout.enabled - self.layout.flags);
-        if flag < usize::from(places.flags) && bit < flags && region < self.layout.regions {
-            self.write_flag(bit, region, value);
-        }
-    }
-
-    /// Writes a flag, and wakes the region that it belongs to if it changes.
-    #[inline]
-    fn write_flag(&mut self, flag: usize, region: usize, value: bool) {
-        let place = self.layout.flags + flag / WORD_BITS;
-        let bit = 1 << (flag % WORD_BITS);
-        let word = self.load(place);
-        let written = if value { word | bit } else { word & !bit };
-        if written != word {
-            self.store(place, written);
-            self.wake(region);
-        }
     }
 }
 
@@ -557,12 +560,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// A field of the record that begins at a byte.
     #[inline(always)]
     fn field(&self, record: usize, field: Field) -> usize {
-        R::half(&self.verified.tables().bytes(), record + field.offset()).into()
+        R::half(self.verified.tables().bytes(), record + field.offset()).into()
     }
 
     #[inline(always)]
     fn word_of(&self, record: usize) -> u32 {
-        R::word(&self.verified.tables().bytes(), record)
+        R::word(self.verified.tables().bytes(), record)
     }
 
     /// Which events a state's transitions are on. It is the first field of a state.

@@ -190,7 +190,7 @@ pub enum SimError {
 ///
 /// # Errors
 /// If the trace cannot be written.
-pub fn run<B: std::ops::Deref<Target = [u8]>>(
+pub fn run<B: StableBytes>(
     verified: Verified<B>,
     directory: &Arc<Directory>,
     scenario: &BoundScenario,
@@ -229,7 +229,7 @@ struct Simulation<'m, B, W> {
     outcome: Outcome,
 }
 
-impl<B: std::ops::Deref<Target = [u8]>, W: Write> Simulation<'_, B, W> {
+impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
     fn run(&mut self, scenario: &BoundScenario, period_us: u64) -> io::Result<()> {
         let mut inputs = scenario.inputs.iter().peekable();
         let mut expectations = scenario.expectations.iter().peekable();

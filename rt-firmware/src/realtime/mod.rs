@@ -156,6 +156,7 @@ impl Ready {
         duration_us: 0,
         instance: NONE,
         places: TaskPlaces {
+            region: 0,
             first_flag: 0,
             flags: 0,
             first_param: 0,

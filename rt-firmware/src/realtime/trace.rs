@@ -3,7 +3,7 @@
 use core::ops::Deref;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use esm_core::tables::{StateKind, Tables};
+use esm_core::tables::Tables;
 use esm_core::{Fault, Interpreter, Observer, StepSummary, TransitionTaken};
 
 use super::tasks::TaskTable;
@@ -110,10 +110,8 @@ impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
         let region = self.tables.region_instance(self.at)?;
         let state = (self.current)(self.at);
         let item = (self.at as u16, state as u16);
-        self.at = match self.tables.state(state)?.kind {
-            StateKind::Super { region_offset, .. } => self.at + region_offset,
-            _ => region.next,
-        };
+        let inside = self.tables.first_region_inside(self.at, state);
+        self.at = inside.unwrap_or(region.next);
         Some(item)
     }
 }
