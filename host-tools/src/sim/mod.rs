@@ -10,6 +10,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 
 use esm_core::format;
+use esm_core::reads::StableBytes;
 use esm_core::{Fault, Interpreter, Observer, TransitionTaken, Verified};
 
 use crate::scenario::Name;
