@@ -18,7 +18,7 @@ use crate::schedule::Schedule;
 use crate::trace::directory::Directory;
 
 /// How a blob begins, so that it is told from a source.
-pub const BLOB_MARK: &[u8; 4] = b"ESM1";
+pub const BLOB_MARK: &[u8; 4] = b"ESM2";
 
 /// How long commands that need start times, and no more, search for them: as long as `esm schedule` does where nothing else is asked for.
 pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(5);
@@ -207,7 +207,7 @@ mod tests {
     fn a_blob_where_a_source_belongs_is_recognised() {
         let folder = tempfile::tempdir().unwrap();
         let cases: [(&str, &[u8], bool); 4] = [
-            ("blob", b"ESM1\n and more", true),
+            ("blob", b"ESM2\n and more", true),
             ("source", b"machine M { }", false),
             ("short", b"ES", false),
             ("empty", b"", false),

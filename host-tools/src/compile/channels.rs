@@ -1,31 +1,30 @@
-//! Where events are visible: for each instance and each event that it sends, the set of instances that see it.
+//! Who listens to events: for each instance and each event that it sends, the region instances that see the event and have a transition on it.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use esm_core::format::CHANNEL_NO_BITS;
-
 use super::instances::Tree;
 use super::layout::Layout;
-use super::{Capacity, CompileError, Table, within};
-use crate::model::Model;
+use super::{Capacity, CompileError, MAX_RECORDS, Table, within};
+use crate::model::{Model, Region, Trigger};
 
 /// The tables of events.
 #[derive(Default)]
 pub(super) struct Channels {
     pub channels: Table,
-    pub visibility: Vec<u8>,
+    pub listeners: Table,
 }
 
-/// A window of instances, with a bit for each that sees the event where not all do.
-#[derive(Clone, Copy)]
-struct Window {
-    first: usize,
-    count: usize,
-    bits: u32,
+/// Where the bits of those who listen are: region instances 32 a word, the first of a word in its highest bit.
+#[derive(Clone, Copy, Default)]
+struct Row {
+    /// First word in the table.
+    first_word: usize,
+    /// The word of region instances that it is for.
+    first_region_word: usize,
+    words: usize,
 }
 
-/// Visibility bits are as many as instances squared at worst; a blob with more than this is not meant seriously.
-const MAX_VISIBILITY_BYTES: usize = 1 << 24;
+const WORD_BITS: usize = u32::BITS as usize;
 
 /// Works out the visibility of all events.
 struct Visibility<'a> {
@@ -34,11 +33,13 @@ struct Visibility<'a> {
     forwarded_in: HashSet<(usize, usize)>,
     /// The same for `out event`.
     forwarded_out: HashSet<(usize, usize)>,
-    /// Windows by sender and event.
-    windows: HashMap<(usize, usize), Window>,
-    /// Where equal bits already are.
-    rows: HashMap<Vec<u8>, u32>,
-    bits: Vec<u8>,
+    /// Pairs of container number and event with the places of the regions that have transitions on it.
+    receivers: HashMap<(usize, usize), Vec<usize>>,
+    /// Rows by sender and event.
+    rows: HashMap<(usize, usize), Row>,
+    /// Where equal words already are.
+    places: HashMap<Vec<u32>, usize>,
+    listeners: Table,
 }
 
 /// Writes the channels of all instances.
@@ -47,9 +48,10 @@ pub(super) fn write(model: &Model, layout: &Layout, tree: &Tree) -> Result<Chann
         tree,
         forwarded_in: HashSet::new(),
         forwarded_out: HashSet::new(),
-        windows: HashMap::new(),
+        receivers: HashMap::new(),
         rows: HashMap::new(),
-        bits: Vec::new(),
+        places: HashMap::new(),
+        listeners: Table::default(),
     };
     for (number, (_, declared)) in layout.with_models(model).enumerate() {
         for event in &declared.events {
@@ -60,33 +62,49 @@ pub(super) fn write(model: &Model, layout: &Layout, tree: &Tree) -> Result<Chann
                 visibility.forwarded_out.insert((number, event.event));
             }
         }
+        for (place, region) in declared.regions.iter().enumerate() {
+            for event in received(region) {
+                let receivers = visibility.receivers.entry((number, event));
+                receivers.or_default().push(place);
+            }
+        }
     }
     let mut channels = Table::default();
     for (index, instance) in tree.instances.iter().enumerate() {
         for event in &layout.containers[instance.container].sent {
-            let window = visibility.window(index, *event)?;
+            let row = visibility.row(index, *event)?;
             let number = layout.event_numbers.get(event).copied().unwrap_or(0);
-            channels.words([number, window.first, window.count]);
-            channels.longs([window.bits]);
+            channels.words([number, row.first_word, row.first_region_word, row.words]);
         }
     }
     Ok(Channels {
         channels,
-        visibility: visibility.bits,
+        listeners: visibility.listeners,
     })
 }
 
+/// The events that a region has transitions on, each once.
+fn received(region: &Region) -> BTreeSet<usize> {
+    let triggers = region.transitions.iter().map(|it| it.trigger);
+    triggers
+        .filter_map(|trigger| match trigger {
+            Trigger::Event(event) => Some(event),
+            Trigger::Pulse | Trigger::Star => None,
+        })
+        .collect()
+}
+
 impl Visibility<'_> {
-    /// Who sees an event that is sent in an instance.
-    fn window(&mut self, sender: usize, event: usize) -> Result<Window, CompileError> {
+    /// Who listens to an event that is sent in an instance.
+    fn row(&mut self, sender: usize, event: usize) -> Result<Row, CompileError> {
         // Up as far as the event is forwarded. Where it would come down the same way again, the instance above sees it with the same ones: one
         // set for both.
         let mut owner = sender;
         while self.goes_up(owner, event) && self.goes_down(owner, event) {
             owner = self.tree.instances[owner].around;
         }
-        if let Some(window) = self.windows.get(&(owner, event)) {
-            return Ok(*window);
+        if let Some(row) = self.rows.get(&(owner, event)) {
+            return Ok(*row);
         }
         let mut seen = BTreeSet::from([owner]);
         let mut open = vec![owner];
@@ -103,9 +121,9 @@ impl Visibility<'_> {
                 }
             }
         }
-        let window = self.write_window(&seen, owner)?;
-        self.windows.insert((owner, event), window);
-        Ok(window)
+        let row = self.write_row(&self.listeners_among(&seen, event))?;
+        self.rows.insert((owner, event), row);
+        Ok(row)
     }
 
     /// Whether an event is visible around an instance that it is visible in.
@@ -120,40 +138,42 @@ impl Visibility<'_> {
         self.forwarded_in.contains(&(container, event))
     }
 
-    fn write_window(
-        &mut self,
-        seen: &BTreeSet<usize>,
-        sender: usize,
-    ) -> Result<Window, CompileError> {
-        let first = seen.first().copied().unwrap_or(sender);
-        let last = seen.last().copied().unwrap_or(sender);
-        let count = last - first + 1;
-        if count == seen.len() {
-            return Ok(Window {
-                first,
-                count,
-                bits: CHANNEL_NO_BITS,
-            });
+    /// The region instances that have transitions on an event, of the instances that see it.
+    fn listeners_among(&self, seen: &BTreeSet<usize>, event: usize) -> Vec<usize> {
+        let mut listeners = Vec::new();
+        for instance in seen.iter().map(|seen| &self.tree.instances[*seen]) {
+            let places = self.receivers.get(&(instance.container, event));
+            let regions = places.into_iter().flatten();
+            listeners.extend(regions.map(|place| instance.regions[*place]));
         }
-        let mut row = vec![0_u8; count.div_ceil(8)];
-        for instance in seen {
-            let offset = instance - first;
-            row[offset / 8] |= 1 << (offset % 8);
+        listeners
+    }
+
+    fn write_row(&mut self, listeners: &[usize]) -> Result<Row, CompileError> {
+        let (Some(first), Some(last)) = (listeners.iter().min(), listeners.iter().max()) else {
+            return Ok(Row::default());
+        };
+        let first_region_word = first / WORD_BITS;
+        let mut words = vec![0_u32; last / WORD_BITS - first_region_word + 1];
+        for region in listeners {
+            let highest = 1 << (WORD_BITS - 1);
+            words[region / WORD_BITS - first_region_word] |= highest >> (region % WORD_BITS);
         }
-        let start = self.bits.len();
-        let bits = match self.rows.get(&row) {
-            Some(bits) => *bits,
+        let count = words.len();
+        let next = self.listeners.bytes.len() / size_of::<u32>();
+        let first_word = match self.places.get(&words) {
+            Some(place) => *place,
             None => {
-                within(
-                    Capacity::VisibilityBytes,
-                    start + row.len(),
-                    MAX_VISIBILITY_BYTES,
-                )?;
-                self.bits.extend_from_slice(&row);
-                self.rows.insert(row, start as u32);
-                start as u32
+                within(Capacity::ListenerWords, next + count, MAX_RECORDS)?;
+                words.iter().for_each(|word| self.listeners.longs([*word]));
+                self.places.insert(words, next);
+                next
             }
         };
-        Ok(Window { first, count, bits })
+        Ok(Row {
+            first_word,
+            first_region_word,
+            words: count,
+        })
     }
 }

@@ -1,6 +1,7 @@
-//! Guards and actions as code.
+//! Guards and actions.
 //!
-//! A guard becomes a row of tests, each of which jumps or goes on with the next: `a and (b or not c)` is
+//! A guard gets the cheapest form that fits. Most ask for flags of the state that is left: one of them is a number, a conjunction of several is a mask and a value. What
+//! else there is becomes a program: a row of tests, each of which jumps or goes on with the next. `^a and (.b or not .c)` is
 //!
 //! ```text
 //! 0  a is clear -> false
@@ -9,12 +10,16 @@
 //! 3  (true)
 //! ```
 //!
-//! so no test is made whose outcome cannot matter, and evaluation needs no stack.
+//! so no test is made whose outcome cannot matter, and evaluation needs no stack. All forms look through nesting and negation: how a guard is written makes no difference.
+//!
+//! Of actions, one `send` is a number too; all others are a row.
 
 use esm_core::format::{
-    CODE_CLEAR, CODE_END, CODE_JUMP_IF_BUSY_INSIDE, CODE_JUMP_IF_CLEAR, CODE_JUMP_IF_IDLE_INSIDE,
-    CODE_JUMP_IF_SET, CODE_OPERATION_SHIFT, CODE_SEND, CODE_SET, CONTAINER_CONTROL_FLAGS,
-    FLAG_BUSY, FLAG_EXIT, FLAG_TIMEOUT, MAX_JUMP, TASK_CONTROL_FLAGS,
+    ACTION_NONE, ACTION_ROW, ACTION_SEND, CODE_CLEAR, CODE_END, CODE_JUMP_IF_BUSY_INSIDE,
+    CODE_JUMP_IF_CLEAR, CODE_JUMP_IF_IDLE_INSIDE, CODE_JUMP_IF_SET, CODE_OPERATION_SHIFT,
+    CODE_SEND, CODE_SET, CONTAINER_CONTROL_FLAGS, FLAG_BUSY, FLAG_EXIT, FLAG_TIMEOUT,
+    GUARD_IF_CLEAR, GUARD_MASK, GUARD_PROGRAM, GUARD_TRUE, MAX_CODE, MAX_JUMP, TASK_CONTROL_FLAGS,
+    WINDOW_FLAGS,
 };
 
 use super::layout::{ContainerLayout, StateLayout};
@@ -35,7 +40,7 @@ impl Flags<'_> {
         matches!(self.state.kind, StateKind::Super { .. })
     }
 
-    fn is_simple(&self) -> bool {
+    pub(super) fn is_simple(&self) -> bool {
         matches!(self.state.kind, StateKind::Simple)
     }
 
@@ -55,6 +60,61 @@ impl Flags<'_> {
             StateKind::Super { .. } => CONTAINER_CONTROL_FLAGS,
         };
         (first + flag < self.layout.flags).then_some(self.layout.begin.flags + first + flag)
+    }
+
+    /// The bit of the window in which a guard finds one of the state's own flags, if it is one that the window has.
+    fn window_bit(&self, flag: &Guard) -> Option<u16> {
+        let bit = match *flag {
+            Guard::Exit => self.exit(),
+            // That of a superstate is worked out from what is inside.
+            Guard::Busy if self.is_super() => None,
+            Guard::Busy => self.exit().map(|exit| exit + FLAG_BUSY),
+            Guard::Timeout => Some(self.timeout()),
+            Guard::Own(flag) => self.control(flag),
+            Guard::Parent(_) | Guard::Not(_) | Guard::And(_) | Guard::Or(_) => None,
+        };
+        let place = bit?.checked_sub(self.layout.begin.flags)?;
+        (place < usize::from(WINDOW_FLAGS)).then_some(place as u16)
+    }
+}
+
+/// The bits of the window that a conjunction wants to be set, and those that it wants to be clear.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Conjunction {
+    set: u16,
+    clear: u16,
+}
+
+impl Conjunction {
+    /// What a guard wants, if nothing else can make it true.
+    fn of(guard: &Guard, source: Flags<'_>) -> Option<Self> {
+        let mut found = Self::default();
+        let is_whole = found.add(guard, true, source);
+        // One that contradicts itself has no mask: no value could be false for sure.
+        (is_whole && found != Self::default() && found.set & found.clear == 0).then_some(found)
+    }
+
+    /// Adds what makes the guard have a value; false if that is no conjunction of flags in the window.
+    fn add(&mut self, guard: &Guard, value: bool, source: Flags<'_>) -> bool {
+        match (guard, value) {
+            (Guard::Not(inner), _) => self.add(inner, !value, source),
+            (Guard::And(terms), true) | (Guard::Or(terms), false) => {
+                terms.iter().all(|term| self.add(term, value, source))
+            }
+            (Guard::And(_), false) | (Guard::Or(_), true) => false,
+            (flag, _) => match source.window_bit(flag) {
+                Some(bit) => {
+                    let wanted = if value {
+                        &mut self.set
+                    } else {
+                        &mut self.clear
+                    };
+                    *wanted |= 1 << bit;
+                    true
+                }
+                None => false,
+            },
+        }
     }
 }
 
@@ -148,24 +208,53 @@ impl Tests<'_> {
     }
 }
 
-/// Appends the code of a transition to `code`. Returns whether it has any.
-pub(super) fn append(
+/// Bytes of a code record.
+const CODE_BYTES: usize = 4;
+
+/// Appends the code of a transition's guard, if it needs any. Returns the guard as the transition names it.
+pub(super) fn append_guard(
     code: &mut Table,
-    container: &ContainerLayout,
     transition: &Transition,
     source: Option<Flags<'_>>,
-    target: Option<Flags<'_>>,
-) -> Result<bool, CompileError> {
+) -> Result<u16, CompileError> {
+    let guard = match (&transition.guard, transition.trigger) {
+        (Some(guard), _) => guard,
+        (None, Trigger::Star) => &Guard::Exit,
+        (None, _) => return Ok(GUARD_TRUE),
+    };
+    let start = records(code);
+    match source.and_then(|source| Conjunction::of(guard, source)) {
+        Some(Conjunction { set, clear: 0 }) if set.is_power_of_two() => {
+            Ok(set.trailing_zeros() as u16)
+        }
+        Some(Conjunction { set: 0, clear }) if clear.is_power_of_two() => {
+            Ok(GUARD_IF_CLEAR + clear.trailing_zeros() as u16)
+        }
+        Some(Conjunction { set, clear }) => {
+            code.words([usize::from(set | clear), usize::from(set)]);
+            number(code, transition, GUARD_MASK, start)
+        }
+        None => {
+            append_program(code, guard, transition, source)?;
+            number(code, transition, GUARD_PROGRAM, start)
+        }
+    }
+}
+
+/// Appends a guard as tests, and their end.
+fn append_program(
+    code: &mut Table,
+    guard: &Guard,
+    transition: &Transition,
+    source: Option<Flags<'_>>,
+) -> Result<(), CompileError> {
     let mut tests = Tests {
         source,
         span: transition.span,
         tests: Vec::new(),
         labels: Vec::new(),
     };
-    let star = (transition.trigger == Trigger::Star).then_some(&Guard::Exit);
-    for guard in star.into_iter().chain(&transition.guard) {
-        tests.append(guard, false, Label::False)?;
-    }
+    tests.append(guard, false, Label::False)?;
     let Tests { tests, labels, .. } = tests;
     within(Capacity::GuardTests, tests.len(), usize::from(MAX_JUMP))
         .map_err(|error| error.at(transition.span))?;
@@ -176,8 +265,19 @@ pub(super) fn append(
         };
         append_instruction(code, test.operand, test.operation, jump);
     }
-    for (at, action) in transition.actions.iter().enumerate() {
-        let is_last = at + 1 == transition.actions.len();
+    append_instruction(code, 0, CODE_END, 0);
+    Ok(())
+}
+
+/// Appends the code of a transition's actions, if they need any. Returns the action as the transition names it.
+pub(super) fn append_actions(
+    code: &mut Table,
+    container: &ContainerLayout,
+    transition: &Transition,
+    target: Option<Flags<'_>>,
+) -> Result<u16, CompileError> {
+    let start = records(code);
+    let instruction = |action: &Action| {
         let write = |value| if value { CODE_SET } else { CODE_CLEAR };
         let (operand, operation) = match *action {
             Action::Send(event) => (
@@ -190,12 +290,39 @@ pub(super) fn append(
             Action::Parent(flag, value) => (Some(CONTAINER_CONTROL_FLAGS + flag), write(value)),
         };
         let operand = operand.ok_or(CompileError::Contradiction(transition.span))?;
-        append_instruction(code, operand, operation, usize::from(is_last));
+        Ok((operand, operation))
+    };
+    match &transition.actions[..] {
+        [] => Ok(ACTION_NONE),
+        [send @ Action::Send(_)] => {
+            let (channel, _) = instruction(send)?;
+            // A container sends no more events than there are numbers for, and these have 15 bits too.
+            Ok(ACTION_SEND | channel as u16)
+        }
+        actions => {
+            for (at, action) in actions.iter().enumerate() {
+                let is_last = at + 1 == actions.len();
+                let (operand, operation) = instruction(action)?;
+                append_instruction(code, operand, operation, usize::from(is_last));
+            }
+            number(code, transition, ACTION_ROW, start)
+        }
     }
-    if transition.actions.is_empty() && !tests.is_empty() {
-        append_instruction(code, 0, CODE_END, 0);
-    }
-    Ok(!tests.is_empty() || !transition.actions.is_empty())
+}
+
+fn records(code: &Table) -> usize {
+    code.bytes.len() / CODE_BYTES
+}
+
+/// The number of what begins at a code record, after the last record of it was written.
+fn number(
+    code: &Table,
+    transition: &Transition,
+    first: u16,
+    start: usize,
+) -> Result<u16, CompileError> {
+    within(Capacity::Code, records(code), MAX_CODE).map_err(|error| error.at(transition.span))?;
+    Ok(first + start as u16)
 }
 
 fn append_instruction(code: &mut Table, operand: usize, operation: u16, low: usize) {

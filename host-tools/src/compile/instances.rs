@@ -17,8 +17,8 @@ pub(super) struct Instance {
     pub first_channel: usize,
     /// Its first task instance.
     pub first_task: usize,
-    /// Region instance and state that it is inside of; both 0 for the machine.
-    pub parent: (usize, usize),
+    /// Region instance that it is inside of; 0 for the machine.
+    pub around_region: usize,
     /// The instance around it; itself for the machine.
     pub around: usize,
     /// The instances inside its superstates: their region and state there, in source order, and their numbers.
@@ -33,12 +33,25 @@ struct RegionInstance {
     instance: usize,
 }
 
+/// A task instance.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TaskInstance {
+    /// Its state in the tables.
+    pub state: usize,
+    /// Its region instance.
+    pub region: usize,
+    /// Its first flag bit in the whole machine.
+    pub first_flag: usize,
+    /// Its task's place in [`Model::tasks`].
+    pub task: usize,
+}
+
 /// All instances.
 pub(super) struct Tree {
     /// By number.
     pub instances: Vec<Instance>,
-    /// By number: state in the tables, region instance, and place in [`Model::tasks`].
-    pub tasks: Vec<(usize, usize, usize)>,
+    /// By number.
+    pub tasks: Vec<TaskInstance>,
     regions: Vec<RegionInstance>,
     /// First instance of each container in use.
     first_instances: Vec<usize>,
@@ -57,7 +70,7 @@ impl Tree {
         let spans = layout.root().spans;
         let mut tree = Self {
             instances: vec![Instance::default(); spans.instances],
-            tasks: vec![(0, 0, 0); spans.tasks],
+            tasks: vec![TaskInstance::default(); spans.tasks],
             regions: vec![RegionInstance::default(); spans.regions],
             first_instances: vec![usize::MAX; layout.containers.len()],
         };
@@ -88,7 +101,12 @@ impl Tree {
                         StateKind::Simple => {}
                         StateKind::Task { task, .. } => {
                             let task_index = instance.first_task + state.begin.tasks;
-                            tree.tasks[task_index] = (state.index, at, task);
+                            tree.tasks[task_index] = TaskInstance {
+                                state: state.index,
+                                region: at,
+                                first_flag: instance.first_flag + state.begin.flags,
+                                task,
+                            };
                         }
                         StateKind::Super { container } => {
                             let inside = index + state.begin.instances;
@@ -97,7 +115,7 @@ impl Tree {
                                 container: layout.numbers[&container],
                                 first_flag: instance.first_flag + state.begin.flags,
                                 first_task: instance.first_task + state.begin.tasks,
-                                parent: (at, state.index),
+                                around_region: at,
                                 around: index,
                                 ..Instance::default()
                             };
@@ -124,19 +142,16 @@ impl Tree {
     }
 
     /// Writes the tables.
-    pub(super) fn write(&self, layout: &Layout) -> InstanceTables {
+    pub(super) fn write(&self) -> InstanceTables {
         let mut tables = InstanceTables::default();
         for instance in &self.instances {
-            let spans = layout.containers[instance.container].spans;
             tables.instances.words([
                 instance.container,
                 instance.regions.first().copied().unwrap_or(0),
                 instance.first_flag,
                 instance.first_channel,
                 instance.first_task,
-                instance.first_task + spans.tasks,
-                instance.parent.0,
-                instance.parent.1,
+                instance.around_region,
             ]);
         }
         for region in &self.regions {

@@ -1,7 +1,7 @@
 //! From a resolved model to a blob.
 //!
 //! The passes run in the order of the modules: which containers the machine uses and how an instance of each is laid out
-//! (`layout`); guards and actions as code (`code`); templates as records (`templates`); the instance tree (`instances`); where events are visible
+//! (`layout`); guards and actions (`code`); templates as records (`templates`); the instance tree (`instances`); who listens to which events
 //! (`channels`); which ports share a net (`nets`); names (`names`). What comes out is verified by the firmware's own code before anybody gets it.
 //!
 //! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
@@ -94,7 +94,7 @@ pub enum Capacity {
     States,
     /// Transitions of all containers in use.
     Transitions,
-    /// Tests and actions of all transitions.
+    /// Records of guards and actions.
     Code,
     /// Tests of one guard.
     GuardTests,
@@ -112,8 +112,8 @@ pub enum Capacity {
     StateFlags,
     /// Pairs of a container instance and an event that it sends.
     Channels,
-    /// Bytes of visibility bits.
-    VisibilityBytes,
+    /// Words of bits of those who listen to events.
+    ListenerWords,
     /// Tasks in use.
     Tasks,
     /// Bytes of all signatures.
@@ -137,7 +137,7 @@ impl std::fmt::Display for Capacity {
             Self::Regions => "regions",
             Self::States => "states",
             Self::Transitions => "transitions",
-            Self::Code => "tests and actions",
+            Self::Code => "records of guards and actions",
             Self::GuardTests => "tests in one guard",
             Self::Instances => "container instances",
             Self::RegionInstances => "region instances",
@@ -146,7 +146,7 @@ impl std::fmt::Display for Capacity {
             Self::Flags => "flag bits",
             Self::StateFlags => "flags of one state",
             Self::Channels => "channels",
-            Self::VisibilityBytes => "bytes of visibility bits",
+            Self::ListenerWords => "words of listeners",
             Self::Tasks => "tasks",
             Self::SignatureBytes => "bytes of task signatures",
             Self::TaskStates => "task states",
@@ -279,12 +279,12 @@ pub fn compile_with(
     let tree = instances::Tree::of(model, &layout)?;
     let templates = templates::write(model, &layout, &tree)?;
     let channels = channels::write(model, &layout, &tree)?;
-    let nets = nets::write(model, &layout, &tree)?;
+    let nets = nets::write(model, &layout, &tree, &templates)?;
     let names = match name_table {
         NameTable::Kept => names::write(model, &layout, &templates.groups),
         NameTable::LeftOut => Vec::new(),
     };
-    let instances = tree.write(&layout);
+    let instances = tree.write();
 
     let mut mission = Table::default();
     mission.words([
@@ -302,10 +302,11 @@ pub fn compile_with(
         states: &templates.states.bytes,
         transitions: &templates.transitions.bytes,
         code: &templates.code.bytes,
+        timers: &templates.timers.bytes,
         instances: &instances.instances.bytes,
         region_instances: &instances.region_instances.bytes,
         channels: &channels.channels.bytes,
-        visibility: &channels.visibility,
+        listeners: &channels.listeners.bytes,
         tasks: &templates.tasks.bytes,
         signatures: &templates.signatures,
         task_states: &templates.task_states.bytes,

@@ -6,6 +6,7 @@ use esm_core::signature::fnv1a;
 
 use super::instances::Tree;
 use super::layout::Layout;
+use super::templates::Templates;
 use super::{Capacity, CompileError, MAX_RECORDS, Table, within};
 use crate::model::{Model, PathEnd, Span, StateKind};
 
@@ -30,16 +31,27 @@ struct Ports {
 }
 
 /// Writes task instances, connections and nets. Nets are numbered in the order of the first task port on them.
-pub(super) fn write(model: &Model, layout: &Layout, tree: &Tree) -> Result<Nets, CompileError> {
+pub(super) fn write(
+    model: &Model,
+    layout: &Layout,
+    tree: &Tree,
+    templates: &Templates,
+) -> Result<Nets, CompileError> {
     let mut ports = Ports::of(model, layout, tree);
     ports.join_all(model, layout, tree)?;
     let mut tables = Nets::default();
     let mut net_of = vec![None; ports.joined_with.len()];
     let mut nets = 0;
     let mut connections = 0;
-    for ((state, region, task), first) in tree.tasks.iter().zip(ports.of_tasks.clone()) {
-        tables.task_instances.words([*state, *region, connections]);
-        for (offset, port) in model.tasks[*task].data.iter().enumerate() {
+    for (instance, first) in tree.tasks.iter().zip(ports.of_tasks.clone()) {
+        tables.task_instances.words([
+            instance.state,
+            instance.region,
+            connections,
+            instance.first_flag,
+            templates.task_state_numbers[&instance.state],
+        ]);
+        for (offset, port) in model.tasks[instance.task].data.iter().enumerate() {
             let net = if ports.on_path[first + offset] {
                 let representative = ports.find(first + offset);
                 *net_of[representative].get_or_insert_with(|| {
@@ -78,7 +90,7 @@ impl Ports {
         let of_tasks = tree
             .tasks
             .iter()
-            .map(|(_, _, task)| take(model.tasks[*task].data.len()))
+            .map(|instance| take(model.tasks[instance.task].data.len()))
             .collect();
         Self {
             of_instances,

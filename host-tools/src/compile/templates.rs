@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use esm_core::format::{
-    NONE, PULSE, STATE_BACKGROUND_TASK, STATE_FINAL, STATE_HAS_TIMEOUT, STATE_INITIAL,
-    STATE_KIND_SHIFT, STATE_SIMPLE, STATE_SUPER, STATE_TASK, TRANSITION_HAS_CODE,
+    ACTION_NONE, NONE, PULSE, STATE_BACKGROUND_TASK, STATE_FINAL, STATE_HAS_TIMEOUT, STATE_INITIAL,
+    STATE_KIND_SHIFT, STATE_SIMPLE, STATE_SUPER, STATE_TASK, TRANSITION_IS_PLAIN,
 };
 use esm_core::signature::fnv1a;
 
@@ -22,6 +22,7 @@ pub(super) struct Templates {
     pub states: Table,
     pub transitions: Table,
     pub code: Table,
+    pub timers: Table,
     pub tasks: Table,
     pub signatures: Vec<u8>,
     pub task_states: Table,
@@ -29,6 +30,8 @@ pub(super) struct Templates {
     counts: Counts,
     /// Number of each task in use, by its place in [`Model::tasks`].
     task_numbers: HashMap<usize, usize>,
+    /// Number of each task state, by its number in the table of states.
+    pub task_state_numbers: HashMap<usize, usize>,
     /// Names of exclusive groups in the order of their numbers.
     pub groups: Vec<String>,
 }
@@ -38,6 +41,7 @@ pub(super) struct Templates {
 struct Counts {
     regions: usize,
     transitions: usize,
+    timers: usize,
     task_states: usize,
     params: usize,
 }
@@ -49,7 +53,6 @@ struct Shape {
     timeout_us: Option<u32>,
     begin: Spans,
     a: usize,
-    b: usize,
 }
 
 /// Writes all templates.
@@ -91,8 +94,8 @@ pub(super) fn write(
     Ok(templates)
 }
 
-/// Bytes of a code record.
-const CODE_BYTES: usize = 4;
+/// Events whose numbers leave the same remainder share a bit of a state.
+const EVENT_BITS: usize = u32::BITS as usize;
 
 impl Templates {
     fn region(
@@ -110,32 +113,30 @@ impl Templates {
             timeout_us: None,
             begin,
             a: 0,
-            b: 0,
         };
         let begin = region
             .states
             .first()
             .map_or_else(|| self.region_end(container, region), |state| state.begin);
-        self.state(no_flags(STATE_INITIAL, begin), &by_source[0]);
-        self.transitions(layout, container, region, declared, None, &by_source[0])?;
+        let outgoing = sorted(layout, &by_source[0])?;
+        self.state(no_flags(STATE_INITIAL, begin), &outgoing);
+        self.transitions(container, region, declared, None, &outgoing)?;
         for (number, (state, declared_state)) in
             region.states.iter().zip(&declared.states).enumerate()
         {
-            let (kind, a, b) = match &declared_state.kind {
-                StateKind::Simple => (STATE_SIMPLE, 0, 0),
+            let (kind, a) = match &declared_state.kind {
+                StateKind::Simple => (STATE_SIMPLE, 0),
                 StateKind::Task { task, slot, params } => {
-                    let task_state = self.task_state(model, *task, *slot, params)?;
+                    self.task_state(model, state.index, *task, *slot, params)?;
                     let kind = match slot {
                         SlotRef::NonRealTime => STATE_BACKGROUND_TASK,
                         SlotRef::Slot(_) => STATE_TASK,
                     };
-                    (kind, state.begin.tasks, task_state)
+                    (kind, state.begin.tasks)
                 }
-                StateKind::Super { .. } => {
-                    (STATE_SUPER, state.begin.regions, state.begin.instances)
-                }
+                StateKind::Super { .. } => (STATE_SUPER, state.begin.instances),
             };
-            let outgoing = &by_source[number + 1];
+            let outgoing = sorted(layout, &by_source[number + 1])?;
             self.state(
                 Shape {
                     kind,
@@ -143,15 +144,14 @@ impl Templates {
                     timeout_us: declared_state.timeout_us,
                     begin: state.begin,
                     a,
-                    b,
                 },
-                outgoing,
+                &outgoing,
             );
             let source = Some(Flags {
                 state: declared_state,
                 layout: state,
             });
-            self.transitions(layout, container, region, declared, source, outgoing)?;
+            self.transitions(container, region, declared, source, &outgoing)?;
         }
         let end = self.region_end(container, region);
         self.state(no_flags(STATE_FINAL, end), &[]);
@@ -169,88 +169,84 @@ impl Templates {
     }
 
     /// Writes a state's record; its transitions are to follow.
-    fn state(&mut self, shape: Shape, outgoing: &[&model::Transition]) {
+    fn state(&mut self, shape: Shape, outgoing: &[Outgoing<'_>]) {
         let first = self.counts.transitions;
-        let on_pulse = outgoing
-            .iter()
-            .filter(|transition| is_on_pulse(transition))
-            .count();
-        let timeout_bit = match shape.timeout_us {
-            Some(_) => STATE_HAS_TIMEOUT,
-            None => 0,
+        let is_on_pulse = |transition: &&Outgoing<'_>| transition.event == usize::from(PULSE);
+        let on_pulse = outgoing.iter().filter(is_on_pulse).count();
+        let bits = outgoing.iter().map(|it| 1 << (it.event % EVENT_BITS));
+        let events = bits.fold(0, |events: u32, bit: u32| events | bit);
+        let (timeout_bit, timer) = match shape.timeout_us {
+            Some(timeout_us) => {
+                self.timers.longs([timeout_us]);
+                self.counts.timers += 1;
+                (STATE_HAS_TIMEOUT, self.counts.timers - 1)
+            }
+            None => (0, 0),
         };
         let word = usize::from(shape.kind << STATE_KIND_SHIFT | timeout_bit) | shape.flags;
+        self.states.longs([events]);
         self.states.words([
             first,
             first + on_pulse,
             shape.begin.flags,
             word,
             shape.a,
-            shape.b,
+            timer,
         ]);
-        self.states.longs([shape.timeout_us.unwrap_or(0)]);
     }
 
-    /// Writes the transitions out of one state: those on the pulse first, since the interpreter looks at one kind only.
+    /// Writes the transitions out of one state.
     fn transitions(
         &mut self,
-        layout: &Layout,
         container: &ContainerLayout,
         region: &RegionLayout,
         declared: &model::Region,
         source: Option<Flags<'_>>,
-        outgoing: &[&model::Transition],
+        outgoing: &[Outgoing<'_>],
     ) -> Result<(), CompileError> {
-        let (on_pulse, on_event): (Vec<_>, Vec<_>) = outgoing
-            .iter()
-            .copied()
-            .partition(|transition| is_on_pulse(transition));
-        for transition in on_pulse.into_iter().chain(on_event) {
-            let contradiction = CompileError::Contradiction(transition.span);
+        for Outgoing { event, transition } in outgoing {
             let (target, target_index) = match transition.target {
                 Target::Final => (None, region.last),
                 Target::State(number) => {
                     let pair = region.states.get(number).zip(declared.states.get(number));
-                    let (layout, state) = pair.ok_or(contradiction.clone())?;
+                    let (layout, state) =
+                        pair.ok_or(CompileError::Contradiction(transition.span))?;
                     (Some(Flags { state, layout }), layout.index)
                 }
             };
-            let event = match transition.trigger {
-                Trigger::Pulse | Trigger::Star => usize::from(PULSE),
-                Trigger::Event(event) => *layout.event_numbers.get(&event).ok_or(contradiction)?,
-            };
-            let start = self.code.bytes.len() / CODE_BYTES;
-            within(Capacity::Code, start, MAX_RECORDS)?;
-            let has_code = code::append(&mut self.code, container, transition, source, target)?;
-            let mark = if has_code {
-                usize::from(TRANSITION_HAS_CODE)
-            } else {
-                0
-            };
-            self.transitions.words([event | mark, target_index, start]);
+            let guard = code::append_guard(&mut self.code, transition, source)?;
+            let action = code::append_actions(&mut self.code, container, transition, target)?;
+            let is_plain = action == ACTION_NONE
+                && source.is_none_or(|source| source.is_simple())
+                && target.is_some_and(|target| target.is_simple() && target.layout.flags == 0);
+            let mark = if is_plain { TRANSITION_IS_PLAIN } else { 0 };
+            self.transitions.words([
+                event | usize::from(mark),
+                target_index,
+                usize::from(guard),
+                usize::from(action),
+            ]);
             self.counts.transitions += 1;
         }
-        within(
-            Capacity::Code,
-            self.code.bytes.len() / CODE_BYTES,
-            MAX_RECORDS,
-        )
+        Ok(())
     }
 
-    /// Writes a task state, and its task where it is the first of it. Returns its number.
+    /// Writes a task state, and its task where it is the first of it.
     fn task_state(
         &mut self,
         model: &Model,
+        state: usize,
         task: usize,
         slot: SlotRef,
         params: &[Value],
-    ) -> Result<usize, CompileError> {
+    ) -> Result<(), CompileError> {
         let number = self.task(model, task)?;
         let slot = match slot {
             SlotRef::NonRealTime => usize::from(NONE),
             SlotRef::Slot(slot) => slot,
         };
-        self.task_states.words([number, slot, self.counts.params]);
+        self.task_states
+            .words([number, slot, self.counts.params, state]);
         for value in params {
             self.params.longs([match *value {
                 Value::Bool(value) => u32::from(value),
@@ -260,9 +256,10 @@ impl Templates {
             }]);
         }
         self.counts.params += params.len();
-        let index = self.counts.task_states;
+        self.task_state_numbers
+            .insert(state, self.counts.task_states);
         self.counts.task_states += 1;
-        Ok(index)
+        Ok(())
     }
 
     fn task(&mut self, model: &Model, index: usize) -> Result<usize, CompileError> {
@@ -309,8 +306,30 @@ impl Templates {
     }
 }
 
-fn is_on_pulse(transition: &model::Transition) -> bool {
-    matches!(transition.trigger, Trigger::Pulse | Trigger::Star)
+/// A transition with the number of its event.
+struct Outgoing<'a> {
+    event: usize,
+    transition: &'a model::Transition,
+}
+
+/// The transitions out of one state in the order of a blob: by the numbers of their events, of which that of the pulse is the lowest. The interpreter looks at those of one event only.
+fn sorted<'a>(
+    layout: &Layout,
+    outgoing: &[&'a model::Transition],
+) -> Result<Vec<Outgoing<'a>>, CompileError> {
+    let with_event = |transition: &&'a model::Transition| {
+        let event = match transition.trigger {
+            Trigger::Pulse | Trigger::Star => Some(usize::from(PULSE)),
+            Trigger::Event(event) => layout.event_numbers.get(&event).copied(),
+        };
+        Ok(Outgoing {
+            event: event.ok_or(CompileError::Contradiction(transition.span))?,
+            transition,
+        })
+    };
+    let mut sorted: Vec<_> = outgoing.iter().map(with_event).collect::<Result<_, _>>()?;
+    sorted.sort_by_key(|transition| transition.event);
+    Ok(sorted)
 }
 
 /// The transitions out of `initial` and of each state, in source order.

@@ -1,6 +1,6 @@
-//! A guard's code back to an expression.
+//! A guard back to an expression.
 //!
-//! Code that comes from `and`, `or` and `not` can always be folded: two tests in a row, of which nothing else jumps to the second, are one test if
+//! A program that comes from `and`, `or` and `not` can always be folded: two tests in a row, of which nothing else jumps to the second, are one test if
 //! both jump to the same place (`or`), or if the first jumps to where the second goes on (`and not`). What cannot be folded to a single test
 //! was not made by this compiler, and is shown as it stands.
 //!
@@ -29,7 +29,18 @@ enum Body {
     And(Vec<Expression>),
 }
 
-/// A test of a guard.
+/// What a transition asks for.
+#[derive(Clone, Debug)]
+pub(super) enum Written {
+    /// No guard.
+    Nothing,
+    /// An expression.
+    Expression(Expression),
+    /// A program that is none.
+    Tests(Vec<Test>),
+}
+
+/// A test of a program.
 #[derive(Clone, Debug)]
 pub(super) struct Test {
     /// Jumps if this is true.
@@ -64,7 +75,7 @@ impl Expression {
         }
     }
 
-    fn and(self, other: Self) -> Self {
+    pub(super) fn and(self, other: Self) -> Self {
         let (mut terms, depth) = self.into_terms();
         // What comes second is mostly one term.
         let (more, more_depth) = other.into_terms();
@@ -112,7 +123,7 @@ impl Display for Expression {
     }
 }
 
-/// The expression of a guard, if it is one. The tests are not empty.
+/// The expression of a program, if it is one.
 pub(super) fn fold(tests: Vec<Test>) -> Option<Expression> {
     let accept = tests.len();
     // How many of the tests kept so far jump to each place.

@@ -13,16 +13,20 @@ mod tests;
 mod text;
 
 use esm_core::Verified;
-use esm_core::format::PULSE;
+use esm_core::format::{PULSE, WINDOW_FLAGS};
 use esm_core::signature::{Port, Signature};
-use esm_core::tables::{Code, Container, Region, State, StateKind, Tables};
+use esm_core::tables::{self, Code, Container, Region, State, StateKind, Tables};
 use serde::Serialize;
 
 use flags::Flag;
-use guard::{Expression, Test};
+use guard::{Expression, Test, Written};
 use names::Names;
 
 pub use source::{NoSource, source};
+
+/// Bytes of a transition, and of a record of its guard or actions.
+const TRANSITION_BYTES: usize = 8;
+const CODE_BYTES: usize = 4;
 
 /// How much of everything a mission has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -226,7 +230,8 @@ impl Reader<'_> {
     fn report(&self, blob: &Verified<Vec<u8>>) -> Report {
         let tables = &self.tables;
         let counts = Counts::of(blob);
-        let code_bytes = 6 * tables.transition_count() + 4 * tables.code_count();
+        let code_bytes =
+            TRANSITION_BYTES * tables.transition_count() + CODE_BYTES * tables.code_count();
         let task_states = self.task_states();
         Report {
             hash: format!("{:08x}", blob.hash()),
@@ -342,9 +347,9 @@ impl Reader<'_> {
             params: Vec::new(),
         };
         match state.kind {
-            StateKind::Task { task_state, .. } => {
+            StateKind::Task { .. } => {
                 row.kind = "task";
-                if let Some(task_state) = self.tables.task_state(task_state)
+                if let Some(task_state) = self.task_state(index)
                     && let Some(task) = self.tables.task(task_state.task)
                 {
                     row.of = Some(readable(task.signature.name()));
@@ -363,12 +368,14 @@ impl Reader<'_> {
         row
     }
 
+    /// What a task state runs.
+    fn task_state(&self, state: usize) -> Option<tables::TaskState> {
+        self.tables.task_state(self.tables.task_state_at(state)?)
+    }
+
     /// The container of a superstate.
     fn container_inside(&self, state: usize) -> Option<usize> {
-        let StateKind::Super {
-            instance_offset, ..
-        } = self.tables.state(state)?.kind
-        else {
+        let StateKind::Super { instance_offset } = self.tables.state(state)?.kind else {
             return None;
         };
         let around = self.tables.container(self.container_of(state)?)?;
@@ -404,12 +411,10 @@ impl Reader<'_> {
 
     fn transition(&self, from: usize, source: &State, index: usize) -> Option<TransitionRow> {
         let transition = self.tables.transition(index)?;
-        let (tests, actions) = self.tests_and_actions(from, source, index)?;
-        let guard = if tests.is_empty() {
-            None
-        } else {
-            let listing = guard::listing(&tests);
-            Some(guard::fold(tests).map_or(listing, |expression| expression.to_string()))
+        let guard = match self.guard(from, source, index)? {
+            Written::Nothing => None,
+            Written::Expression(expression) => Some(expression.to_string()),
+            Written::Tests(tests) => Some(guard::listing(&tests)),
         };
         let name = |state| Names::get(&self.names.states, state).to_owned();
         Some(TransitionRow {
@@ -417,53 +422,66 @@ impl Reader<'_> {
             to: name(transition.target),
             event: Names::get(&self.names.events, usize::from(transition.event)).to_owned(),
             guard,
-            actions,
+            actions: self.actions(from, index)?,
         })
     }
 
-    /// What a transition tests and does.
-    fn tests_and_actions(
-        &self,
-        from: usize,
-        source: &State,
-        index: usize,
-    ) -> Option<(Vec<Test>, Vec<String>)> {
-        let transition = self.tables.transition(index)?;
-        let target = self.tables.state(transition.target)?;
+    /// What a transition asks for.
+    fn guard(&self, from: usize, source: &State, index: usize) -> Option<Written> {
         let container = self.container_of(from)?;
-        let mut tests = Vec::new();
-        let mut actions = Vec::new();
-        for code in self.tables.code_of(index) {
-            let to = |jump: Option<usize>| jump.map(|jump| tests.len() + jump);
-            match code {
-                Code::Test {
-                    flag,
-                    jump_if,
-                    jump,
-                } => {
-                    let name = self.flag(container, (from, source), flag);
-                    let to = to(jump);
-                    let jumps_if = Expression::flag(name, jump_if);
-                    tests.push(Test { jumps_if, to });
-                }
-                Code::TestBusyInside { jump_if, jump } => {
-                    let to = to(jump);
-                    let jumps_if = Expression::flag("busy".to_owned(), jump_if);
-                    tests.push(Test { jumps_if, to });
-                }
-                Code::End => {}
-                Code::Send { channel, .. } => {
-                    let event = self.sent_event(container, channel);
-                    actions.push(format!("send {event}"));
-                }
-                Code::Write { flag, value, .. } => {
-                    let verb = if value { "set" } else { "clear" };
-                    let name = self.flag(container, (transition.target, &target), flag);
-                    actions.push(format!("{verb} {name}"));
-                }
+        let name = |bit| self.flag(container, (from, source), bit);
+        let of_window = |bit, value| Expression::flag(name(source.first_flag + bit), value);
+        Some(match self.tables.guard_of(index)? {
+            tables::Guard::True => Written::Nothing,
+            tables::Guard::Flag { bit, value } => Written::Expression(of_window(bit, value)),
+            tables::Guard::Mask { mask, value } => {
+                let bits = (0..WINDOW_FLAGS).filter(|bit| mask >> bit & 1 != 0);
+                let flags = bits.map(|bit| of_window(usize::from(bit), value >> bit & 1 != 0));
+                flags
+                    .reduce(Expression::and)
+                    .map_or(Written::Nothing, Written::Expression)
             }
-        }
-        Some((tests, actions))
+            tables::Guard::Program { .. } => {
+                let mut tests = Vec::new();
+                for code in self.tables.program_of(index) {
+                    let (jumps_if, jump) = match code {
+                        Code::Test {
+                            flag,
+                            jump_if,
+                            jump,
+                        } => (Expression::flag(name(flag), jump_if), jump),
+                        Code::TestBusyInside { jump_if, jump } => {
+                            (Expression::flag("busy".to_owned(), jump_if), jump)
+                        }
+                        Code::End | Code::Send { .. } | Code::Write { .. } => continue,
+                    };
+                    let to = jump.map(|jump| tests.len() + jump);
+                    tests.push(Test { jumps_if, to });
+                }
+                guard::fold(tests.clone()).map_or(Written::Tests(tests), Written::Expression)
+            }
+        })
+    }
+
+    /// What a transition does.
+    fn actions(&self, from: usize, index: usize) -> Option<Vec<String>> {
+        let container = self.container_of(from)?;
+        let to = self.tables.transition(index)?.target;
+        let target = self.tables.state(to)?;
+        let actions = self.tables.actions_of(index).filter_map(|code| match code {
+            Code::Send { channel, .. } => {
+                Some(format!("send {}", self.sent_event(container, channel)))
+            }
+            Code::Write { flag, value, .. } => {
+                let verb = if value { "set" } else { "clear" };
+                Some(format!(
+                    "{verb} {}",
+                    self.flag(container, (to, &target), flag)
+                ))
+            }
+            Code::Test { .. } | Code::TestBusyInside { .. } | Code::End => None,
+        });
+        Some(actions.collect())
     }
 
     /// The event of a channel of a container.
@@ -497,9 +515,8 @@ impl Reader<'_> {
     /// The name of a control flag of a state.
     fn own_flag(&self, index: usize, state: &State, flag: usize) -> String {
         let name = match state.kind {
-            StateKind::Task { task_state, .. } => self
-                .tables
-                .task_state(task_state)
+            StateKind::Task { .. } => self
+                .task_state(index)
                 .and_then(|task_state| self.tables.task(task_state.task))
                 .and_then(|task| flag_names(task.signature).nth(flag)),
             _ => self
@@ -516,15 +533,12 @@ impl Reader<'_> {
         while let Some(region) = self.tables.region_instance(at) {
             let template = self.tables.region_of_state(region.initial);
             parts.push(Names::get(&self.names.regions, template));
-            if region.instance == 0 {
-                break;
-            }
-            let Some(instance) = self.tables.instance(region.instance) else {
+            let Some((around, superstate)) = self.tables.superstate_of(region.instance) else {
                 break;
             };
             // A region instance is numbered above the one around it: so this ends.
-            at = instance.parent.0;
-            parts.push(Names::get(&self.names.states, instance.parent.1));
+            at = around;
+            parts.push(Names::get(&self.names.states, superstate));
         }
         parts.reverse();
         parts.join("/")

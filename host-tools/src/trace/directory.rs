@@ -221,12 +221,9 @@ impl Directory {
 
     /// The superstate around an instance, if there is one. `None` for tables that no verified blob has.
     fn owner_of(&self, tables: &Tables<'_>, instance: usize) -> Option<Option<StateId>> {
-        let (region, state) = tables.instance(instance)?.parent;
-        Some(
-            (instance != 0)
-                .then(|| self.state_at(region, state))
-                .flatten(),
-        )
+        tables.instance(instance)?;
+        let superstate = tables.superstate_of(instance);
+        Some(superstate.and_then(|(region, state)| self.state_at(region, state)))
     }
 
     /// Bytes of the paths of a region instance and its states, before they are made.
@@ -271,16 +268,12 @@ impl Directory {
                 tables::StateKind::Task { task_offset, .. } => StateKind::Task {
                     instance: instance.first_task + task_offset,
                 },
-                tables::StateKind::Super {
-                    region_offset,
-                    instance_offset,
-                } => {
-                    let container = tables
-                        .instance(region.instance + instance_offset)?
-                        .container;
-                    let first = index + region_offset;
+                tables::StateKind::Super { instance_offset } => {
+                    let inside = tables.instance(region.instance + instance_offset)?;
+                    let first = inside.first_region;
+                    let span = names.containers.get(inside.container)?.region_span;
                     StateKind::Super {
-                        inside: first..first + names.containers.get(container)?.region_span,
+                        inside: first..first + span,
                     }
                 }
             };
@@ -506,17 +499,16 @@ impl TemplateNames {
                     .state(region.first_state + local)
                     .map(|state| state.kind)
                 {
-                    Some(tables::StateKind::Task { task_state, .. }) => {
+                    Some(tables::StateKind::Task { .. }) => {
                         let task = tables
-                            .task_state(task_state)
+                            .task_state_at(region.first_state + local)
+                            .and_then(|task_state| tables.task_state(task_state))
                             .map(|task_state| task_state.task);
                         task.and_then(|task| task_flags.get(task))
                             .cloned()
                             .unwrap_or_default()
                     }
-                    Some(tables::StateKind::Super {
-                        instance_offset, ..
-                    }) => {
+                    Some(tables::StateKind::Super { instance_offset }) => {
                         // What is true of one instance of a template is true of all.
                         let first = self
                             .containers
@@ -548,11 +540,7 @@ impl TemplateNames {
         let instance = tables.instance(container.first_instance)?;
         let mut actions = Vec::new();
         // Only what is true of all instances is used of this one.
-        for code in transition
-            .code
-            .into_iter()
-            .flat_map(|_| tables.code_of(index))
-        {
+        for code in tables.actions_of(index) {
             match code {
                 Code::Send { channel, .. } => {
                     let event = tables.channel(instance.first_channel + channel)?.event;

@@ -1,24 +1,22 @@
-//! Which events each container lists, and how, from what the blob says of their visibility.
+//! Which events each container lists, and how, from what the blob says of those who listen.
 //!
-//! A blob has no lists of events: it has, for each instance and each event sent there, the set of instances that see it. But that set says all that is to
-//! be known. Above the sender, each instance that sees the event proves that the container below it lists it as `out event`, and the first that does not
-//! proves the opposite. Beside and below, an instance whose surroundings see the event sees it exactly if its container lists it as `in event`. What no set
-//! decides, no sender can reach, and is left out.
+//! A blob has no lists of events: it has, for each instance and each event sent there, the region instances that listen. There is one way through the tree from the sender to each
+//! of them, up and then down: on the way up each container must list the event as `out event`, on the way down as `in event`. That is all that comes back. Every list that makes the
+//! event heard by all who listen has at least these, so whoever else could hear it by these lists alone would listen according to the blob, too.
 //!
 //! Events that a container only sends or receives are local to it. The order of the lists is that of the events' numbers, which is the order in which a
 //! mission names them first; an event that nothing uses is listed where its number needs it.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use esm_core::format::PULSE;
 use esm_core::tables::{Channel, StateKind, Tables};
 
 use super::tree::Tree;
 use super::{NoSource, Reader};
-use crate::inspect::names::Names;
 
-/// Looking at more places where an event may be visible takes too long.
-const MAX_VISIBILITY_STEPS: usize = 1 << 27;
+/// Looking at more places where somebody may listen to an event takes too long.
+const MAX_STEPS: usize = 1 << 27;
 
 /// An event as a container lists it; local where it is neither.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,10 +32,10 @@ pub(super) struct Listed {
 /// The lists of all containers.
 ///
 /// # Errors
-/// If no lists give the visibility that the blob has.
+/// If that would take too long.
 pub(super) fn lists(reader: &Reader<'_>, tree: &Tree) -> Result<Vec<Vec<Listed>>, NoSource> {
     let tables = &reader.tables;
-    let forwarding = Forwarding::of(tables, tree).map_err(|stop| stop.explained(reader))?;
+    let forwarding = Forwarding::of(tables, tree)?;
     let mut next = 1;
     let mut lists = Vec::with_capacity(tables.containers().len());
     for (container, events) in needed(tables, tree, &forwarding).into_iter().enumerate() {
@@ -48,8 +46,8 @@ pub(super) fn lists(reader: &Reader<'_>, tree: &Tree) -> Result<Vec<Vec<Listed>>
             next = next.max(event + 1);
             list.push(Listed {
                 event,
-                is_in: forwarding.inward.get(&(container, event)) == Some(&true),
-                is_out: forwarding.outward.get(&(container, event)) == Some(&true),
+                is_in: forwarding.inward.contains(&(container, event)),
+                is_out: forwarding.outward.contains(&(container, event)),
             });
         }
         lists.push(list);
@@ -101,33 +99,58 @@ fn needed(tables: &Tables<'_>, tree: &Tree, forwarding: &Forwarding<'_>) -> Vec<
         }
     }
     for direction in [&forwarding.inward, &forwarding.outward] {
-        for ((container, event), _) in direction.iter().filter(|(_, forwards)| **forwards) {
+        for (container, event) in direction {
             need(*container, *event);
         }
     }
     needed
 }
 
-/// What the visible sets prove, by container and event.
+/// What containers must pass on: pairs of container and event.
 struct Forwarding<'t> {
     tables: &'t Tables<'t>,
     tree: &'t Tree,
-    inward: HashMap<(usize, usize), bool>,
-    outward: HashMap<(usize, usize), bool>,
+    inward: HashSet<(usize, usize)>,
+    outward: HashSet<(usize, usize)>,
     steps: usize,
 }
 
+/// Those who listen to an event, whoever sends it.
+struct Row {
+    /// The first instance that sends to them.
+    first_sender: usize,
+    /// Their instances, ascending.
+    listeners: Vec<usize>,
+}
+
+impl Row {
+    /// Whether somebody inside an instance listens, at any depth.
+    fn reaches_into(&self, tree: &Tree, instance: usize) -> bool {
+        let from = self.listeners.partition_point(|it| *it < instance);
+        let first = self.listeners.get(from);
+        first.is_some_and(|first| tree.holds(instance, *first))
+    }
+
+    /// Whether somebody outside of an instance listens.
+    fn reaches_beyond(&self, tree: &Tree, instance: usize) -> bool {
+        let ends = [self.listeners.first(), self.listeners.last()];
+        ends.into_iter()
+            .flatten()
+            .any(|end| !tree.holds(instance, *end))
+    }
+}
+
 impl<'t> Forwarding<'t> {
-    fn of(tables: &'t Tables<'t>, tree: &'t Tree) -> Result<Self, Stop> {
+    fn of(tables: &'t Tables<'t>, tree: &'t Tree) -> Result<Self, NoSource> {
         let mut forwarding = Self {
             tables,
             tree,
-            inward: HashMap::new(),
-            outward: HashMap::new(),
+            inward: HashSet::new(),
+            outward: HashSet::new(),
             steps: 0,
         };
-        // The same set belongs to many senders, and is looked through for the first.
-        let mut first_senders = HashMap::new();
+        // The same row belongs to many senders, and is looked through for the first.
+        let mut rows: HashMap<_, Row> = HashMap::new();
         for (sender, instance) in tree.instances.iter().enumerate() {
             let channels = tables
                 .container(instance.container)
@@ -136,135 +159,96 @@ impl<'t> Forwarding<'t> {
                 let Some(channel) = tables.channel(index) else {
                     continue;
                 };
-                forwarding.look_up(sender, &channel)?;
-                let set = (
+                let event = usize::from(channel.event);
+                let place = (
                     channel.event,
-                    channel.first_instance,
-                    channel.instances,
-                    channel.bits,
+                    channel.first_row_word,
+                    channel.first_region_word,
+                    channel.region_words,
                 );
-                match first_senders.get(&set) {
-                    None => {
-                        forwarding.look_down(sender, &channel)?;
-                        first_senders.insert(set, sender);
+                match rows.get(&place) {
+                    Some(row) => {
+                        forwarding.look_up(sender, event, row)?;
+                        forwarding.look_between(sender, event, row)?;
                     }
-                    Some(first) => forwarding.look_between(*first, sender, &channel)?,
+                    None => {
+                        let row = Row {
+                            first_sender: sender,
+                            listeners: forwarding.listeners(&channel)?,
+                        };
+                        forwarding.look_up(sender, event, &row)?;
+                        forwarding.look_down(sender, event, &row)?;
+                        rows.insert(place, row);
+                    }
                 }
             }
         }
         Ok(forwarding)
     }
 
-    /// From the sender up as far as the event is visible, and one farther.
-    fn look_up(&mut self, sender: usize, channel: &Channel) -> Result<(), Stop> {
-        let event = usize::from(channel.event);
-        ensure(self.tables.is_visible(channel, sender), event)?;
+    /// The instances of the regions that listen to a channel.
+    fn listeners(&mut self, channel: &Channel) -> Result<Vec<usize>, NoSource> {
+        const WORD_BITS: usize = u32::BITS as usize;
+        let first = WORD_BITS * channel.first_region_word;
+        let mut instances = BTreeSet::new();
+        for region in first..first + WORD_BITS * channel.region_words {
+            self.step()?;
+            if self.tables.is_listening(channel, region)
+                && let Some(region) = self.tables.region_instance(region)
+            {
+                instances.insert(region.instance);
+            }
+        }
+        Ok(instances.into_iter().collect())
+    }
+
+    /// From the sender up, as long as somebody beyond listens.
+    fn look_up(&mut self, sender: usize, event: usize, row: &Row) -> Result<(), NoSource> {
         let mut at = sender;
-        while at > 0 {
-            let around = self.tree.around(at);
-            let goes_up = self.tables.is_visible(channel, around);
+        while at > 0 && row.reaches_beyond(self.tree, at) {
             self.step()?;
-            prove(&mut self.outward, (self.tree.container(at), event), goes_up)?;
-            if !goes_up {
-                break;
-            }
-            at = around;
+            self.outward.insert((self.tree.container(at), event));
+            at = self.tree.around(at);
         }
         Ok(())
     }
 
-    /// Through all that see the event, and what is right inside them.
-    fn look_down(&mut self, sender: usize, channel: &Channel) -> Result<(), Stop> {
-        let event = usize::from(channel.event);
-        let window = channel.first_instance..channel.first_instance + channel.instances;
-        for at in window {
-            self.step()?;
-            if !self.tables.is_visible(channel, at) {
-                continue;
-            }
-            // Nothing but the sender and what is around it can see the event where what is right around does not.
-            let is_reached = self.tree.holds(at, sender)
-                || self.tables.is_visible(channel, self.tree.around(at));
-            ensure(is_reached, event)?;
-            for inside in self.tree.inside.get(at).into_iter().flatten() {
+    /// From all who listen up to what is around the sender, too.
+    fn look_down(&mut self, sender: usize, event: usize, row: &Row) -> Result<(), NoSource> {
+        let mut seen = HashSet::new();
+        for listener in &row.listeners {
+            let mut at = *listener;
+            while !self.tree.holds(at, sender) && seen.insert(at) {
                 self.step()?;
-                if !self.tree.holds(*inside, sender) {
-                    let goes_down = self.tables.is_visible(channel, *inside);
-                    let container = self.tree.container(*inside);
-                    prove(&mut self.inward, (container, event), goes_down)?;
-                }
+                self.inward.insert((self.tree.container(at), event));
+                at = self.tree.around(at);
             }
         }
         Ok(())
     }
 
-    /// Down the way from which another sender of the same set sent, which was no way down for that one.
-    fn look_between(&mut self, first: usize, sender: usize, channel: &Channel) -> Result<(), Stop> {
-        let event = usize::from(channel.event);
-        let mut at = first;
-        while at > 0 && !self.tree.holds(at, sender) {
+    /// Down the way from which the first sender of the row sent, which was no way down for that one.
+    fn look_between(&mut self, sender: usize, event: usize, row: &Row) -> Result<(), NoSource> {
+        let mut at = row.first_sender;
+        while !self.tree.holds(at, sender) {
             self.step()?;
-            let around = self.tree.around(at);
-            if self.tables.is_visible(channel, around) {
-                let goes_down = self.tables.is_visible(channel, at);
-                prove(
-                    &mut self.inward,
-                    (self.tree.container(at), event),
-                    goes_down,
-                )?;
+            if row.reaches_into(self.tree, at) {
+                self.inward.insert((self.tree.container(at), event));
             }
-            at = around;
+            at = self.tree.around(at);
         }
         Ok(())
     }
 
-    fn step(&mut self) -> Result<(), Stop> {
+    fn step(&mut self) -> Result<(), NoSource> {
         self.steps += 1;
-        if self.steps <= MAX_VISIBILITY_STEPS {
+        if self.steps <= MAX_STEPS {
             Ok(())
         } else {
-            Err(Stop::TooManySteps)
+            Err(NoSource::TooMuch {
+                what: "steps through the instances that listen to an event",
+                limit: MAX_STEPS,
+            })
         }
     }
-}
-
-/// Why there are no lists.
-enum Stop {
-    /// Nothing that a container could list makes this event visible as it is.
-    Contradiction {
-        event: usize,
-    },
-    TooManySteps,
-}
-
-impl Stop {
-    fn explained(self, reader: &Reader<'_>) -> NoSource {
-        match self {
-            Self::Contradiction { event } => NoSource::Visibility {
-                event: Names::get(&reader.names.events, event).to_owned(),
-            },
-            Self::TooManySteps => NoSource::TooMuch {
-                what: "steps through the instances that see an event",
-                limit: MAX_VISIBILITY_STEPS,
-            },
-        }
-    }
-}
-
-fn ensure(holds: bool, event: usize) -> Result<(), Stop> {
-    if holds {
-        Ok(())
-    } else {
-        Err(Stop::Contradiction { event })
-    }
-}
-
-/// Notes what was proved, unless the opposite was.
-fn prove(
-    known: &mut HashMap<(usize, usize), bool>,
-    (container, event): (usize, usize),
-    forwards: bool,
-) -> Result<(), Stop> {
-    let noted = *known.entry((container, event)).or_insert(forwards);
-    ensure(noted == forwards, event)
 }

@@ -1,7 +1,7 @@
 //! A blob back to a source that compiles to the same blob, byte for byte.
 //!
 //! What a blob does not keep is worked out or left out. Which events a container lists ([`events`]) and which data ports and paths it has ([`ports`]) follow from what all its instances
-//! do; whether a flag is `in` or `out` follows from who reads and writes it; transitions keep the order that matters ([`order`]). Comments, execution times, ranges of parameters, and what
+//! do; whether a flag is `in` or `out` follows from who reads and writes it; transitions keep the order that matters ([`order`]). Containers pass on the events that somebody listens to; the blob has no trace of others. Comments, execution times, ranges of parameters, and what
 //! the machine does not use are gone: they leave no byte.
 //!
 //! A source is only given out when it has been compiled and found to make the blob that it came from. Every blob of the compiler passes; a verified blob that somebody made by hand
@@ -18,11 +18,12 @@ mod tree;
 use std::time::Duration;
 
 use esm_core::Verified;
-use esm_core::tables::{Code, StateKind};
+use esm_core::format::WINDOW_FLAGS;
+use esm_core::tables::{self, Code, State, StateKind};
 
 use super::flags::Flag;
 use super::names::Names;
-use super::{Reader, guard};
+use super::{Reader, guard::Written};
 use crate::compile::{self, NameTable};
 use crate::lang::{self, MAX_FILE_BYTES, Severity};
 
@@ -46,7 +47,7 @@ pub enum NoSource {
         "its machine has control flags, and nothing is around a machine that could read or set them"
     )]
     MachineFlags,
-    /// The code of a guard does not come from an expression.
+    /// The program of a guard does not come from an expression.
     #[error("the guard of {transition} jumps as no expression does")]
     Guard {
         /// `A -> B`, with the container and region.
@@ -67,14 +68,6 @@ pub enum NoSource {
         container: String,
         /// The flag.
         flag: String,
-    },
-    /// No lists of events make an event visible where it is.
-    #[error(
-        "event `{event}` is visible in places that no `in event` and `out event` of the containers lead to"
-    )]
-    Visibility {
-        /// The event.
-        event: String,
     },
     /// No order of transitions numbers the events that they send as the blob does.
     #[error(
@@ -307,13 +300,14 @@ impl Reader<'_> {
                     *mark = true;
                 }
             };
-            for code in tables.code_of(transition) {
-                let (bit, found) = match code {
-                    Code::Test { flag, .. } => (flag, Flag::of(&source, around, flag)),
-                    Code::Write { flag, .. } => (flag, Flag::of(&target, around, flag)),
-                    Code::TestBusyInside { .. } | Code::End | Code::Send { .. } => continue,
-                };
-                let is_test = matches!(code, Code::Test { .. });
+            let tested = self.flags_tested(transition, &source).into_iter();
+            let tested = tested.map(|bit| (bit, Flag::of(&source, around, bit), true));
+            let written = tables.actions_of(transition).filter_map(|code| match code {
+                Code::Write { flag, .. } => Some(flag),
+                _ => None,
+            });
+            let written = written.map(|bit| (bit, Flag::of(&target, around, bit), false));
+            for (bit, found, is_test) in tested.chain(written) {
                 match (found, is_test) {
                     (Flag::Own(flag), true) => {
                         mark(&mut is_out, self.container_inside(source_index), flag);
@@ -350,6 +344,27 @@ impl Reader<'_> {
         Ok(is_out)
     }
 
+    /// The flags that the guard of a transition names, counted from the first of the instance.
+    fn flags_tested(&self, transition: usize, source: &State) -> Vec<usize> {
+        let of_window = |bit: u16| source.first_flag + usize::from(bit);
+        match self.tables.guard_of(transition) {
+            None | Some(tables::Guard::True) => Vec::new(),
+            Some(tables::Guard::Flag { bit, .. }) => vec![source.first_flag + bit],
+            Some(tables::Guard::Mask { mask, .. }) => {
+                let bits = (0..WINDOW_FLAGS).filter(|bit| mask >> bit & 1 != 0);
+                bits.map(of_window).collect()
+            }
+            Some(tables::Guard::Program { .. }) => {
+                let tests = self.tables.program_of(transition);
+                let flags = tests.filter_map(|code| match code {
+                    Code::Test { flag, .. } => Some(flag),
+                    _ => None,
+                });
+                flags.collect()
+            }
+        }
+    }
+
     /// For each region its transitions, in the order in which to write them.
     fn transition_order(&self) -> Result<Vec<Vec<usize>>, NoSource> {
         let tables = &self.tables;
@@ -359,15 +374,18 @@ impl Reader<'_> {
             for (_, region) in self.regions_of(container, &described) {
                 let mut chains = Vec::new();
                 for state in self.states_of_region(region.first_state) {
-                    let all = tables.transitions_of(state);
-                    let on_events = tables
-                        .state(state)
-                        .map_or(all.end, |state| state.first_event_transition);
-                    chains.push(all.start..on_events);
-                    chains.push(on_events..all.end);
+                    // Only those on one event must keep their order: they stand one after another.
+                    let event = |index: usize| tables.transition(index).map(|it| it.event);
+                    let mut all = tables.transitions_of(state);
+                    while let Some(first) = all.next() {
+                        while !all.is_empty() && event(all.start) == event(first) {
+                            all.next();
+                        }
+                        chains.push(first..all.start);
+                    }
                 }
                 let sends = |transition| {
-                    let channels = tables.code_of(transition).filter_map(|code| match code {
+                    let channels = tables.actions_of(transition).filter_map(|code| match code {
                         Code::Send { channel, .. } => Some(channel),
                         _ => None,
                     });
@@ -387,15 +405,14 @@ impl Reader<'_> {
     /// The guard of a transition as it is written, if it has one.
     fn guard_text(
         &self,
+        from: usize,
+        source: &State,
         transition: usize,
-        tests: Vec<guard::Test>,
     ) -> Result<Option<String>, NoSource> {
-        if tests.is_empty() {
-            return Ok(None);
-        }
-        match guard::fold(tests) {
-            Some(expression) => Ok(Some(expression.to_string())),
-            None => Err(NoSource::Guard {
+        match self.guard(from, source, transition) {
+            None | Some(Written::Nothing) => Ok(None),
+            Some(Written::Expression(expression)) => Ok(Some(expression.to_string())),
+            Some(Written::Tests(_)) => Err(NoSource::Guard {
                 transition: self.transition_name(transition),
             }),
         }

@@ -207,14 +207,9 @@ impl Wirer<'_> {
         let first_task = self.first_task(instance);
         for state in self.reader.states_of(container) {
             match tables.state(state).map(|state| state.kind) {
-                Some(StateKind::Task {
-                    task_offset,
-                    task_state,
-                    ..
-                }) => {
-                    let task = tables
-                        .task_state(task_state)
-                        .and_then(|task_state| tables.task(task_state.task));
+                Some(StateKind::Task { task_offset, .. }) => {
+                    let task_state = self.reader.task_state(state);
+                    let task = task_state.and_then(|task_state| tables.task(task_state.task));
                     let ports = task.into_iter().flat_map(|task| task.signature.ports());
                     let data = ports.filter_map(|port| match port {
                         SignaturePort::Data {
@@ -240,9 +235,7 @@ impl Wirer<'_> {
                         });
                     }
                 }
-                Some(StateKind::Super {
-                    instance_offset, ..
-                }) => {
+                Some(StateKind::Super { instance_offset }) => {
                     let inside = instance + instance_offset;
                     let begin = self.first_task(inside).saturating_sub(first_task);
                     let content = self.tree.container(inside);

@@ -326,8 +326,8 @@ impl Writer<'_, '_> {
                 let container = Names::get(&self.reader.names.containers, container);
                 format!("super {name}: {container}")
             }
-            StateKind::Task { task_state, .. } => {
-                let task_state = tables.task_state(task_state);
+            StateKind::Task { .. } => {
+                let task_state = self.reader.task_state(index);
                 let Some((task_state, task)) =
                     task_state.and_then(|state| Some((state, tables.task(state.task)?)))
                 else {
@@ -344,8 +344,7 @@ impl Writer<'_, '_> {
         if let Some(timeout_us) = state.timeout_us {
             let _ = write!(line, " timeout {}", time(timeout_us));
         }
-        if let StateKind::Task { task_state, .. } = state.kind
-            && let Some(task_state) = tables.task_state(task_state)
+        if let Some(task_state) = self.reader.task_state(index)
             && let Some(task) = tables.task(task_state.task)
         {
             let values = self.values(name, task_state, task.signature)?;
@@ -403,11 +402,8 @@ impl Writer<'_, '_> {
             Names::get(&names.states, from),
             Names::get(&names.states, transition.target)
         );
-        let (tests, actions) = self
-            .reader
-            .tests_and_actions(from, &source, index)
-            .unwrap_or_default();
-        let guard = self.reader.guard_text(index, tests)?;
+        let guard = self.reader.guard_text(from, &source, index)?;
+        let actions = self.reader.actions(from, index).unwrap_or_default();
         let on_pulse = transition.event == PULSE;
         match (on_pulse, guard) {
             (true, Some(guard)) if guard == "exit" => line.push_str(" on *"),

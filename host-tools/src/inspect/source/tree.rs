@@ -31,7 +31,7 @@ impl Tree {
         for (index, instance) in
             (0..count).filter_map(|index| Some((index, tables.instance(index)?)))
         {
-            let around = match tables.region_instance(instance.parent.0) {
+            let around = match tables.region_instance(instance.around) {
                 Some(region) if index > 0 => region.instance,
                 _ => 0,
             };
