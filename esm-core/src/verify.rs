@@ -628,7 +628,8 @@ impl Pass<'_> {
             let in_range = event <= self.events
                 && target > self.first_state
                 && target < self.end_state
-                && kind != format::STATE_FINAL;
+                && kind != format::STATE_FINAL
+                && action < usize::from(format::ACTION_SEND) + self.channels;
             self.ensure(in_range, Cause::Index);
             let is_plain = kind <= format::STATE_SIMPLE
                 && target_shape == usize::from(format::STATE_SIMPLE << format::STATE_KIND_SHIFT)
@@ -660,10 +661,7 @@ impl Pass<'_> {
                     mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
                 self.ensure(right, Cause::Index);
             }
-            if action >= usize::from(format::ACTION_SEND) {
-                let right = action - usize::from(format::ACTION_SEND) < self.channels;
-                self.ensure(right, Cause::Index);
-            } else if action != 0 {
+            if action != 0 && action < usize::from(format::ACTION_SEND) {
                 self.code(
                     action - usize::from(format::ACTION_ROW),
                     target,

@@ -12,6 +12,8 @@ mod instances;
 mod layout;
 mod names;
 mod nets;
+#[cfg(test)]
+mod rules;
 pub mod signature;
 mod templates;
 #[cfg(test)]
