@@ -185,7 +185,7 @@ fn random_bytes_are_refused() {
             .collect();
         tally.try_blob(&bytes, &mut random);
         // With the right beginning they get further.
-        for (byte, magic) in bytes.iter_mut().zip(*b"ESM1") {
+        for (byte, magic) in bytes.iter_mut().zip(*b"ESM2") {
             *byte = magic;
         }
         tally.try_blob(&with_right_crc(&bytes), &mut random);

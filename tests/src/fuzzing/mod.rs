@@ -15,6 +15,7 @@
 pub mod front_end;
 pub mod interpreter;
 pub mod mutations;
+pub mod plain;
 pub mod records;
 pub mod round_trip;
 pub mod seeds;

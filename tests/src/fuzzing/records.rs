@@ -12,18 +12,19 @@ const SECTIONS: usize = Section::ALL.len();
 
 /// Bytes of a record of each section, as [`esm_core::format`] lists them.
 const RECORD_BYTES: [usize; SECTIONS] = [
-    10, 16, 16, 4, 16, 6, 4, 16, 8, 10, 1, 20, 1, 6, 4, 6, 2, 8, 1,
+    10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1,
 ];
 
 /// Sections in which a changed number often means another machine, and not only a broken one: these are changed more often.
-const FREE: [Section; 10] = [
+const FREE: [Section; 11] = [
     Section::Mission,
     Section::Slots,
     Section::States,
     Section::Transitions,
     Section::Code,
+    Section::Timers,
     Section::Channels,
-    Section::Visibility,
+    Section::Listeners,
     Section::Tasks,
     Section::Params,
     Section::Connections,

@@ -1,7 +1,7 @@
 //! Any bytes as a blob.
 
-use esm_core::format::NONE;
-use esm_core::tables::{Code, StateKind, Tables};
+use esm_core::format::{GUARD_TRUE, NONE, WINDOW_FLAGS};
+use esm_core::tables::{Code, Guard, State, StateKind, Tables};
 use esm_core::{Dispatcher, Refusal, Verified, texts};
 use host_tools::inspect::{self, refusal::Explained};
 use host_tools::trace::directory::{Directory, NoDirectory};
@@ -113,8 +113,10 @@ pub fn read_everywhere(tables: &Tables<'_>) {
     for index in 0..tables.instance_count() {
         let instance = tables.instance(index).expect("an instance");
         let container = tables.container(instance.container).expect("a container");
-        assert_eq!(instance.end_task - instance.first_task, container.task_span);
-        assert!(instance.end_task <= tables.task_instance_count());
+        let tasks = tables.tasks_inside(index);
+        assert_eq!(tasks.len(), container.task_span);
+        assert!(tasks.end <= tables.task_instance_count());
+        assert_eq!(tables.superstate_of(index).is_none(), index == 0);
         assert!(instance.first_flag + container.flag_span <= tables.flag_count());
         for channel in 0..container.channels {
             assert!(tables.channel(instance.first_channel + channel).is_some());
@@ -130,9 +132,10 @@ pub fn read_everywhere(tables: &Tables<'_>) {
     for index in 0..tables.channel_count() {
         let channel = tables.channel(index).expect("a channel");
         assert!((1..=tables.event_count()).contains(&usize::from(channel.event)));
-        for instance in 0..tables.instance_count().min(256) {
-            let within = instance.wrapping_sub(channel.first_instance) < channel.instances;
-            assert!(within || !tables.is_visible(&channel, instance));
+        // No bit is set for a region instance that is none.
+        let regions = tables.region_instance_count();
+        for region in regions..regions + 64 {
+            assert!(!tables.is_listening(&channel, region));
         }
     }
     for index in 0..tables.task_instance_count() {
@@ -147,13 +150,24 @@ fn read_region(tables: &Tables<'_>, region: usize, first_state: usize) -> usize 
         let state = tables.state(index).expect("a state");
         assert_eq!(tables.region_of_state(index), region);
         assert_eq!(state.kind == StateKind::Initial, index == first_state);
+        let mut events = 0;
+        let mut last = 0;
         for transition in tables.transitions_of(index) {
             let found = tables.transition(transition).expect("a transition");
             assert!(usize::from(found.event) <= tables.event_count());
+            assert!(last <= found.event, "sorted by event");
+            (last, events) = (found.event, events | 1 << (found.event % 32));
+            assert_eq!(
+                found.event == 0,
+                transition < state.first_event_transition,
+                "those on the pulse come first"
+            );
             assert_eq!(tables.region_of_state(found.target), region);
             assert!(found.target != first_state, "`initial` cannot be entered");
-            read_code(tables, transition);
+            read_guard(tables, transition, &state);
+            read_actions(tables, transition, &state);
         }
+        assert_eq!(state.events, events);
         index += 1;
         if state.kind == StateKind::Final {
             return index;
@@ -161,32 +175,55 @@ fn read_region(tables: &Tables<'_>, region: usize, first_state: usize) -> usize 
     }
 }
 
-/// Reads guard and actions of a transition: jumps lead ahead, and no farther than to the actions.
-fn read_code(tables: &Tables<'_>, transition: usize) {
-    let code: Vec<Code> = tables.code_of(transition).collect();
-    let is_test = |code: &Code| matches!(code, Code::Test { .. } | Code::TestBusyInside { .. });
-    let tests = code.iter().take_while(|code| is_test(code)).count();
-    for (index, code) in code.iter().enumerate() {
-        match *code {
-            Code::Test { jump, .. } | Code::TestBusyInside { jump, .. } => {
-                assert!(index < tests, "no test stands behind an action");
-                assert!(jump.is_none_or(|jump| index + jump <= tests));
-            }
-            Code::End => assert_eq!(index, tests),
-            Code::Send { last, .. } | Code::Write { last, .. } => {
-                assert!(index >= tests);
-                let _ = last;
+/// Reads the guard of a transition: it asks for flags of its own, and jumps lead ahead and no farther than to the end.
+fn read_guard(tables: &Tables<'_>, transition: usize, source: &State) {
+    let window = source.flags.min(usize::from(WINDOW_FLAGS));
+    match tables.guard_of(transition).expect("a guard") {
+        Guard::True => {}
+        Guard::Flag { bit, .. } => assert!(bit < window),
+        Guard::Mask { mask, value } => {
+            assert!(mask.count_ones() > 1 && usize::from(mask) < 1 << window);
+            assert_eq!(value & !mask, 0);
+        }
+        Guard::Program { first } => {
+            let tests: Vec<Code> = tables.program_of(transition).collect();
+            assert_eq!(tables.code(first + tests.len()), Some(Code::End));
+            for (index, code) in tests.iter().enumerate() {
+                match *code {
+                    Code::Test { jump, .. } | Code::TestBusyInside { jump, .. } => {
+                        assert!(jump.is_none_or(|jump| index + jump <= tests.len()));
+                    }
+                    Code::End | Code::Send { .. } | Code::Write { .. } => panic!("no test"),
+                }
             }
         }
     }
-    let has_code = tables
-        .transition(transition)
-        .is_some_and(|it| it.code.is_some());
-    assert_eq!(
-        has_code,
-        code.len() > tests,
-        "code ends with an action or `End`"
-    );
+    if source.flags == 0 {
+        let guard = tables.transition(transition).map_or(0, |it| it.guard);
+        assert!(guard >= GUARD_TRUE, "there are no flags to ask for");
+    }
+}
+
+/// Reads the actions of a transition, and whether it is plain.
+fn read_actions(tables: &Tables<'_>, transition: usize, source: &State) {
+    let found = tables.transition(transition).expect("a transition");
+    let target = tables.state(found.target).expect("a state");
+    let actions: Vec<Code> = tables.actions_of(transition).collect();
+    assert_eq!(actions.is_empty(), found.action == 0);
+    for (index, code) in actions.iter().enumerate() {
+        match *code {
+            Code::Send { last, .. } | Code::Write { last, .. } => {
+                assert_eq!(last, index + 1 == actions.len());
+            }
+            Code::Test { .. } | Code::TestBusyInside { .. } | Code::End => panic!("no action"),
+        }
+    }
+    let is_small = |state: &State| matches!(state.kind, StateKind::Initial | StateKind::Simple);
+    let is_plain = is_small(source)
+        && target.kind == StateKind::Simple
+        && target.flags == 0
+        && actions.is_empty();
+    assert_eq!(found.is_plain, is_plain);
 }
 
 fn read_task_instance(tables: &Tables<'_>, index: usize) {

@@ -8,15 +8,19 @@
 //! - The first event of a macro step is the pulse, no other one is, and there are at most 255.
 //! - A real-time task is enabled only while its state is current, and none is after a fault.
 //! - What is outside a task's own flags, or outside the tables, cannot be changed from outside.
-//! - A second machine with the same past, which is kept from skipping macro steps in which nothing can happen, does the same.
+//! - A second machine, whose reads are checked, does the same.
+//! - So does [`Plain`], which looks at everything each time: nothing that mattered was skipped.
 
-use esm_core::format::PULSE;
+use esm_core::format::{FLAG_BUSY, FLAG_EXIT, PULSE, TASK_CONTROL_FLAGS};
+use esm_core::reads::{Checked, Reads};
 use esm_core::tables::{StateKind, Tables};
 use esm_core::{
     Fault, Interpreter, MAX_MICRO_STEPS, Observer, StepSummary, TransitionTaken, Verified,
 };
 
 use crate::random::Random;
+
+use super::plain::Plain;
 
 /// Words lent to the interpreter beyond what it needs; it must leave them alone.
 const SURPLUS_WORDS: usize = 2;
@@ -37,22 +41,23 @@ pub fn run(verified: Verified<Vec<u8>>, random: &mut Random, steps: usize) {
     let refused = Interpreter::new(verified.clone(), &mut too_small);
     assert!(refused.is_err_and(|refused| refused.needed_words == words));
 
-    let (mut arena, mut twin_arena) = (vec![7; words + SURPLUS_WORDS], vec![0; words]);
+    let mut arena = vec![7; words + SURPLUS_WORDS];
+    let mut checked_arena = arena.clone();
     let machine = Interpreter::new(verified.clone(), &mut arena);
-    let twin = Interpreter::new(verified, &mut twin_arena);
-    let (Ok(mut machine), Ok(mut twin)) = (machine, twin) else {
+    let checked = Interpreter::<_, Checked>::with_reads(verified, &mut checked_arena);
+    let (Ok(mut machine), Ok(mut checked)) = (machine, checked) else {
         panic!("a blob that passed wants more memory than it says");
     };
-    let (mut watch, mut twin_watch) = (Watch::new(tables), Watch::new(tables));
+    let (mut watch, mut checked_watch) = (Watch::new(tables), Watch::new(tables));
+    let mut plain = Plain::new(tables);
     for _ in 0..steps {
-        disturb(&mut twin);
         let outcome = step(&mut machine, &mut watch);
-        assert_eq!(
-            outcome,
-            step(&mut twin, &mut twin_watch),
-            "a macro step that nothing can happen in is skipped, and only such a one"
-        );
-        assert_eq!(watch.taken, twin_watch.taken);
+        assert_eq!(outcome, step(&mut checked, &mut checked_watch));
+        assert_eq!(watch.taken, checked_watch.taken);
+        assert_eq!(outcome, plain.macro_step());
+        assert_eq!(watch.taken, plain.taken);
+        compare(&machine, &plain, &tables);
+        compare(&checked, &plain, &tables);
         if outcome.is_err() {
             assert_eq!(step(&mut machine, &mut watch), outcome, "a fault is final");
             break;
@@ -62,18 +67,39 @@ pub fn run(verified: Verified<Vec<u8>>, random: &mut Random, steps: usize) {
             let change = Change::random(&tables, random);
             let before = Snapshot::of(&machine);
             change.make(&mut machine, &mut watch);
-            change.make(&mut twin, &mut twin_watch);
+            change.make(&mut checked, &mut checked_watch);
+            change.make_plain(&mut plain);
             let after = Snapshot::of(&machine);
             change.check(&tables, &before, &after);
         }
     }
-    drop(machine);
-    assert_eq!(arena[words..], [0; SURPLUS_WORDS]);
+    drop((machine, checked));
+    assert_eq!(arena[words..], [7; SURPLUS_WORDS]);
+    assert_eq!(arena, checked_arena);
+}
+
+/// Flags, enabled tasks and current states are those of the plain machine.
+fn compare<R: Reads<Vec<u8>>>(
+    machine: &Interpreter<'_, Vec<u8>, R>,
+    plain: &Plain<'_>,
+    tables: &Tables<'_>,
+) {
+    for (flag, &value) in plain.flags.iter().enumerate() {
+        assert_eq!(machine.flag(flag), value, "flag {flag}");
+    }
+    for (task, &enabled) in plain.enabled.iter().enumerate() {
+        assert_eq!(machine.is_enabled(task), enabled, "task instance {task}");
+    }
+    for region in 0..tables.region_instance_count() {
+        let active = machine.is_region_active(region);
+        let current = active.then(|| machine.current(region));
+        assert_eq!(current, plain.current(region), "region instance {region}");
+    }
 }
 
 /// One macro step, and the watcher's account held against the machine.
-fn step(
-    machine: &mut Interpreter<'_, Vec<u8>>,
+fn step<R: Reads<Vec<u8>>>(
+    machine: &mut Interpreter<'_, Vec<u8>, R>,
     watch: &mut Watch<'_>,
 ) -> Result<StepSummary, Fault> {
     watch.begin();
@@ -94,13 +120,6 @@ fn step(
         ),
     }
     outcome
-}
-
-/// Takes care that the next macro step is walked: a flag that changes from outside may matter, also if it changes back.
-fn disturb(machine: &mut Interpreter<'_, Vec<u8>>) {
-    let busy = machine.is_busy(0);
-    machine.set_busy(0, !busy);
-    machine.set_busy(0, busy);
 }
 
 /// Something that happens between two macro steps.
@@ -152,7 +171,11 @@ impl Change {
         }
     }
 
-    fn make(self, machine: &mut Interpreter<'_, Vec<u8>>, watch: &mut Watch<'_>) {
+    fn make<R: Reads<Vec<u8>>>(
+        self,
+        machine: &mut Interpreter<'_, Vec<u8>, R>,
+        watch: &mut Watch<'_>,
+    ) {
         match self {
             Change::Flag { task, flag, value } => machine.set_flag(task, flag, value),
             Change::Busy { task, value } => machine.set_busy(task, value),
@@ -168,12 +191,27 @@ impl Change {
         }
     }
 
+    fn make_plain(self, machine: &mut Plain<'_>) {
+        match self {
+            Change::Flag { task, flag, value } => {
+                machine.write(task, TASK_CONTROL_FLAGS + flag, value);
+            }
+            Change::Busy { task, value } => machine.write(task, FLAG_BUSY, value),
+            Change::Skip { missed } => machine.skip(missed),
+            Change::Exit { task } => {
+                machine.write(task, FLAG_EXIT, true);
+                machine.disable(task);
+            }
+            Change::Disable { task } => machine.disable(task),
+        }
+    }
+
     /// Nothing else has changed.
     fn check(self, tables: &Tables<'_>, before: &Snapshot, after: &Snapshot) {
         let (task, flag) = match self {
-            Change::Flag { task, flag, .. } => (task, 3 + flag),
-            Change::Exit { task } => (task, 0),
-            Change::Busy { task, .. } => (task, 2),
+            Change::Flag { task, flag, .. } => (task, TASK_CONTROL_FLAGS + flag),
+            Change::Exit { task } => (task, FLAG_EXIT),
+            Change::Busy { task, .. } => (task, FLAG_BUSY),
             Change::Disable { .. } | Change::Skip { .. } => (usize::MAX, 0),
         };
         let own = tables.flags_of_task(task).unwrap_or((0, 0));
@@ -307,8 +345,7 @@ impl<'a> Watch<'a> {
             if of.instance == 0 {
                 return true;
             }
-            let around = self.tables.instance(of.instance).expect("it exists");
-            let (parent, state) = around.parent;
+            let (parent, state) = self.tables.superstate_of(of.instance).expect("it exists");
             if self.current[parent] != state {
                 return false;
             }
@@ -317,13 +354,13 @@ impl<'a> Watch<'a> {
         }
     }
 
-    fn compare(&self, machine: &Interpreter<'_, Vec<u8>>) {
+    fn compare<R: Reads<Vec<u8>>>(&self, machine: &Interpreter<'_, Vec<u8>, R>) {
         for (region, &state) in self.current.iter().enumerate() {
-            assert_eq!(machine.current(region), state, "region instance {region}");
-            assert_eq!(
-                machine.is_current_state(region, state),
-                self.is_active(region)
-            );
+            // The current state of a region that is not active means nothing.
+            let active = self.is_active(region);
+            let current = active.then(|| machine.current(region));
+            assert_eq!(current, active.then_some(state), "region instance {region}");
+            assert_eq!(machine.is_region_active(region), active);
         }
         for (task, &enabled) in self.enabled.iter().enumerate() {
             assert_eq!(machine.is_enabled(task), enabled, "task instance {task}");
@@ -345,8 +382,9 @@ impl<'a> Watch<'a> {
             StateKind::Task { task_offset, .. } => {
                 expected = Some(instance.first_task + task_offset);
             }
-            StateKind::Super { region_offset, .. } => {
-                let mut at = region + region_offset;
+            StateKind::Super { .. } => {
+                let first = tables.first_region_inside(region, state);
+                let mut at = first.expect("it exists");
                 while at < here.next {
                     let inside = tables.region_instance(at).expect("it exists");
                     self.current[at] = inside.initial;
