@@ -1,7 +1,7 @@
 //! Behaviour of compiled machines on the interpreter, and the verifier against what is no blob.
 
 use esm_core::format::{self, Envelope, PULSE, Section};
-use esm_core::tables::{Code, StateKind as BlobStateKind};
+use esm_core::tables::{Code, Guard as BlobGuard, StateKind as BlobStateKind};
 use esm_core::{
     Cause, Fault, Interpreter, Observer, Refusal, StepSummary, TransitionTaken, Verified, texts,
     verify,
@@ -150,6 +150,166 @@ fn a_region_takes_at_most_eight_bytes_of_memory_besides_its_flags() {
     };
     let bytes = 4 * (words(2 * regions) - words(regions));
     assert!(bytes <= 8 * regions, "{bytes} bytes for {regions} regions");
+}
+
+#[test]
+fn guards_get_the_cheapest_form_that_fits() {
+    fn not(guard: Guard) -> Guard {
+        Guard::Not(Box::new(guard))
+    }
+    let flag_is = |bit, value| BlobGuard::Flag { bit, value };
+    let mask = |mask, value| BlobGuard::Mask { mask, value };
+    let program = BlobGuard::Program { first: 0 };
+    let (simple_state, of_task, of_super) = (0, 1, 2);
+    use Guard::{And, Busy, Exit, Or, Own, Parent, Timeout};
+    // The source, its guard, the form.
+    let cases = [
+        (simple_state, None, BlobGuard::True),
+        (simple_state, Some(Timeout), flag_is(0, true)),
+        (of_task, Some(Exit), flag_is(0, true)),
+        (of_task, Some(not(not(Timeout))), flag_is(1, true)),
+        (of_task, Some(not(Busy)), flag_is(2, false)),
+        // The last flag that is looked at together with the others, and the first that is not.
+        (of_task, Some(Own(11)), flag_is(14, true)),
+        (of_task, Some(Own(12)), program),
+        (of_task, Some(And(vec![Exit, Own(12)])), program),
+        (of_super, Some(Own(0)), flag_is(2, true)),
+        (of_super, Some(Busy), program),
+        (of_super, Some(And(vec![Exit, not(Busy)])), program),
+        (of_task, Some(And(vec![Exit, not(Own(0))])), mask(0b1001, 1)),
+        (of_task, Some(not(Or(vec![Own(0), Exit]))), mask(0b1001, 0)),
+        (
+            of_task,
+            Some(And(vec![
+                Own(0),
+                not(Or(vec![Busy, not(And(vec![Exit, Timeout]))])),
+            ])),
+            mask(0b1111, 0b1011),
+        ),
+        // The same twice is one flag; what contradicts itself is no conjunction that has a mask.
+        (of_task, Some(And(vec![Exit, Exit])), flag_is(0, true)),
+        (of_task, Some(And(vec![Exit, not(Exit)])), program),
+        (of_task, Some(Or(vec![Exit, Timeout])), program),
+        (of_task, Some(not(And(vec![Exit, Timeout]))), program),
+        (of_task, Some(Parent(0)), program),
+        (of_task, Some(And(vec![Exit, Parent(0)])), program),
+    ];
+    for (source, guard, expected) in cases {
+        let flags = || {
+            (0..14)
+                .map(|_| flag("f", Direction::Out))
+                .collect::<Vec<_>>()
+        };
+        let said = format!("state {source}: {guard:?}");
+        let mut asks = pulse(Some(source), Some(0));
+        asks.guard = guard;
+        let states = vec![
+            simple("A"),
+            task_state("T", 0, SlotRef::Slot(1)),
+            superstate("S", 2),
+        ];
+        let around = region("r", vec![superstate("S", 1)], vec![pulse(None, Some(0))]);
+        let mut middle = container(
+            "Middle",
+            &[],
+            vec![region("r", states, vec![pulse(None, Some(0)), asks])],
+        );
+        let still = region("r", vec![simple("A")], vec![pulse(None, Some(0))]);
+        let mut inner = container("Inner", &[], vec![still]);
+        (middle.flags, inner.flags) = (flags(), flags());
+        let model = model(
+            &[],
+            vec![task("T", flags())],
+            vec![container("Root", &[], vec![around]), middle, inner],
+        );
+        let machine = verified(&model);
+        // The machine's and the region's ways out of `initial` come before.
+        assert_eq!(machine.tables().guard_of(2), Some(expected), "{said}");
+    }
+}
+
+#[test]
+fn transitions_stand_by_event_and_within_one_in_source_order() {
+    let on = |event| pulse(Some(0), Some(0)).on_event(event);
+    let transitions = vec![
+        on(1).act(Action::Send(0)),
+        pulse(None, Some(0)),
+        on(0),
+        pulse(Some(0), Some(0)).act(Action::Send(1)),
+        on(1),
+        pulse(Some(0), Some(0)),
+        on(0).act(Action::Send(0)),
+    ];
+    let events = [(0, false, false), (1, false, false)];
+    let root = container(
+        "Root",
+        &events,
+        vec![region("r", vec![simple("A")], transitions)],
+    );
+    let machine = verified(&model(&["E", "F"], Vec::new(), vec![root]));
+    let tables = machine.tables();
+    let found: Vec<_> = (0..tables.transition_count())
+        .map(|index| {
+            let transition = tables.transition(index).unwrap();
+            let sends = tables.actions_of(index).count() == 1;
+            (transition.event, sends, transition.is_plain)
+        })
+        .collect();
+    let expected = [
+        (0, false, true),
+        (0, true, false),
+        (0, false, true),
+        (1, false, true),
+        (1, true, false),
+        (2, true, false),
+        (2, false, true),
+    ];
+    assert_eq!(found, expected);
+    assert_eq!(tables.state(1).unwrap().events, 0b111);
+}
+
+#[test]
+fn only_regions_with_transitions_on_an_event_listen_to_it() {
+    let deaf = || region("deaf", vec![simple("A")], vec![pulse(None, Some(0))]);
+    let hears = |event| {
+        let transitions = vec![
+            pulse(None, Some(0)),
+            pulse(Some(0), Some(0)).on_event(event),
+        ];
+        region("hears", vec![simple("A")], transitions)
+    };
+    let mut regions: Vec<_> = (0..70).map(|_| deaf()).collect();
+    regions[33] = hears(0);
+    regions[64] = hears(0);
+    regions[2] = region(
+        "sends",
+        vec![simple("A")],
+        vec![
+            pulse(None, Some(0)).act(Action::Send(0)),
+            pulse(Some(0), Some(0)).act(Action::Send(1)),
+        ],
+    );
+    let events = [(0, false, false), (1, false, false)];
+    let root = container("Root", &events, regions);
+    let machine = verified(&model(&["E", "F"], Vec::new(), vec![root]));
+    let tables = machine.tables();
+    let channels: Vec<_> = (0..tables.channel_count())
+        .map(|index| tables.channel(index).unwrap())
+        .collect();
+    let listening: Vec<Vec<usize>> = channels
+        .iter()
+        .map(|channel| {
+            (0..70)
+                .filter(|it| tables.is_listening(channel, *it))
+                .collect()
+        })
+        .collect();
+    assert_eq!(listening, [vec![33, 64], vec![]]);
+    assert_eq!(
+        (channels[0].first_region_word, channels[0].region_words),
+        (1, 2)
+    );
+    assert_eq!(channels[1].region_words, 0);
 }
 
 #[test]

@@ -244,8 +244,8 @@ fn what_is_said_of_a_mission_is_what_the_robot_says() {
         (with_task_states, 1..12, Capacity::TaskInstances, TASKS + 1),
         (with_nets, 1..5, Capacity::Nets, NETS + 1),
         (with_groups, 1..4, Capacity::ExclusiveGroups, GROUPS + 1),
-        // 3 words hold flags, enabled tasks and queue; each region takes 2.
-        (with_regions, 15..22, Capacity::ArenaWords, 19),
+        // 5 words hold flags, enabled tasks, queue, and which regions are active and awake; each region takes one and a half.
+        (with_regions, 20..27, Capacity::ArenaWords, 24),
         (
             with_name_of,
             name_that_fits - 3..name_that_fits + 4,

@@ -24,7 +24,7 @@ fn the_cd_player_reads_back() {
             instances: 2,
             events: 8,
             flags: 2 + 11 + 2,
-            ram_bytes: 4 * (2 * 3 + 1 + 1 + 16),
+            ram_bytes: 4 * (2 + 2 + 1 + 1 + 3 + 16),
         }
     );
     let text = report.to_string();

@@ -199,7 +199,7 @@ macro_rules! with_section {
 fn blobs_of_no_source_are_refused_with_the_reason() {
     let text = format!(
         "{HEAD}task T slot 1 exclusive g {{ out flag a; out flag b; param x: f32 = 1.5; param y: bool = true; inout data d: D; }}\n\
-         container C {{ in event Go; out flag done; out data d: D; region r {{ task A: T; initial -> A / set ^done; }} path A.d -> d; }}\n\
+         container C {{ in event Go; out flag done; out data d: D; region r {{ task A: T; initial -> A / set ^done; A -> A on Go; }} path A.d -> d; }}\n\
          machine M {{ event Go; region r {{ super S: C; super U: C; task A: T; initial -> S; S -> U on pulse [.done] / send Go;\n\
          A -> A on pulse [.a or .b or exit or busy]; }} path S.d, U.d -> A.d; }}"
     );
@@ -227,10 +227,9 @@ fn blobs_of_no_source_are_refused_with_the_reason() {
             "port `A.d` is on a net in one instance of its container and open in another",
         ),
         (
-            // The event is visible nowhere.
-            with_section!(&good, channels, |channels| channels[4..6]
-                .copy_from_slice(&[0, 0])),
-            "event `Go` is visible in places that no",
+            // The first use of the container does not hear the event that the second hears.
+            with_section!(&good, listeners, |row| row[3] &= !(1 << 6)),
+            "its source would compile to another blob, which differs from byte",
         ),
         (
             // Behind the guard of four tests and its end stands the action in the container. Its first test jumps to its last.
@@ -250,7 +249,7 @@ fn blobs_of_no_source_are_refused_with_the_reason() {
                     .unwrap();
                 test[..2].copy_from_slice(&[0, 0]);
             }),
-            "`S -> U` in `M` uses flag bit 0, which has no name there",
+            "`A -> A` in `M` uses flag bit 0, which has no name there",
         ),
         (
             // Two tasks of one group are in none.
@@ -275,7 +274,8 @@ fn a_machine_in_which_a_region_never_starts_is_refused() {
     let good = blob(&text, NameTable::LeftOut);
     let states = with_section!(&good, states, |states| {
         // The only transition leaves `A`.
-        for field in [2, 16] {
+        // For it both the events and where those on the pulse end, or begin, are others.
+        for field in [0, 6, 16, 20] {
             states[field] ^= 1;
         }
     });
