@@ -139,7 +139,7 @@ impl ArenaLayout {
         let enabled = flags + tables.flag_count().div_ceil(WORD_BITS);
         let entered_us = enabled + tasks.div_ceil(WORD_BITS);
         let queue = entered_us + regions;
-        let end = queue + tables.queue_capacity().div_ceil(2);
+        let end = queue + queue_places(tables).div_ceil(2);
         Self {
             active,
             flags,
@@ -157,6 +157,11 @@ impl ArenaLayout {
     }
 }
 
+/// Places of the event queue: a power of two, so that going round is cheap.
+fn queue_places(tables: &Tables<'_>) -> usize {
+    tables.queue_capacity().next_power_of_two()
+}
+
 /// A machine that runs. `R` says how it reads its tables: see [`Reads`].
 #[derive(Debug)]
 pub struct Interpreter<'m, B, R = DefaultReads> {
@@ -164,20 +169,24 @@ pub struct Interpreter<'m, B, R = DefaultReads> {
     arena: &'m mut [u32],
     layout: ArenaLayout,
     period_us: u32,
-    /// Number and time of the next macro step.
-    step: u64,
-    t_us: u64,
+    /// Number and time of the next macro step; while one runs, those of the one after it.
+    next_step: u64,
+    next_us: u64,
     /// No timer runs out before or at this time.
     deadline_us: u64,
-    /// The events that wait: their number, the place of the first in the queue, and the place behind the last. The queue is a ring.
+    /// Events that were put into the queue, and taken out. The queue is a ring, as long as a power of two: the low bits say the place.
     queued: u8,
-    queue_first: u8,
-    queue_end: u8,
+    taken: u8,
+    queue_mask: u8,
     queue_capacity: u8,
     /// The micro step that is under way.
     micro: u8,
+    /// Whether a transition was taken in this macro step.
+    changed: bool,
     /// Whether some region is awake. A machine that was stopped never sleeps.
     is_awake: bool,
+    /// Words of 32 region instances that are visited: none of a machine that was stopped.
+    words: usize,
     fault: Option<Fault>,
     reads: PhantomData<R>,
 }
@@ -195,16 +204,13 @@ fn not_before(region: usize, word: usize) -> u32 {
     }
 }
 
-/// What a transition of one region instance means for the others.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Effect {
-    /// Nothing.
-    Own,
-    /// Who is active or awake changed. Those before the next sibling are not visited any more.
-    Wide,
-    /// It could not be taken.
-    Fault,
-}
+/// Where the visit of a micro step goes on after a transition of one region instance.
+///
+/// Most change only what the region instance itself is in, and the visit goes on as it was: that is 0. Where who is active or awake changed, it is the next region instance that
+/// is not inside that one, and so above 0. [`NOT_TAKEN`] if the queue had no room for an event.
+type Resume = usize;
+const ON: Resume = 0;
+const NOT_TAKEN: Resume = usize::MAX;
 
 /// What guards see: in the low half the first own flags of a state, in the high half their complement.
 #[derive(Clone, Copy)]
@@ -271,6 +277,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         let tables = verified.tables();
         let layout = ArenaLayout::of(&tables);
         let queue_capacity = tables.queue_capacity() as u8;
+        let queue_mask = (queue_places(&tables) - 1) as u8;
         let period_us = tables
             .slot(tables.interpreter_slot())
             .map_or(0, |slot| slot.period_us);
@@ -288,15 +295,17 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             arena,
             layout,
             period_us,
-            step: 0,
-            t_us: 0,
+            next_step: 0,
+            next_us: 0,
             deadline_us: u64::MAX,
             queued: 0,
-            queue_first: 0,
-            queue_end: 0,
+            taken: 0,
+            queue_mask,
             queue_capacity,
             micro: 0,
+            changed: false,
             is_awake: false,
+            words: layout.regions.div_ceil(WORD_BITS),
             fault: None,
             reads: PhantomData,
         };
@@ -314,11 +323,11 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
         let passed_us = u64::from(missed) * u64::from(self.period_us);
-        if self.t_us + passed_us > self.deadline_us {
+        if self.next_us + passed_us > self.deadline_us {
             self.age_timers(passed_us);
         }
-        self.step += u64::from(missed);
-        self.t_us += passed_us;
+        self.next_step += u64::from(missed);
+        self.next_us += passed_us;
     }
 
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
@@ -327,22 +336,26 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     /// The fault that stopped the machine, in this macro step or before.
     #[inline]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        let (step, t_us) = (self.step, self.t_us);
-        let mut micro_steps = 1;
-        let mut changed = false;
-        if self.is_awake || t_us > self.deadline_us {
-            changed = self.walk(observer)?;
-            micro_steps = self.micro + 1;
+        let (step, t_us) = (self.next_step, self.next_us);
+        self.next_step = step + 1;
+        self.next_us = t_us + u64::from(self.period_us);
+        if t_us > self.deadline_us {
+            self.run_timers(t_us);
         }
-        self.step = step + 1;
-        self.t_us = t_us + u64::from(self.period_us);
-        Ok(StepSummary {
+        let mut summary = StepSummary {
             step,
             t_us,
-            micro_steps,
-            changed,
-            finished: self.is_finished(),
-        })
+            micro_steps: 1,
+            changed: false,
+            finished: false,
+        };
+        if self.is_awake {
+            self.walk(observer)?;
+            summary.micro_steps = self.micro + 1;
+            summary.changed = self.changed;
+        }
+        summary.finished = self.is_finished();
+        Ok(summary)
     }
 
     /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false unless it is current.
@@ -659,195 +672,190 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
 /// What happens in a macro step.
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Handles the pulse and all events that follow from it; says whether any transition was taken.
+    /// Handles the pulse and all events that follow from it.
     #[inline(never)]
-    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<bool, Fault> {
-        if let Some(fault) = self.fault {
-            return Err(fault);
-        }
-        if self.t_us > self.deadline_us {
-            self.run_timers();
-        }
-        self.is_awake = false;
+    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<(), Fault> {
         self.micro = 0;
-        let Some(mut changed) = self.pulse(observer) else {
-            return Err(self.stop(Fault::EventQueueOverflow, observer));
-        };
-        while let Some(left) = self.queued.checked_sub(1) {
+        self.changed = false;
+        self.is_awake = false;
+        let mut word = 0;
+        let mut resume = ON;
+        while word < self.words {
+            let pair = self.layout.active + 2 * word;
+            let visit = self.load(pair) & self.load(pair + 1) & not_before(resume, word);
+            if visit != 0 {
+                resume = self.visit::<true, O>(format::PULSE, visit, word, observer);
+                if resume == NOT_TAKEN {
+                    return Err(self.stop(Fault::EventQueueOverflow, observer));
+                }
+            }
+            word += 1;
+        }
+        while self.taken != self.queued {
             if self.micro == MAX_MICRO_STEPS - 1 {
                 return Err(self.stop(Fault::MacroStepLimit, observer));
             }
             self.micro += 1;
-            self.queued = left;
-            let first = self.queue_first;
-            self.queue_first = self.place_after(first);
-            let sent = R::load_half(self.arena, 2 * self.layout.queue + usize::from(first));
-            let Some(moved) = self.event(sent.into(), observer) else {
-                return Err(self.stop(Fault::EventQueueOverflow, observer));
-            };
-            changed |= moved;
+            let place = usize::from(self.taken & self.queue_mask);
+            self.taken = self.taken.wrapping_add(1);
+            let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
+            let sent = self.record(Section::Channels, sent.into());
+            let event = self.field(sent, channel::EVENT) as u16;
+            let row = self.field(sent, channel::FIRST_ROW_WORD);
+            let mut row = self.record(Section::Listeners, row);
+            let mut word = self.field(sent, channel::FIRST_REGION_WORD);
+            let end = word + self.field(sent, channel::REGION_WORDS);
+            let mut resume = ON;
+            while word < end {
+                let pair = self.layout.active + 2 * word;
+                let visit = self.load(pair) & self.word_of(row) & not_before(resume, word);
+                if visit != 0 {
+                    resume = self.visit::<false, O>(event, visit, word, observer);
+                    if resume == NOT_TAKEN {
+                        return Err(self.stop(Fault::EventQueueOverflow, observer));
+                    }
+                }
+                row += record_bytes(Section::Listeners);
+                word += 1;
+            }
         }
-        Ok(changed)
+        if self.words == 0 {
+            return Err(self.fault.unwrap_or(Fault::MacroStepLimit));
+        }
+        Ok(())
     }
 
+    /// Ends all for good.
     #[cold]
     #[inline(never)]
     fn stop<O: Observer>(&mut self, fault: Fault, observer: &mut O) -> Fault {
         self.disable_real_time(0..self.layout.tasks, observer);
         self.fault = Some(fault);
+        self.taken = self.queued;
+        self.words = 0;
         self.is_awake = true;
         fault
     }
 
-    /// Shows the pulse to those who are active and awake. Says whether any transition was taken; none if one could not be.
+    /// Shows the pulse or another event to the region instances of one word that are set in `visit`.
+    ///
+    /// Returns where the visit of later words goes on.
     #[inline(never)]
-    fn pulse<O: Observer>(&mut self, observer: &mut O) -> Option<bool> {
-        let mut changed = false;
-        let mut resume = 0;
-        let mut pair = self.layout.active;
-        let mut base = 0;
-        while base < self.layout.regions {
-            let mut visit = 0;
-            'again: loop {
-                let awake = self.load(pair + 1);
-                visit = (visit | awake) & self.load(pair);
-                if resume > base {
-                    visit &= not_before(resume, base / WORD_BITS);
-                }
-                self.store(pair + 1, awake & !visit);
-                while visit != 0 {
-                    let offset = visit.leading_zeros();
-                    visit &= !(FIRST >> offset);
-                    let region = base + offset as usize;
-                    let current = self.current_record(region);
-                    if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT)
-                        != 0
-                    {
-                        self.run_timer(region, current);
-                    }
-                    let first = self.field(current, state::FIRST_TRANSITION);
-                    let end = self.field(current, state::FIRST_EVENT_TRANSITION);
-                    let window = Window::of(self.own_flags(region, current));
-                    let mut at = self.record(Section::Transitions, first);
-                    let end = self.record(Section::Transitions, end);
-                    while at != end {
-                        let guard = self.field(at, transition::GUARD);
-                        let holds = if guard < usize::from(format::GUARD_PROGRAM) {
-                            window.holds(guard)
-                        } else {
-                            self.is_true(guard, region, current)
-                        };
-                        if !holds {
-                            at += record_bytes(Section::Transitions);
-                            continue;
-                        }
-                        changed = true;
-                        match self.take(region, at, observer) {
-                            Effect::Own => break,
-                            Effect::Wide => {
-                                resume = self.next(region);
-                                continue 'again;
-                            }
-                            Effect::Fault => return None,
-                        }
-                    }
-                }
-                break;
-            }
-            base += WORD_BITS;
-            pair += 2;
+    fn visit<const PULSE: bool, O: Observer>(
+        &mut self,
+        event: u16,
+        mut visit: u32,
+        word: usize,
+        observer: &mut O,
+    ) -> Resume {
+        let pair = self.layout.active + 2 * word;
+        if PULSE {
+            // Who is shown the pulse sleeps until woken again.
+            self.store(pair + 1, self.load(pair + 1) & !visit);
         }
-        Some(changed)
-    }
-
-    /// Shows an event to those who listen and are active.
-    #[inline(never)]
-    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Option<bool> {
-        let sent = self.record(Section::Channels, sent);
-        let event = self.field(sent, channel::EVENT) as u32;
-        let mut row = self.record(
-            Section::Listeners,
-            self.field(sent, channel::FIRST_ROW_WORD),
-        );
-        let row_end =
-            row + record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
-        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
-        let mut changed = false;
-        let mut resume = 0;
-        while row != row_end {
-            let base = WORD_BITS * word;
-            'again: loop {
-                let mut visit = self.word_of(row) & self.load(self.layout.active + 2 * word);
-                if resume > base {
-                    visit &= not_before(resume, word);
-                }
-                while visit != 0 {
-                    let offset = visit.leading_zeros();
-                    visit &= !(FIRST >> offset);
-                    let region = base + offset as usize;
-                    let current = self.current_record(region);
-                    if self.events(current) >> (event % u32::BITS) & 1 == 0 {
-                        continue;
-                    }
-                    let first = self.field(current, state::FIRST_EVENT_TRANSITION);
-                    let after = current + record_bytes(Section::States);
-                    // `final` has no transitions, so a state that has some is not the last.
-                    let end = self.field(after, state::FIRST_TRANSITION);
-                    let mut at = self.record(Section::Transitions, first);
-                    let end = self.record(Section::Transitions, end);
-                    while at != end {
-                        let trigger = self.field(at, transition::EVENT) as u32;
-                        // Without the mark above it.
-                        if trigger << 17 != event << 17 || !self.allows(region, current, at) {
-                            at += record_bytes(Section::Transitions);
-                            continue;
-                        }
-                        changed = true;
-                        match self.take(region, at, observer) {
-                            Effect::Own => break,
-                            Effect::Wide => {
-                                resume = self.next(region);
-                                continue 'again;
-                            }
-                            Effect::Fault => return None,
-                        }
-                    }
-                }
-                break;
+        let mut resume = ON;
+        while visit != 0 {
+            let offset = visit.leading_zeros();
+            visit &= !(FIRST >> offset);
+            let region = WORD_BITS * word + offset as usize;
+            let current = self.current_record(region);
+            let found = if PULSE {
+                self.find_on_pulse(region, current)
+            } else {
+                self.find_on_event(event, region, current)
+            };
+            let Some(at) = found else { continue };
+            let trigger = self.field(at, transition::EVENT) as u16;
+            let mut goes_on = ON;
+            if trigger & format::TRANSITION_IS_PLAIN != 0 {
+                self.changed = true;
+                self.make_current(region, self.field(at, transition::TARGET));
+            } else {
+                goes_on = self.take(region, at, observer);
             }
-            row += record_bytes(Section::Listeners);
-            word += 1;
-        }
-        Some(changed)
-    }
-
-    /// Whether the guard of a transition is true.
-    #[inline(always)]
-    fn allows(&mut self, region: usize, current: usize, transition: usize) -> bool {
-        let guard = self.field(transition, transition::GUARD);
-        guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
-    }
-
-    /// Takes a transition and tells so.
-    #[inline(always)]
-    fn take<O: Observer>(&mut self, region: usize, at: usize, observer: &mut O) -> Effect {
-        let trigger = self.field(at, transition::EVENT) as u16;
-        let effect = if trigger & format::TRANSITION_IS_PLAIN != 0 {
-            let target = self.field(at, transition::TARGET);
-            self.make_current(region, target);
-            Effect::Own
-        } else {
-            self.take_any(region, at, observer)
-        };
-        if effect != Effect::Fault {
+            if goes_on == NOT_TAKEN {
+                return NOT_TAKEN;
+            }
             let first = self.record(Section::Transitions, 0);
             observer.transition(TransitionTaken {
                 micro: self.micro,
                 region_instance: region as u16,
                 transition: ((at - first) / record_bytes(Section::Transitions)) as u16,
             });
+            if goes_on != ON {
+                resume = goes_on;
+                let later = self.load(pair) & not_before(resume, word);
+                if PULSE {
+                    let awake = self.load(pair + 1);
+                    visit = (visit | awake) & later;
+                    self.store(pair + 1, awake & !visit);
+                } else {
+                    visit &= later;
+                }
+            }
         }
-        effect
+        resume
+    }
+
+    /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
+    #[inline(always)]
+    fn find_on_pulse(&mut self, region: usize, current: usize) -> Option<usize> {
+        if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
+            self.run_timer(region, current);
+        }
+        let first = self.field(current, state::FIRST_TRANSITION);
+        let end = self.field(current, state::FIRST_EVENT_TRANSITION);
+        let mut at = self.record(Section::Transitions, first);
+        let end = self.record(Section::Transitions, end);
+        let window = Window::of(self.own_flags(region, current));
+        loop {
+            let mut guard;
+            loop {
+                if at == end {
+                    return None;
+                }
+                guard = self.field(at, transition::GUARD);
+                if guard >= usize::from(format::GUARD_PROGRAM) || window.holds(guard) {
+                    break;
+                }
+                at += record_bytes(Section::Transitions);
+            }
+            if guard < usize::from(format::GUARD_PROGRAM) || self.is_true(guard, region, current) {
+                return Some(at);
+            }
+            at += record_bytes(Section::Transitions);
+        }
+    }
+
+    /// The same on another event.
+    #[inline(always)]
+    fn find_on_event(&mut self, event: u16, region: usize, current: usize) -> Option<usize> {
+        if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
+            return None;
+        }
+        let first = self.field(current, state::FIRST_EVENT_TRANSITION);
+        // `final` has no transitions, so a state that has some is not the last.
+        let after = current + record_bytes(Section::States);
+        let end = self.field(after, state::FIRST_TRANSITION);
+        let mut at = self.record(Section::Transitions, first);
+        let end = self.record(Section::Transitions, end);
+        loop {
+            loop {
+                if at == end {
+                    return None;
+                }
+                // Without the mark, which is in the highest bit.
+                if (self.field(at, transition::EVENT) as u16 ^ event) << 1 == 0 {
+                    break;
+                }
+                at += record_bytes(Section::Transitions);
+            }
+            let guard = self.field(at, transition::GUARD);
+            if guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current) {
+                return Some(at);
+            }
+            at += record_bytes(Section::Transitions);
+        }
     }
 
     /// Enters a state without flags or content; returns its record.
@@ -916,17 +924,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// Leaves a state, acts, enters another.
     #[inline(never)]
-    fn take_any<O: Observer>(
-        &mut self,
-        region: usize,
-        transition: usize,
-        observer: &mut O,
-    ) -> Effect {
-        let mut effect = Effect::Own;
+    fn take<O: Observer>(&mut self, region: usize, transition: usize, observer: &mut O) -> Resume {
+        self.changed = true;
+        let target = self.field(transition, transition::TARGET);
+        let left = self.current_record(region);
+        let entered = self.record(Section::States, target);
         let here = self.record(Section::RegionInstances, region);
         let instance_index = self.field(here, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance_index);
-        let left = self.current_record(region);
+        let mut is_wide = false;
         match self.field(left, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT {
             format::STATE_TASK => {
                 let first_task = self.field(instance, instance::FIRST_TASK);
@@ -938,12 +944,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             format::STATE_SUPER => {
                 let inside = instance_index + self.field(left, state::A);
                 self.leave_regions(region, inside, observer);
-                effect = Effect::Wide;
+                is_wide = true;
             }
             _ => {}
         }
-        let target = self.field(transition, transition::TARGET);
-        let entered = self.record(Section::States, target);
         let shape = self.field(entered, state::SHAPE) as u16;
         let first_flag = self.first_flag(region, entered);
         self.reset_flags(first_flag, shape & format::STATE_FLAGS_MASK);
@@ -951,13 +955,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         if action & format::ACTION_SEND != 0 {
             let first_channel = self.field(instance, instance::FIRST_CHANNEL);
             if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
-                return Effect::Fault;
+                return NOT_TAKEN;
             }
         } else if action != format::ACTION_NONE {
             match self.act(usize::from(action - format::ACTION_ROW), here, entered) {
-                Effect::Own => {}
-                Effect::Wide => effect = Effect::Wide,
-                Effect::Fault => return Effect::Fault,
+                Some(wide) => is_wide |= wide,
+                None => return NOT_TAKEN,
             }
         }
         self.make_current(region, target);
@@ -975,24 +978,25 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 let exit = self.field(instance, instance::FIRST_FLAG) + format::FLAG_EXIT;
                 self.set_flag_to(exit, true);
                 self.wake_instance(instance_index);
-                effect = Effect::Wide;
+                is_wide = true;
             }
             format::STATE_SUPER => {
                 let inside = instance_index + self.field(entered, state::A);
                 let inside = self.record(Section::Instances, inside);
                 let first = self.field(inside, instance::FIRST_REGION);
                 self.start_regions(first, self.next(region));
-                effect = Effect::Wide;
+                is_wide = true;
             }
             _ => {}
         }
-        effect
+        if is_wide { self.next(region) } else { ON }
     }
 
-    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`.
+    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`. Says whether it woke anyone; none if
+    /// the queue had no room for an event.
     #[inline(never)]
-    fn act(&mut self, first: usize, here: usize, entered: usize) -> Effect {
-        let mut effect = Effect::Own;
+    fn act(&mut self, first: usize, here: usize, entered: usize) -> Option<bool> {
+        let mut is_wide = false;
         let first_flag = self.field(here, region_instance::FIRST_FLAG);
         let own = self.field(entered, state::FIRST_FLAG);
         let own_flags = self.field(entered, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
@@ -1005,18 +1009,18 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if operation == format::CODE_SEND {
                 let instance = self.record(Section::Instances, instance_index);
                 if !self.send(self.field(instance, instance::FIRST_CHANNEL) + operand) {
-                    return Effect::Fault;
+                    return None;
                 }
             } else {
                 self.set_flag_to(first_flag + operand, operation == format::CODE_SET);
                 // Own flags of the state that is entered are looked at by nobody else.
                 if operand.wrapping_sub(own) >= own_flags {
                     self.wake_instance(instance_index);
-                    effect = Effect::Wide;
+                    is_wide = true;
                 }
             }
             if control & format::CODE_LOW_MASK != 0 {
-                return effect;
+                return Some(is_wide);
             }
             at += record_bytes(Section::Code);
         }
@@ -1038,22 +1042,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Appends an event to the queue. False if there is no room.
     #[inline(always)]
     fn send(&mut self, channel: usize) -> bool {
-        if self.queued == self.queue_capacity {
+        if self.queued.wrapping_sub(self.taken) == self.queue_capacity {
             return false;
         }
-        self.queued += 1;
-        let end = self.queue_end;
-        self.queue_end = self.place_after(end);
-        let place = 2 * self.layout.queue + usize::from(end);
-        R::store_half(self.arena, place, channel as u16);
+        let place = usize::from(self.queued & self.queue_mask);
+        R::store_half(self.arena, 2 * self.layout.queue + place, channel as u16);
+        self.queued = self.queued.wrapping_add(1);
         true
-    }
-
-    /// The place in the queue behind another.
-    #[inline(always)]
-    fn place_after(&self, place: u8) -> u8 {
-        let next = place + 1;
-        if next == self.queue_capacity { 0 } else { next }
     }
 
     /// Wakes those in a container instance, at any depth, and the region instance around it.
@@ -1137,9 +1132,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(never)]
     fn start_timer(&mut self, region: usize, entered: usize) {
-        self.store(self.layout.entered_us + region, self.t_us as u32);
-        let due_us = self.t_us + u64::from(self.limit_us(entered));
+        let now_us = self.now_us();
+        self.store(self.layout.entered_us + region, now_us as u32);
+        let due_us = now_us + u64::from(self.limit_us(entered));
         self.deadline_us = self.deadline_us.min(due_us);
+    }
+
+    /// The time of the macro step that runs.
+    fn now_us(&self) -> u64 {
+        self.next_us - u64::from(self.period_us)
     }
 
     fn limit_us(&self, state: usize) -> u32 {
@@ -1153,10 +1154,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
     }
 
-    /// What a state has left of its time; none if it is overdue.
-    fn left_us(&self, region: usize, state: usize) -> Option<u32> {
+    /// What a state has left of its time at a macro step; none if it is overdue.
+    fn left_us(&self, region: usize, state: usize, t_us: u64) -> Option<u32> {
         let entered_us = self.load(self.layout.entered_us + region);
-        let age_us = (self.t_us as u32).wrapping_sub(entered_us);
+        let age_us = (t_us as u32).wrapping_sub(entered_us);
         if age_us < self.period_us {
             return None;
         }
@@ -1177,7 +1178,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(never)]
     fn run_timer(&mut self, region: usize, current: usize) {
         let flag = self.timeout_flag(region, current);
-        if !self.flag_at(flag) && self.left_us(region, current).is_none() {
+        if !self.flag_at(flag) && self.left_us(region, current, self.now_us()).is_none() {
             self.set_flag_to(flag, true);
         }
     }
@@ -1185,16 +1186,16 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds the next deadline.
     #[cold]
     #[inline(never)]
-    fn run_timers(&mut self) {
+    fn run_timers(&mut self, t_us: u64) {
         self.deadline_us = u64::MAX;
         for region in 0..self.layout.regions {
             let Some(current) = self.timed(region) else {
                 continue;
             };
-            match self.left_us(region, current) {
+            match self.left_us(region, current, t_us) {
                 None => self.wake_all(region..self.next(region)),
                 Some(left_us) => {
-                    let due_us = self.t_us + u64::from(left_us);
+                    let due_us = t_us + u64::from(left_us);
                     self.deadline_us = self.deadline_us.min(due_us);
                 }
             }
@@ -1205,13 +1206,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[cold]
     #[inline(never)]
     fn age_timers(&mut self, passed_us: u64) {
-        let now_us = self.t_us.wrapping_add(passed_us) as u32;
+        let now_us = self.next_us.wrapping_add(passed_us) as u32;
         for region in 0..self.layout.regions {
             let Some(current) = self.timed(region) else {
                 continue;
             };
             let is_overdue = self
-                .left_us(region, current)
+                .left_us(region, current, self.next_us)
                 .is_none_or(|left_us| u64::from(left_us) < passed_us);
             if is_overdue {
                 // Older than any limit and any period.
