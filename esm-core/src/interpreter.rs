@@ -8,7 +8,8 @@
 //! woken when one of these changes: by a transition of its own, by its superstate's start, from outside, by an action or a `final` around it, by its timer. A guard that asks for busy tasks inside
 //! wakes its region each time.
 //!
-//! **Timers.** A deadline is kept, after which some timer may have run out; it may be early, never late. A macro step behind it wakes whoever is due and finds the next.
+//! **Timers.** The time of a macro step is its number times the period, so timers count macro steps. How many pass before some timer may have run out is kept; it may be too few, never too
+//! many. The macro step behind them wakes whoever is due and finds the next.
 //!
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
@@ -120,8 +121,8 @@ pub(crate) struct ArenaLayout {
     flags: usize,
     /// The enable bits of the task instances, the first in the lowest bit.
     enabled: usize,
-    /// For each region instance the low 32 bits of the time at which its state was entered, if that has a timeout.
-    entered_us: usize,
+    /// For each region instance the low 32 bits of the number of the macro step in which its state was entered, if that has a timeout.
+    entered: usize,
     /// The channels of events that wait, two a word.
     queue: usize,
     end: usize,
@@ -137,14 +138,14 @@ impl ArenaLayout {
         let active = regions.div_ceil(2);
         let flags = active + 2 * regions.div_ceil(WORD_BITS);
         let enabled = flags + tables.flag_count().div_ceil(WORD_BITS);
-        let entered_us = enabled + tasks.div_ceil(WORD_BITS);
-        let queue = entered_us + regions;
+        let entered = enabled + tasks.div_ceil(WORD_BITS);
+        let queue = entered + regions;
         let end = queue + queue_places(tables).div_ceil(2);
         Self {
             active,
             flags,
             enabled,
-            entered_us,
+            entered,
             queue,
             end,
             regions,
@@ -169,11 +170,10 @@ pub struct Interpreter<'m, B, R = DefaultReads> {
     arena: &'m mut [u32],
     layout: ArenaLayout,
     period_us: u32,
-    /// Number and time of the next macro step; while one runs, those of the one after it.
-    next_step: u64,
-    next_us: u64,
-    /// No timer runs out before or at this time.
-    deadline_us: u64,
+    /// Macro steps that began, or were skipped.
+    steps: u64,
+    /// Macro steps until a timer may have run out, that one included.
+    steps_left: u32,
     /// Events that were put into the queue, and taken out. The queue is a ring, as long as a power of two: the low bits say the place.
     queued: u8,
     taken: u8,
@@ -295,9 +295,8 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             arena,
             layout,
             period_us,
-            next_step: 0,
-            next_us: 0,
-            deadline_us: u64::MAX,
+            steps: 0,
+            steps_left: u32::MAX,
             queued: 0,
             taken: 0,
             queue_mask,
@@ -309,6 +308,11 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             fault: None,
             reads: PhantomData,
         };
+        for region in 0..layout.regions {
+            let record = machine.record(Section::RegionInstances, region);
+            let initial = machine.field(record, region_instance::INITIAL);
+            R::store_half(machine.arena, region, initial as u16);
+        }
         machine.start_regions(0, layout.regions);
         Ok(machine)
     }
@@ -322,12 +326,13 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
-        let passed_us = u64::from(missed) * u64::from(self.period_us);
-        if self.next_us + passed_us > self.deadline_us {
-            self.age_timers(passed_us);
+        if missed < self.steps_left {
+            self.steps_left -= missed;
+        } else {
+            self.age_timers(missed);
+            self.steps_left = 1;
         }
-        self.next_step += u64::from(missed);
-        self.next_us += passed_us;
+        self.steps += u64::from(missed);
     }
 
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
@@ -336,15 +341,15 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     /// The fault that stopped the machine, in this macro step or before.
     #[inline]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        let (step, t_us) = (self.next_step, self.next_us);
-        self.next_step = step + 1;
-        self.next_us = t_us + u64::from(self.period_us);
-        if t_us > self.deadline_us {
-            self.run_timers(t_us);
+        let step = self.steps;
+        self.steps = step + 1;
+        self.steps_left -= 1;
+        if self.steps_left == 0 {
+            self.run_timers();
         }
         let mut summary = StepSummary {
             step,
-            t_us,
+            t_us: step * u64::from(self.period_us),
             micro_steps: 1,
             changed: false,
             finished: false,
@@ -507,7 +512,7 @@ impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
 
     /// The enable bits of all task instances, the first in the lowest bit of the first word.
     pub fn enabled_words(&self) -> &[u32] {
-        self.part(self.layout.enabled..self.layout.entered_us)
+        self.part(self.layout.enabled..self.layout.entered)
     }
 
     fn flag_words(&self) -> &[u32] {
@@ -664,6 +669,11 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     #[inline(always)]
+    fn is_enabled_now(&self, task: usize) -> bool {
+        self.load(self.layout.enabled + task / WORD_BITS) >> (task % WORD_BITS) & 1 != 0
+    }
+
+    #[inline(always)]
     fn enable(&mut self, task: usize) {
         let place = self.layout.enabled + task / WORD_BITS;
         self.store(place, self.load(place) | 1 << (task % WORD_BITS));
@@ -682,7 +692,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let mut resume = ON;
         while word < self.words {
             let pair = self.layout.active + 2 * word;
-            let visit = self.load(pair) & self.load(pair + 1) & not_before(resume, word);
+            let mut visit = self.load(pair) & self.load(pair + 1);
+            if resume != ON {
+                visit &= not_before(resume, word);
+            }
             if visit != 0 {
                 resume = self.visit::<true, O>(format::PULSE, visit, word, observer);
                 if resume == NOT_TAKEN {
@@ -708,7 +721,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             let mut resume = ON;
             while word < end {
                 let pair = self.layout.active + 2 * word;
-                let visit = self.load(pair) & self.word_of(row) & not_before(resume, word);
+                let mut visit = self.load(pair) & self.word_of(row);
+                if resume != ON {
+                    visit &= not_before(resume, word);
+                }
                 if visit != 0 {
                     resume = self.visit::<false, O>(event, visit, word, observer);
                     if resume == NOT_TAKEN {
@@ -766,15 +782,25 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             };
             let Some(at) = found else { continue };
             let trigger = self.field(at, transition::EVENT) as u16;
+            let target = self.field(at, transition::TARGET);
             let mut goes_on = ON;
             if trigger & format::TRANSITION_IS_PLAIN != 0 {
                 self.changed = true;
-                self.make_current(region, self.field(at, transition::TARGET));
+                R::store_half(self.arena, region, target as u16);
+                let entered = self.record(Section::States, target);
+                if self.events(entered) & 1 != 0 {
+                    self.store(pair + 1, self.load(pair + 1) | FIRST >> offset);
+                    self.is_awake = true;
+                }
             } else {
-                goes_on = self.take(region, at, observer);
-            }
-            if goes_on == NOT_TAKEN {
-                return NOT_TAKEN;
+                goes_on = if self.record(Section::States, target) == current {
+                    self.take_again(region, at, observer)
+                } else {
+                    self.take(region, at, observer)
+                };
+                if goes_on == NOT_TAKEN {
+                    return NOT_TAKEN;
+                }
             }
             let first = self.record(Section::Transitions, 0);
             observer.transition(TransitionTaken {
@@ -784,24 +810,36 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             });
             if goes_on != ON {
                 resume = goes_on;
-                let later = self.load(pair) & not_before(resume, word);
-                if PULSE {
-                    let awake = self.load(pair + 1);
-                    visit = (visit | awake) & later;
-                    self.store(pair + 1, awake & !visit);
-                } else {
-                    visit &= later;
-                }
+                visit = self.still_to_visit::<PULSE>(visit, word, resume);
             }
         }
         resume
+    }
+
+    /// Who of a word is still to be visited after a transition that changed who is active or awake.
+    #[inline(never)]
+    fn still_to_visit<const PULSE: bool>(
+        &mut self,
+        visit: u32,
+        word: usize,
+        resume: Resume,
+    ) -> u32 {
+        let pair = self.layout.active + 2 * word;
+        let later = self.load(pair) & not_before(resume, word);
+        if !PULSE {
+            return visit & later;
+        }
+        let awake = self.load(pair + 1);
+        let visit = (visit | awake) & later;
+        self.store(pair + 1, awake & !visit);
+        visit
     }
 
     /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
     #[inline(always)]
     fn find_on_pulse(&mut self, region: usize, current: usize) -> Option<usize> {
         if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
-            self.run_timer(region, current);
+            self.run_timer(region);
         }
         let first = self.field(current, state::FIRST_TRANSITION);
         let end = self.field(current, state::FIRST_EVENT_TRANSITION);
@@ -920,6 +958,40 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 && matches!(kind, format::STATE_TASK | format::STATE_BACKGROUND_TASK)
                 && self.flag_at(self.first_flag(inside, current) + format::FLAG_BUSY)
         })
+    }
+
+    /// Takes a transition that leads to where it came from. Most of them are those of real-time tasks that send one event.
+    #[inline(never)]
+    fn take_again<O: Observer>(&mut self, region: usize, at: usize, observer: &mut O) -> Resume {
+        const UNTIMED_TASK: u16 = format::STATE_TASK << (format::STATE_KIND_SHIFT - 12);
+        let current = self.current_record(region);
+        let shape = self.field(current, state::SHAPE) as u16;
+        let flags = u32::from(shape & format::STATE_FLAGS_MASK);
+        let action = self.field(at, transition::ACTION) as u16;
+        if shape >> 12 != UNTIMED_TASK || flags > WINDOW_BITS || action & format::ACTION_SEND == 0 {
+            return self.take(region, at, observer);
+        }
+        self.changed = true;
+        let here = self.record(Section::RegionInstances, region);
+        let instance = self.field(here, region_instance::INSTANCE);
+        let instance = self.record(Section::Instances, instance);
+        let task = self.field(instance, instance::FIRST_TASK) + self.field(current, state::A);
+        if self.is_enabled_now(task) {
+            observer.disabled(task as u16);
+        }
+        let first =
+            self.field(here, region_instance::FIRST_FLAG) + self.field(current, state::FIRST_FLAG);
+        R::clear_window(self.arena, WORD_BITS * self.layout.flags + first, flags);
+        let first_channel = self.field(instance, instance::FIRST_CHANNEL);
+        if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
+            return NOT_TAKEN;
+        }
+        if self.events(current) & 1 != 0 {
+            self.wake(region);
+        }
+        self.enable(task);
+        observer.enabled(task as u16);
+        ON
     }
 
     /// Leaves a state, acts, enters another.
@@ -1127,24 +1199,27 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
 /// Timers.
 ///
-/// The age of a state is kept in 32 bits. As long as its timeout flag is not set, it was at most its limit at the last macro step, and it was current at that: so its age now
-/// is at least the period, and an age below that has wrapped. Time that is skipped is added to ages by [`Self::age_timers`].
+/// A state's age is the number of macro steps since the one in which it was entered. Until its timeout flag is set, it is at most one above the highest at which the state is
+/// not overdue, which fits in 32 bits. Macro steps that are skipped are added by [`Self::age_timers`].
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
+    /// The low bits of the number of the last macro step that began.
+    fn now(&self) -> u32 {
+        (self.steps as u32).wrapping_sub(1)
+    }
+
+    /// The highest age at which a state is not overdue.
+    fn limit(&self, state: usize) -> u32 {
+        let timer = self.record(Section::Timers, self.field(state, state::B));
+        // Where no time passes, none runs out.
+        self.word_of(timer)
+            .checked_div(self.period_us)
+            .unwrap_or(u32::MAX - 1)
+    }
+
     #[inline(never)]
     fn start_timer(&mut self, region: usize, entered: usize) {
-        let now_us = self.now_us();
-        self.store(self.layout.entered_us + region, now_us as u32);
-        let due_us = now_us + u64::from(self.limit_us(entered));
-        self.deadline_us = self.deadline_us.min(due_us);
-    }
-
-    /// The time of the macro step that runs.
-    fn now_us(&self) -> u64 {
-        self.next_us - u64::from(self.period_us)
-    }
-
-    fn limit_us(&self, state: usize) -> u32 {
-        self.word_of(self.record(Section::Timers, self.field(state, state::B)))
+        self.store(self.layout.entered + region, self.now());
+        self.steps_left = self.steps_left.min(self.limit(entered) + 1);
     }
 
     /// The timeout flag of a state in a region instance.
@@ -1154,70 +1229,54 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
     }
 
-    /// What a state has left of its time at a macro step; none if it is overdue.
-    fn left_us(&self, region: usize, state: usize, t_us: u64) -> Option<u32> {
-        let entered_us = self.load(self.layout.entered_us + region);
-        let age_us = (t_us as u32).wrapping_sub(entered_us);
-        if age_us < self.period_us {
-            return None;
-        }
-        self.limit_us(state).checked_sub(age_us)
-    }
-
-    /// The record of a region instance's current state, if that is active and its timer runs.
-    fn timed(&self, region: usize) -> Option<usize> {
+    /// The record of a region instance's current state, if that is active and its timer runs, and how much older it may get before it is overdue; none if it is.
+    fn timed(&self, region: usize) -> Option<(usize, Option<u32>)> {
         let active = self.load(self.active_word(region)) & bit_of(region) != 0;
         let current = self.current_record(region);
         let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
-        let runs = active && timed && !self.flag_at(self.timeout_flag(region, current));
-        runs.then_some(current)
+        if !active || !timed || self.flag_at(self.timeout_flag(region, current)) {
+            return None;
+        }
+        let age = self
+            .now()
+            .wrapping_sub(self.load(self.layout.entered + region));
+        Some((current, self.limit(current).checked_sub(age)))
     }
 
     /// Sets the timeout flag of the current state of a region instance if that has been so for longer than its limit.
     #[cold]
     #[inline(never)]
-    fn run_timer(&mut self, region: usize, current: usize) {
-        let flag = self.timeout_flag(region, current);
-        if !self.flag_at(flag) && self.left_us(region, current, self.now_us()).is_none() {
-            self.set_flag_to(flag, true);
+    fn run_timer(&mut self, region: usize) {
+        if let Some((current, None)) = self.timed(region) {
+            self.set_flag_to(self.timeout_flag(region, current), true);
         }
     }
 
-    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds the next deadline.
+    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds out when the next may be.
     #[cold]
     #[inline(never)]
-    fn run_timers(&mut self, t_us: u64) {
-        self.deadline_us = u64::MAX;
+    fn run_timers(&mut self) {
+        self.steps_left = u32::MAX;
         for region in 0..self.layout.regions {
-            let Some(current) = self.timed(region) else {
-                continue;
-            };
-            match self.left_us(region, current, t_us) {
-                None => self.wake_all(region..self.next(region)),
-                Some(left_us) => {
-                    let due_us = t_us + u64::from(left_us);
-                    self.deadline_us = self.deadline_us.min(due_us);
-                }
+            match self.timed(region) {
+                Some((_, None)) => self.wake_all(region..self.next(region)),
+                Some((_, Some(left))) => self.steps_left = self.steps_left.min(left + 1),
+                None => {}
             }
         }
     }
 
-    /// Adds time to the ages of states, as far as they can be told from 32 bits.
+    /// Lets the timers of states run out that will be overdue when more macro steps have passed. Their true ages might not fit.
     #[cold]
     #[inline(never)]
-    fn age_timers(&mut self, passed_us: u64) {
-        let now_us = self.next_us.wrapping_add(passed_us) as u32;
+    fn age_timers(&mut self, missed: u32) {
+        let next = (self.steps as u32).wrapping_add(missed);
         for region in 0..self.layout.regions {
-            let Some(current) = self.timed(region) else {
-                continue;
-            };
-            let is_overdue = self
-                .left_us(region, current, self.next_us)
-                .is_none_or(|left_us| u64::from(left_us) < passed_us);
-            if is_overdue {
-                // Older than any limit and any period.
-                let entered_us = now_us.wrapping_sub(format::MAX_TIME_US + 1);
-                self.store(self.layout.entered_us + region, entered_us);
+            if let Some((current, left)) = self.timed(region)
+                && left.is_none_or(|left| left <= missed)
+            {
+                let entered = next.wrapping_sub(self.limit(current) + 1);
+                self.store(self.layout.entered + region, entered);
             }
         }
     }
