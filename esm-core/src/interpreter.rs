@@ -848,17 +848,21 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let window = Window::of(self.own_flags(region, current));
         loop {
             let mut guard;
+            // No call in here, so that all stays in registers.
             loop {
                 if at == end {
                     return None;
                 }
                 guard = self.field(at, transition::GUARD);
-                if guard >= usize::from(format::GUARD_PROGRAM) || window.holds(guard) {
+                if guard >= usize::from(format::GUARD_PROGRAM) {
                     break;
+                }
+                if window.holds(guard) {
+                    return Some(at);
                 }
                 at += record_bytes(Section::Transitions);
             }
-            if guard < usize::from(format::GUARD_PROGRAM) || self.is_true(guard, region, current) {
+            if self.is_true(guard, region, current) {
                 return Some(at);
             }
             at += record_bytes(Section::Transitions);
