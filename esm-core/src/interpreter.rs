@@ -192,6 +192,7 @@ pub struct Interpreter<'m, B, R = DefaultReads> {
 }
 
 const WORD_BITS: usize = u32::BITS as usize;
+const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 /// The first region instance of a word.
 const FIRST: u32 = 1 << (u32::BITS - 1);
 
@@ -569,26 +570,29 @@ impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
 
 /// Reads and writes.
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// The byte of the blob at which a record begins.
+    /// Where a record begins.
     #[inline(always)]
-    fn record(&self, section: Section, index: usize) -> usize {
-        self.verified.tables().start(section) + record_bytes(section) * index
+    fn record(&self, section: Section, index: usize) -> R::Place {
+        let tables = self.verified.tables();
+        let at = tables.start(section) + record_bytes(section) * index;
+        R::place(tables.bytes(), at)
     }
 
-    /// A field of the record that begins at a byte.
+    /// A field of a record.
     #[inline(always)]
-    fn field(&self, record: usize, field: Field) -> usize {
-        R::half(self.verified.tables().bytes(), record + field.offset()).into()
+    fn field(&self, record: R::Place, field: Field) -> usize {
+        let place = R::ahead(record, field.offset());
+        R::half(self.verified.tables().bytes(), place).into()
     }
 
     #[inline(always)]
-    fn word_of(&self, record: usize) -> u32 {
+    fn word_of(&self, record: R::Place) -> u32 {
         R::word(self.verified.tables().bytes(), record)
     }
 
     /// Which events a state's transitions are on. It is the first field of a state.
     #[inline(always)]
-    fn events(&self, state: usize) -> u32 {
+    fn events(&self, state: R::Place) -> u32 {
         self.word_of(state)
     }
 
@@ -604,7 +608,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The record of a region instance's current state.
     #[inline(always)]
-    fn current_record(&self, region: usize) -> usize {
+    fn current_record(&self, region: usize) -> R::Place {
         self.record(Section::States, R::load_half(self.arena, region).into())
     }
 
@@ -623,14 +627,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The first own flag of a state in a region instance.
     #[inline(always)]
-    fn first_flag(&self, region: usize, state: usize) -> usize {
+    fn first_flag(&self, region: usize, state: R::Place) -> usize {
         let region = self.record(Section::RegionInstances, region);
         self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
     }
 
     /// The own flags of a state, the first in the lowest bit.
     #[inline(always)]
-    fn own_flags(&self, region: usize, state: usize) -> u32 {
+    fn own_flags(&self, region: usize, state: R::Place) -> u32 {
         let first = WORD_BITS * self.layout.flags + self.first_flag(region, state);
         R::window(self.arena, first)
     }
@@ -688,18 +692,26 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.micro = 0;
         self.changed = false;
         self.is_awake = false;
-        let mut word = 0;
         let mut resume = ON;
+        let mut word = 0;
         while word < self.words {
             let pair = self.layout.active + 2 * word;
-            let mut visit = self.load(pair) & self.load(pair + 1);
+            let awake = self.load(pair + 1);
+            let mut visit = self.load(pair) & awake;
             if resume != ON {
                 visit &= not_before(resume, word);
             }
             if visit != 0 {
-                resume = self.visit::<true, O>(format::PULSE, visit, word, observer);
-                if resume == NOT_TAKEN {
-                    return Err(self.stop(Fault::EventQueueOverflow, observer));
+                // Who is shown the pulse sleeps until woken again.
+                self.store(pair + 1, awake & !visit);
+                let seen = self.visit::<true, O>(format::PULSE, visit, word, observer);
+                if seen != ON {
+                    if seen == NOT_TAKEN {
+                        return Err(self.stop(Fault::EventQueueOverflow, observer));
+                    }
+                    // Once more, for who woke behind it.
+                    resume = seen;
+                    continue;
                 }
             }
             word += 1;
@@ -712,33 +724,47 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             let place = usize::from(self.taken & self.queue_mask);
             self.taken = self.taken.wrapping_add(1);
             let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
-            let sent = self.record(Section::Channels, sent.into());
-            let event = self.field(sent, channel::EVENT) as u16;
-            let row = self.field(sent, channel::FIRST_ROW_WORD);
-            let mut row = self.record(Section::Listeners, row);
-            let mut word = self.field(sent, channel::FIRST_REGION_WORD);
-            let end = word + self.field(sent, channel::REGION_WORDS);
-            let mut resume = ON;
-            while word < end {
-                let pair = self.layout.active + 2 * word;
-                let mut visit = self.load(pair) & self.word_of(row);
-                if resume != ON {
-                    visit &= not_before(resume, word);
-                }
-                if visit != 0 {
-                    resume = self.visit::<false, O>(event, visit, word, observer);
-                    if resume == NOT_TAKEN {
-                        return Err(self.stop(Fault::EventQueueOverflow, observer));
-                    }
-                }
-                row += record_bytes(Section::Listeners);
-                word += 1;
+            if self.event(sent.into(), observer) == NOT_TAKEN {
+                return Err(self.stop(Fault::EventQueueOverflow, observer));
             }
         }
         if self.words == 0 {
+            self.is_awake = true;
             return Err(self.fault.unwrap_or(Fault::MacroStepLimit));
         }
         Ok(())
+    }
+
+    /// Shows an event to those who listen.
+    #[inline(always)]
+    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Resume {
+        let sent = self.record(Section::Channels, sent);
+        let event = self.field(sent, channel::EVENT) as u16;
+        let row = self.field(sent, channel::FIRST_ROW_WORD);
+        let mut row = self.record(Section::Listeners, row);
+        let bytes = record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
+        let end = R::ahead(row, bytes);
+        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
+        let mut resume = ON;
+        while row != end {
+            let mut visit = self.load(self.layout.active + 2 * word) & self.word_of(row);
+            if resume != ON {
+                visit &= not_before(resume, word);
+            }
+            if visit != 0 {
+                let seen = self.visit::<false, O>(event, visit, word, observer);
+                if seen == NOT_TAKEN {
+                    return NOT_TAKEN;
+                }
+                if seen != ON {
+                    resume = seen;
+                    continue;
+                }
+            }
+            row = R::ahead(row, record_bytes(Section::Listeners));
+            word += 1;
+        }
+        ON
     }
 
     /// Ends all for good.
@@ -749,13 +775,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.fault = Some(fault);
         self.taken = self.queued;
         self.words = 0;
+        self.steps_left = u32::MAX;
         self.is_awake = true;
         fault
     }
 
     /// Shows the pulse or another event to the region instances of one word that are set in `visit`.
     ///
-    /// Returns where the visit of later words goes on.
+    /// If it is not [`ON`] that is returned, it ended with the transition that this is of.
     #[inline(never)]
     fn visit<const PULSE: bool, O: Observer>(
         &mut self,
@@ -764,13 +791,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         word: usize,
         observer: &mut O,
     ) -> Resume {
-        let pair = self.layout.active + 2 * word;
-        if PULSE {
-            // Who is shown the pulse sleeps until woken again.
-            self.store(pair + 1, self.load(pair + 1) & !visit);
-        }
-        let mut resume = ON;
-        while visit != 0 {
+        loop {
             let offset = visit.leading_zeros();
             visit &= !(FIRST >> offset);
             let region = WORD_BITS * word + offset as usize;
@@ -780,64 +801,56 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             } else {
                 self.find_on_event(event, region, current)
             };
-            let Some(at) = found else { continue };
-            let trigger = self.field(at, transition::EVENT) as u16;
-            let target = self.field(at, transition::TARGET);
-            let mut goes_on = ON;
-            if trigger & format::TRANSITION_IS_PLAIN != 0 {
-                self.changed = true;
-                R::store_half(self.arena, region, target as u16);
-                let entered = self.record(Section::States, target);
-                if self.events(entered) & 1 != 0 {
-                    self.store(pair + 1, self.load(pair + 1) | FIRST >> offset);
-                    self.is_awake = true;
+            if let Some(at) = found {
+                let seen = self.take::<PULSE, O>(region, current, at, observer);
+                if seen != NOT_TAKEN {
+                    let first = self.record(Section::Transitions, 0);
+                    observer.transition(TransitionTaken {
+                        micro: self.micro,
+                        region_instance: region as u16,
+                        transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
+                    });
                 }
-            } else {
-                goes_on = if self.record(Section::States, target) == current {
-                    self.take_again(region, at, observer)
-                } else {
-                    self.take(region, at, observer)
-                };
-                if goes_on == NOT_TAKEN {
-                    return NOT_TAKEN;
+                if seen != ON {
+                    if PULSE {
+                        // Those who were not shown it yet are awake as before.
+                        let awake = self.layout.active + 2 * word + 1;
+                        self.store(awake, self.load(awake) | visit);
+                    }
+                    return seen;
                 }
             }
-            let first = self.record(Section::Transitions, 0);
-            observer.transition(TransitionTaken {
-                micro: self.micro,
-                region_instance: region as u16,
-                transition: ((at - first) / record_bytes(Section::Transitions)) as u16,
-            });
-            if goes_on != ON {
-                resume = goes_on;
-                visit = self.still_to_visit::<PULSE>(visit, word, resume);
+            if visit == 0 {
+                return ON;
             }
         }
-        resume
     }
 
-    /// Who of a word is still to be visited after a transition that changed who is active or awake.
-    #[inline(never)]
-    fn still_to_visit<const PULSE: bool>(
+    /// Takes a transition. What is most frequent is done here.
+    #[inline(always)]
+    fn take<const PULSE: bool, O: Observer>(
         &mut self,
-        visit: u32,
-        word: usize,
-        resume: Resume,
-    ) -> u32 {
-        let pair = self.layout.active + 2 * word;
-        let later = self.load(pair) & not_before(resume, word);
-        if !PULSE {
-            return visit & later;
+        region: usize,
+        current: R::Place,
+        at: R::Place,
+        observer: &mut O,
+    ) -> Resume {
+        let trigger = self.field(at, transition::EVENT) as u16;
+        let target = self.field(at, transition::TARGET);
+        if trigger & format::TRANSITION_IS_PLAIN != 0 {
+            self.changed = true;
+            self.make_current(region, target);
+            ON
+        } else if PULSE && self.record(Section::States, target) == current {
+            self.take_again(region, current, at, observer)
+        } else {
+            self.take_any(region, at, observer)
         }
-        let awake = self.load(pair + 1);
-        let visit = (visit | awake) & later;
-        self.store(pair + 1, awake & !visit);
-        visit
     }
 
     /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
     #[inline(always)]
-    fn find_on_pulse(&mut self, region: usize, current: usize) -> Option<usize> {
+    fn find_on_pulse(&mut self, region: usize, current: R::Place) -> Option<R::Place> {
         if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
             self.run_timer(region);
         }
@@ -846,63 +859,50 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
         let window = Window::of(self.own_flags(region, current));
-        loop {
-            let mut guard;
-            // No call in here, so that all stays in registers.
-            loop {
-                if at == end {
-                    return None;
-                }
-                guard = self.field(at, transition::GUARD);
-                if guard >= usize::from(format::GUARD_PROGRAM) {
-                    break;
-                }
-                if window.holds(guard) {
-                    return Some(at);
-                }
-                at += record_bytes(Section::Transitions);
-            }
-            if self.is_true(guard, region, current) {
+        while at != end {
+            let guard = self.field(at, transition::GUARD);
+            let holds = if guard < usize::from(format::GUARD_PROGRAM) {
+                window.holds(guard)
+            } else {
+                self.is_true(guard, region, current)
+            };
+            if holds {
                 return Some(at);
             }
-            at += record_bytes(Section::Transitions);
+            at = R::ahead(at, TRANSITION_BYTES);
         }
+        None
     }
 
     /// The same on another event.
     #[inline(always)]
-    fn find_on_event(&mut self, event: u16, region: usize, current: usize) -> Option<usize> {
+    fn find_on_event(&mut self, event: u16, region: usize, current: R::Place) -> Option<R::Place> {
         if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
             return None;
         }
         let first = self.field(current, state::FIRST_EVENT_TRANSITION);
         // `final` has no transitions, so a state that has some is not the last.
-        let after = current + record_bytes(Section::States);
+        let after = R::ahead(current, record_bytes(Section::States));
         let end = self.field(after, state::FIRST_TRANSITION);
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
-        loop {
-            loop {
-                if at == end {
-                    return None;
+        while at != end {
+            // Without the mark, which is in the highest bit.
+            if (self.field(at, transition::EVENT) as u16 ^ event) << 1 == 0 {
+                let guard = self.field(at, transition::GUARD);
+                if guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
+                {
+                    return Some(at);
                 }
-                // Without the mark, which is in the highest bit.
-                if (self.field(at, transition::EVENT) as u16 ^ event) << 1 == 0 {
-                    break;
-                }
-                at += record_bytes(Section::Transitions);
             }
-            let guard = self.field(at, transition::GUARD);
-            if guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current) {
-                return Some(at);
-            }
-            at += record_bytes(Section::Transitions);
+            at = R::ahead(at, TRANSITION_BYTES);
         }
+        None
     }
 
     /// Enters a state without flags or content; returns its record.
     #[inline(always)]
-    fn make_current(&mut self, region: usize, target: usize) -> usize {
+    fn make_current(&mut self, region: usize, target: usize) -> R::Place {
         R::store_half(self.arena, region, target as u16);
         let entered = self.record(Section::States, target);
         if self.events(entered) & 1 != 0 {
@@ -913,7 +913,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// A guard of any form.
     #[inline(never)]
-    fn is_true(&mut self, guard: usize, region: usize, current: usize) -> bool {
+    fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
         let flags = self.own_flags(region, current);
         if guard < usize::from(format::GUARD_PROGRAM) {
             return Window::of(flags).holds(guard);
@@ -947,7 +947,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 (true, 0) => return false,
                 (true, jump) => jump,
             };
-            at += record_bytes(Section::Code) * ahead;
+            at = R::ahead(at, record_bytes(Section::Code) * ahead);
         }
     }
 
@@ -965,15 +965,20 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     /// Takes a transition that leads to where it came from. Most of them are those of real-time tasks that send one event.
-    #[inline(never)]
-    fn take_again<O: Observer>(&mut self, region: usize, at: usize, observer: &mut O) -> Resume {
+    #[inline(always)]
+    fn take_again<O: Observer>(
+        &mut self,
+        region: usize,
+        current: R::Place,
+        at: R::Place,
+        observer: &mut O,
+    ) -> Resume {
         const UNTIMED_TASK: u16 = format::STATE_TASK << (format::STATE_KIND_SHIFT - 12);
-        let current = self.current_record(region);
         let shape = self.field(current, state::SHAPE) as u16;
         let flags = u32::from(shape & format::STATE_FLAGS_MASK);
         let action = self.field(at, transition::ACTION) as u16;
         if shape >> 12 != UNTIMED_TASK || flags > WINDOW_BITS || action & format::ACTION_SEND == 0 {
-            return self.take(region, at, observer);
+            return self.take_any(region, at, observer);
         }
         self.changed = true;
         let here = self.record(Section::RegionInstances, region);
@@ -1000,7 +1005,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// Leaves a state, acts, enters another.
     #[inline(never)]
-    fn take<O: Observer>(&mut self, region: usize, transition: usize, observer: &mut O) -> Resume {
+    fn take_any<O: Observer>(
+        &mut self,
+        region: usize,
+        transition: R::Place,
+        observer: &mut O,
+    ) -> Resume {
         self.changed = true;
         let target = self.field(transition, transition::TARGET);
         let left = self.current_record(region);
@@ -1071,7 +1081,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`. Says whether it woke anyone; none if
     /// the queue had no room for an event.
     #[inline(never)]
-    fn act(&mut self, first: usize, here: usize, entered: usize) -> Option<bool> {
+    fn act(&mut self, first: usize, here: R::Place, entered: R::Place) -> Option<bool> {
         let mut is_wide = false;
         let first_flag = self.field(here, region_instance::FIRST_FLAG);
         let own = self.field(entered, state::FIRST_FLAG);
@@ -1098,7 +1108,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if control & format::CODE_LOW_MASK != 0 {
                 return Some(is_wide);
             }
-            at += record_bytes(Section::Code);
+            at = R::ahead(at, record_bytes(Section::Code));
         }
     }
 
@@ -1212,7 +1222,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     /// The highest age at which a state is not overdue.
-    fn limit(&self, state: usize) -> u32 {
+    fn limit(&self, state: R::Place) -> u32 {
         let timer = self.record(Section::Timers, self.field(state, state::B));
         // Where no time passes, none runs out.
         self.word_of(timer)
@@ -1221,20 +1231,20 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     #[inline(never)]
-    fn start_timer(&mut self, region: usize, entered: usize) {
+    fn start_timer(&mut self, region: usize, entered: R::Place) {
         self.store(self.layout.entered + region, self.now());
         self.steps_left = self.steps_left.min(self.limit(entered) + 1);
     }
 
     /// The timeout flag of a state in a region instance.
-    fn timeout_flag(&self, region: usize, state: usize) -> usize {
+    fn timeout_flag(&self, region: usize, state: R::Place) -> usize {
         let kind = self.field(state, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
         let of_simple = kind == format::STATE_SIMPLE;
         self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
     }
 
     /// The record of a region instance's current state, if that is active and its timer runs, and how much older it may get before it is overdue; none if it is.
-    fn timed(&self, region: usize) -> Option<(usize, Option<u32>)> {
+    fn timed(&self, region: usize) -> Option<(R::Place, Option<u32>)> {
         let active = self.load(self.active_word(region)) & bit_of(region) != 0;
         let current = self.current_record(region);
         let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
