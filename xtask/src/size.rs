@@ -144,30 +144,17 @@ type Table = BTreeMap<String, Size>;
 /// # Errors
 /// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware does not build.
 pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Failure> {
-    let mut files = firmware::build(
+    let files = firmware::build(
         root,
         toolchain,
         firmware::RELEASE,
         &[DEFAULT_BIN.to_owned()],
     )?;
-    let pair = [WITH_INTERPRETER, WITHOUT_INTERPRETER].map(str::to_owned);
-    files.extend(firmware::build(root, toolchain, firmware::SIZE, &pair)?);
-    let mut images = Vec::new();
-    for file in &files {
-        let bytes = std::fs::read(file).map_err(|cause| Failure::File {
-            path: file.clone(),
-            cause,
-        })?;
-        images.push(elf::read(&bytes).ok_or(Failure::Content {
-            path: file.clone(),
-            problem: "is no firmware (32-bit little-endian ELF)",
-        })?);
-    }
-    let [firmware, with, without] = &images[..] else {
+    let [firmware] = &images(&files)?[..] else {
         return Ok(());
     };
+    let interpreter = interpreter_flash(root, toolchain)?;
     let mut table = parts_of(firmware);
-    let interpreter = with.flash_bytes().saturating_sub(without.flash_bytes());
     table.insert(
         INTERPRETER_ALONE.into(),
         Size {
@@ -208,6 +195,35 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
         }
         failed => Err(Failure::Checks { failed }),
     }
+}
+
+/// Bytes of flash that interpreter and verifier take, with the plain setting for size.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn interpreter_flash(root: &Path, toolchain: &Toolchain) -> Result<u32, Failure> {
+    let pair = [WITH_INTERPRETER, WITHOUT_INTERPRETER].map(str::to_owned);
+    let files = firmware::build(root, toolchain, firmware::SIZE, &pair)?;
+    let flash: Vec<u32> = images(&files)?.iter().map(Image::flash_bytes).collect();
+    match flash[..] {
+        [with, without] => Ok(with.saturating_sub(without)),
+        _ => Ok(0),
+    }
+}
+
+/// What is in the files of firmware.
+fn images(files: &[PathBuf]) -> Result<Vec<Image>, Failure> {
+    let image = |file: &PathBuf| {
+        let bytes = std::fs::read(file).map_err(|cause| Failure::File {
+            path: file.clone(),
+            cause,
+        })?;
+        elf::read(&bytes).ok_or_else(|| Failure::Content {
+            path: file.clone(),
+            problem: "is no firmware (32-bit little-endian ELF)",
+        })
+    };
+    files.iter().map(image).collect()
 }
 
 /// Compares the deepest stack of a run, which its summary tells, with what the limit of RAM leaves room for.
