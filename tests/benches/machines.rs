@@ -12,6 +12,7 @@ use esm_tests::benchmark::charts::{self, Plan};
 use esm_tests::benchmark::limits;
 use esm_tests::benchmark::measured::{self, Measured};
 use esm_tests::benchmark::report::{Engine, Report, Setting, Sizes};
+use esm_tests::benchmark::swap;
 use esm_tests::command::root;
 use esm_tests::subject;
 use host_tools::inspect;
@@ -129,6 +130,9 @@ fn bench(options: &Options) -> Result<usize, String> {
         check(measured, &plan).map_err(|problem| format!("{where_}: {problem}"))?;
     }
 
+    eprintln!("Swapping missions in the emulator …");
+    let swaps = swap::measure(Path::new(options.value("swap")?))?;
+
     let flash = |setting: &str, program: &str| {
         let key = format!("flash-{setting}-{program}");
         options
@@ -186,7 +190,7 @@ fn bench(options: &Options) -> Result<usize, String> {
         checked: Vec::new(),
         engines,
         interpreting: Vec::new(),
-        swaps: Vec::new(),
+        swaps,
         sizes,
         events: EVENTS,
     };

@@ -76,6 +76,8 @@ const MACHINES_SIZED: [&str; 6] = [
     "smlang",
     "esm_alone",
 ];
+/// The firmware of the default board that measures how missions follow one another.
+const SWAP_BIN: &str = "bench_swap";
 /// What the settings for speed and for size are called, and their profiles.
 const MACHINES_PROFILES: [(&str, &str); 2] = [("fast", "release"), ("small", "small")];
 
@@ -208,6 +210,8 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
     ];
     let core = toolchain.measured_core();
     arguments.push(told("target", core.as_ref()));
+    let swap = firmware::build(root, toolchain, firmware::RELEASE, &[SWAP_BIN.to_owned()])?;
+    arguments.extend(swap.iter().map(|file| told("swap", file.as_os_str())));
     let engine = size::interpreter_flash(root, toolchain)?.to_string();
     arguments.push(told("engine-flash", engine.as_ref()));
     for (setting, profile) in MACHINES_PROFILES {

@@ -45,9 +45,9 @@ pub struct Swap {
     /// The mission that it leads to.
     pub mission: String,
     /// Of the link: from the last byte of the request to the mission's being handed over, its check included.
-    pub link: Option<f64>,
+    pub link: f64,
     /// Of the interpreter's slot: until the first macro step is over.
-    pub slot: Option<f64>,
+    pub slot: f64,
 }
 
 /// Sizes that tables and memory have, in bytes.
@@ -719,12 +719,18 @@ impl Report {
     }
 
     fn firmware(&self) -> Table {
-        let row = |swap: &Swap| vec![swap.mission.clone(), number(swap.link), number(swap.slot)];
+        let row = |swap: &Swap| {
+            vec![
+                swap.mission.clone(),
+                number(Some(swap.link)),
+                number(Some(swap.slot)),
+            ]
+        };
         Table {
             title: "Swap in the firmware".to_owned(),
             note: "Instructions on the default board (lm3s6965, Cortex-M3, `opt-level = \"z\"`). On the link: what the request to commit takes, its answer aside; the mission is checked against its own sums, \
                    the rules of the tables, and what the robot has. In the slot: from the timer's\n\
-                   interrupt in which one mission follows another to the end of the new one's first macro step. Between the two the robot waits for the interpreter's next slot."
+                   interrupt in which one mission follows another to the end of the new one's first macro step. Between the two the robot waits for the interpreter's next slot. What the link takes differs by some percent from run to run, with when bytes arrive and slots come."
                 .to_owned(),
             head: ["mission", "on the link", "in the interpreter's slot"].map(str::to_owned).to_vec(),
             rows: self.swaps.iter().map(row).collect(),
