@@ -11,7 +11,7 @@ use std::process::{Command, ExitCode};
 use esm_tests::benchmark::charts::{self, Plan};
 use esm_tests::benchmark::limits;
 use esm_tests::benchmark::measured::{self, Measured};
-use esm_tests::benchmark::report::{Engine, Report, Setting, Sizes};
+use esm_tests::benchmark::report::{self, Engine, Interpreting, Report, Setting, Sizes};
 use esm_tests::benchmark::swap;
 use esm_tests::command::root;
 use esm_tests::subject;
@@ -61,6 +61,10 @@ const EVENTS: u32 = 51;
 struct Options {
     /// What was built, and where.
     values: BTreeMap<String, String>,
+    /// Engines that read a chart when they start: the words of each, its row first.
+    interpreting: Vec<Vec<String>>,
+    /// Those that are not here: row, name, what runs it, reason.
+    absent: Vec<Vec<String>>,
     /// Keep the report.
     write: bool,
     /// A promise that does not hold is a failure.
@@ -78,6 +82,8 @@ fn main() -> ExitCode {
     let mut options = Options::default();
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
+            Some(("interpreting", value)) => options.interpreting.push(words(value)),
+            Some(("absent", value)) => options.absent.push(words(value)),
             Some((key, value)) => {
                 options.values.insert(key.to_owned(), value.to_owned());
             }
@@ -97,7 +103,11 @@ fn main() -> ExitCode {
         eprintln!("the benchmark of machines needs its programs: cargo xtask bench");
         return ExitCode::from(2);
     }
-    match bench(&options) {
+    let told = match options.values.get("only").map(String::as_str) {
+        Some("interpreters") => bench_interpreters(&options).map(|()| 0),
+        _ => bench(&options),
+    };
+    match told {
         Ok(broken) if options.gate && broken > 0 => ExitCode::FAILURE,
         Ok(_) => ExitCode::SUCCESS,
         Err(problem) => {
@@ -105,6 +115,63 @@ fn main() -> ExitCode {
             ExitCode::from(3)
         }
     }
+}
+
+/// What separates the words of an engine: no path has it.
+const BETWEEN: char = '\u{1f}';
+
+fn words(value: &str) -> Vec<String> {
+    value.split(BETWEEN).map(str::to_owned).collect()
+}
+
+/// Measures events a second on the host, and tells them.
+fn bench_interpreters(options: &Options) -> Result<(), String> {
+    let plan = Plan::player_alone()?;
+    let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
+    let folder = folder.path();
+    plan.write(folder).map_err(|error| error.to_string())?;
+    let time = measured::nanoseconds(Path::new(options.value("host")?), folder)?;
+    check_player(&time, &plan)?;
+    let mut compiled = Vec::new();
+    for (row, _, name) in &ENGINES[1..] {
+        compiled.push((*row, versioned(name)?));
+    }
+    let table = report::speed(&time, &compiled, &interpreting(options)?);
+    print!("{}", table.text());
+    Ok(())
+}
+
+/// Measures the engines that read a chart when they start.
+fn interpreting(options: &Options) -> Result<Vec<Interpreting>, String> {
+    let mut engines = Vec::new();
+    for words in &options.interpreting {
+        let [row, name, by, program, arguments @ ..] = &words[..] else {
+            return Err(format!("{words:?} is no engine"));
+        };
+        eprintln!("Measuring {name} …");
+        let output = measured::output(Command::new(program).args(arguments))?;
+        let measured = Measured::timed(&String::from_utf8_lossy(&output.stdout))
+            .map_err(|problem| format!("{name}: {problem}"))?;
+        check_actions(&measured, row)?;
+        engines.push(Interpreting {
+            row: row.clone(),
+            name: name.clone(),
+            by: by.clone(),
+            measured: Ok(measured),
+        });
+    }
+    for words in &options.absent {
+        let [row, name, by, reason] = &words[..] else {
+            return Err(format!("{words:?} is no engine"));
+        };
+        engines.push(Interpreting {
+            row: row.clone(),
+            name: name.clone(),
+            by: by.clone(),
+            measured: Err(reason.clone()),
+        });
+    }
+    Ok(engines)
 }
 
 /// Measures and tells; how many promises do not hold.
@@ -189,7 +256,7 @@ fn bench(options: &Options) -> Result<usize, String> {
         ],
         checked: Vec::new(),
         engines,
-        interpreting: Vec::new(),
+        interpreting: interpreting(options)?,
         swaps,
         sizes,
         events: EVENTS,
@@ -258,12 +325,33 @@ fn setting(
 
 /// Whether each machine did what its chart says.
 fn check(measured: &Measured, plan: &Plan) -> Result<(), String> {
+    check_player(measured, plan)?;
+    for (row, _) in charts::GUARDS {
+        took(measured, row, 0)?;
+    }
+    took(measured, "stirred-none", 0)?;
+    took(measured, "unheard-none", 1)?;
+    for (regions, depth, transitions) in charts::shapes() {
+        let row = format!("{regions}-{depth}-{transitions}");
+        took(measured, &format!("still-{row}"), 0)?;
+        took(measured, &format!("stirred-{row}"), 0)?;
+        // The panel's own transition.
+        took(measured, &format!("unheard-{row}"), 1)?;
+    }
+    for regions in charts::REGIONS {
+        // The panel's own transition, and one in each region.
+        took(measured, &format!("storm-{regions}"), 1 + regions as u32)?;
+    }
+    for level in 1..=charts::LEVELS {
+        took(measured, &format!("deep-{level}"), 2)?;
+    }
+    Ok(())
+}
+
+/// Whether each player did what the chart says.
+fn check_player(measured: &Measured, plan: &Plan) -> Result<(), String> {
     for (row, ..) in &ENGINES[1..] {
-        let row = format!("cd51-{row}");
-        let counts = measured.told(&row).unwrap_or_default();
-        if counts != ACTIONS {
-            return Err(format!("{row}: actions {counts:?}, expected {ACTIONS:?}"));
-        }
+        check_actions(measured, row)?;
     }
     let player = subject::verified(plan.player())?;
     let directory = Directory::of(&player.tables()).map_err(|error| error.to_string())?;
@@ -285,26 +373,18 @@ fn check(measured: &Measured, plan: &Plan) -> Result<(), String> {
             "cd51-esm: transitions {taken:?}, expected {expected:?}"
         ));
     }
-    for (row, _) in charts::GUARDS {
-        took(measured, row, 0)?;
-    }
-    took(measured, "stirred-none", 0)?;
-    took(measured, "unheard-none", 1)?;
-    for (regions, depth, transitions) in charts::shapes() {
-        let row = format!("{regions}-{depth}-{transitions}");
-        took(measured, &format!("still-{row}"), 0)?;
-        took(measured, &format!("stirred-{row}"), 0)?;
-        // The panel's own transition.
-        took(measured, &format!("unheard-{row}"), 1)?;
-    }
-    for regions in charts::REGIONS {
-        // The panel's own transition, and one in each region.
-        took(measured, &format!("storm-{regions}"), 1 + regions as u32)?;
-    }
-    for level in 1..=charts::LEVELS {
-        took(measured, &format!("deep-{level}"), 2)?;
-    }
     Ok(())
+}
+
+/// Whether an engine performed the chart's actions.
+fn check_actions(measured: &Measured, row: &str) -> Result<(), String> {
+    let row = format!("cd51-{row}");
+    let counts = measured.told(&row).unwrap_or_default();
+    if counts == ACTIONS {
+        Ok(())
+    } else {
+        Err(format!("{row}: actions {counts:?}, expected {ACTIONS:?}"))
+    }
 }
 
 /// Whether that many transitions were taken in what was measured.

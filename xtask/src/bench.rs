@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::elf;
 use crate::firmware;
+use crate::interpreters;
 use crate::process::{self, Failure};
 use crate::setup::{self, Choice, Toolchain};
 use crate::size;
@@ -16,22 +17,24 @@ Usage: cargo xtask bench [--write] [--gate]
        cargo xtask bench <NAME> [OPTIONS]
 
 Without a name, the whole report, in some minutes: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with flash
-and RAM; regions that have nothing to do, events that many see, deep machines, guards, checks, swaps; events a second. What has been promised of these figures
-stands first. `schedule`, `dispatch`, `day` and `idle` are not in it.
+and RAM; regions that have nothing to do, events that many see, deep machines, guards, checks, swaps; events a second on the host, other engines included that read a
+chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `day` and `idle` are not in it.
 
 Names:
-  machines   The same report
-  schedule   What the search for schedules decides, and how fast; --help tells its options
-  dispatch   What starting a slot takes on the emulated board, in instructions
-  day        Whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told
-  idle       How much of the time that slots leave reaches slot 0, on the emulated board
+  machines       The same report without engines in other languages
+  interpreters   Events a second on the host, of compiled state machines and of engines that read a chart when they start
+  schedule       What the search for schedules decides, and how fast; --help tells its options
+  dispatch       What starting a slot takes on the emulated board, in instructions
+  day            Whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told
+  idle           How much of the time that slots leave reaches slot 0, on the emulated board
 
 Options:
   --write    Keep the report in docs/benchmarks.md
   --gate     End with status 1 if a promise does not hold
   -h, --help This text
 
-Emulator, valgrind and a compiler for the board are installed if they are missing. ESM_TOOLCHAIN=rustup|debian chooses the compiler.
+Emulator, valgrind and a compiler for the board are installed if they are missing. ESM_TOOLCHAIN=rustup|debian chooses the compiler. Packages of other engines come
+from crates.io, npm and PyPI to target/benches/interpreters; where they cannot, or there is no Node or Python, their rows say so.
 
 Examples:
   cargo xtask bench
@@ -48,19 +51,34 @@ enum Needs {
     /// This firmware of the default board.
     Firmware(&'static str),
     /// The programs of the workspace in [`MACHINES_FOLDER`]. It makes their inputs and reads what they tell.
+    Machines(Part),
+}
+
+/// What of the report is measured.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Whole,
+    /// All but engines in other languages.
     Machines,
+    /// Events a second on the host.
+    Interpreters,
 }
 
 /// What can be measured, in which package the program for it is, and what that needs.
-const BENCHES: [(&str, &str, Needs); 5] = [
-    (REPORT, "esm-tests", Needs::Machines),
+const BENCHES: [(&str, &str, Needs); 6] = [
+    (REPORT, "esm-tests", Needs::Machines(Part::Machines)),
+    (
+        "interpreters",
+        "esm-tests",
+        Needs::Machines(Part::Interpreters),
+    ),
     ("schedule", "host-tools", Needs::Nothing),
     ("dispatch", "esm-tests", Needs::Firmware("bench_dispatch")),
     ("day", "esm-tests", Needs::Nothing),
     ("idle", "esm-tests", Needs::Firmware("bench_idle")),
 ];
 
-/// What is measured if nothing is named.
+/// The program that measures the report.
 const REPORT: &str = "machines";
 
 /// The workspace of the machines that are compared.
@@ -91,16 +109,18 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
         print!("{HELP}");
         return Ok(());
     }
-    let name = arguments
-        .next_if(|argument| !argument.starts_with('-'))
-        .unwrap_or_else(|| REPORT.to_owned());
-    let (name, package, needs) = BENCHES
-        .into_iter()
-        .find(|(known, ..)| *known == name)
-        .ok_or_else(|| {
-            let names = BENCHES.map(|(name, ..)| name).join(", ");
-            Failure::Usage(format!("bench {name}: there is {names}"))
-        })?;
+    let named = arguments.next_if(|argument| !argument.starts_with('-'));
+    let (program, package, needs) = match named.as_deref() {
+        None => (REPORT, "esm-tests", Needs::Machines(Part::Whole)),
+        Some(name) => BENCHES
+            .into_iter()
+            .find(|(known, ..)| *known == name)
+            .ok_or_else(|| {
+                let names = BENCHES.map(|(name, ..)| name).join(", ");
+                Failure::Usage(format!("bench {name}: there is {names}"))
+            })?,
+    };
+    let mut program = program;
     let mut given = Vec::new();
     let mut profile = "bench";
     let arguments: Vec<String> = arguments.collect();
@@ -112,24 +132,38 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
             let files = firmware::build(root, &toolchain, firmware::RELEASE, &[bin.to_owned()])?;
             given.extend(files.into_iter().map(PathBuf::into_os_string));
         }
-        Needs::Machines => {
+        Needs::Machines(part) => {
+            program = REPORT;
             // Before minutes are spent on building.
+            let taken = part.options();
             if let Some(wrong) = arguments
                 .iter()
-                .find(|argument| !["--write", "--gate"].contains(&argument.as_str()))
+                .find(|argument| !taken.contains(&argument.as_str()))
             {
                 return Err(Failure::Usage(format!(
-                    "bench takes --write and --gate, and no {wrong}"
+                    "bench {}: no {wrong}; --write and --gate are for the whole report, --gate for `machines`, too",
+                    named.unwrap_or_default()
                 )));
             }
-            setup::emulator()?;
-            setup::valgrind()?;
-            let toolchain = setup::toolchain(Choice::from_environment()?)?;
-            given.extend(machines(root, &toolchain)?);
+            if part != Part::Machines {
+                given.extend(interpreters(root));
+            }
+            if part == Part::Interpreters {
+                println!(
+                    "Building the machines that are compared (the first time takes minutes) …"
+                );
+                given.push(host_program(root)?);
+                given.push("only=interpreters".into());
+            } else {
+                setup::emulator()?;
+                setup::valgrind()?;
+                let toolchain = setup::toolchain(Choice::from_environment()?)?;
+                given.extend(machines(root, &toolchain)?);
+            }
             profile = "dev";
         }
     }
-    let program = built(root, profile, package, name)?;
+    let program = built(root, profile, package, program)?;
     let mut measuring = process::command(program);
     measuring
         // Where cargo would start it.
@@ -147,6 +181,58 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
         }
         result => result,
     }
+}
+
+impl Part {
+    fn options(self) -> &'static [&'static str] {
+        match self {
+            Part::Whole => &["--write", "--gate"],
+            Part::Machines => &["--gate"],
+            Part::Interpreters => &[],
+        }
+    }
+}
+
+/// What separates the words of an engine: no path has it.
+const BETWEEN: &str = "\u{1f}";
+
+/// What the program that measures is told of the engines that read a chart when they start.
+fn interpreters(root: &Path) -> impl Iterator<Item = OsString> {
+    interpreters::prepare(root).into_iter().map(|engine| {
+        let (key, rest) = match engine.program {
+            Ok(program) => ("interpreting", program),
+            Err(reason) => ("absent", vec![reason.into()]),
+        };
+        let mut argument = OsString::from(format!("{key}={}", engine.row));
+        for word in [engine.name.into(), engine.by.into()]
+            .into_iter()
+            .chain(rest)
+        {
+            argument.push(BETWEEN);
+            argument.push(word);
+        }
+        argument
+    })
+}
+
+/// An argument with a name.
+fn told(key: &str, value: &OsStr) -> OsString {
+    let mut argument = OsString::from(format!("{key}="));
+    argument.push(value);
+    argument
+}
+
+/// Builds the program that is measured on the host.
+fn host_program(root: &Path) -> Result<OsString, Failure> {
+    let target = root.join(MACHINES_TARGET);
+    process::run(
+        process::command(setup::host_cargo())
+            .current_dir(root.join(MACHINES_FOLDER))
+            .args(["build", "--quiet", "--release"])
+            .args(["--package", "bench-host", "--target-dir"])
+            .arg(&target),
+    )?;
+    Ok(told("host", target.join("release/bench-host").as_os_str()))
 }
 
 /// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a failure of its own is told once.
@@ -186,26 +272,8 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
     let folder = root.join(MACHINES_FOLDER);
     let target = root.join(MACHINES_TARGET);
     println!("Building the machines that are compared (the first time takes minutes) …");
-    process::run(
-        process::command(setup::host_cargo())
-            .current_dir(&folder)
-            .args([
-                "build",
-                "--quiet",
-                "--release",
-                "--package",
-                "bench-host",
-                "--target-dir",
-            ])
-            .arg(&target),
-    )?;
-    let told = |key: &str, value: &OsStr| {
-        let mut argument = OsString::from(format!("{key}="));
-        argument.push(value);
-        argument
-    };
     let mut arguments = vec![
-        told("host", target.join("release/bench-host").as_os_str()),
+        host_program(root)?,
         told("compiler", toolchain.rustc_version().as_ref()),
     ];
     let core = toolchain.measured_core();

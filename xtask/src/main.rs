@@ -8,6 +8,7 @@ mod demo;
 mod elf;
 mod firmware;
 mod fuzz;
+mod interpreters;
 mod process;
 mod setup;
 mod size;
@@ -28,7 +29,7 @@ Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
-             promised of it; `bench --help` tells its options, and what else can be measured (machines, schedule, dispatch, day, idle)
+             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
