@@ -243,7 +243,7 @@ fn built(root: &Path, profile: &str, package: &str, name: &str) -> Result<PathBu
         .args(["bench", "--quiet", "--no-run", "--profile", profile])
         .args(["--package", package, "--bench", name])
         .args(["--message-format", "json-render-diagnostics"]);
-    let messages = process::printed(&mut cargo)?;
+    let messages = process::printed(&mut cargo, false)?;
     executable(&messages).ok_or(Failure::Content {
         path: root.join("Cargo.toml"),
         problem: "has no such benchmark",

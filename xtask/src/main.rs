@@ -9,6 +9,7 @@ mod elf;
 mod firmware;
 mod fuzz;
 mod interpreters;
+mod missions;
 mod process;
 mod setup;
 mod size;
@@ -32,7 +33,7 @@ Commands:
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
-  size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
+  size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
 
 Options:

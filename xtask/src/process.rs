@@ -134,13 +134,18 @@ pub fn run(command: &mut Command) -> Result<(), Failure> {
     }
 }
 
-/// What `command` prints to standard output, with this process's terminal for the rest.
+/// What `command` prints to standard output. The rest goes to this process's terminal, unless `quiet`.
 ///
 /// # Errors
 /// [`Failure::Start`], [`Failure::Ended`].
-pub fn printed(command: &mut Command) -> Result<String, Failure> {
+pub fn printed(command: &mut Command, quiet: bool) -> Result<String, Failure> {
+    let rest = if quiet {
+        Stdio::null()
+    } else {
+        Stdio::inherit()
+    };
     let output = command
-        .stderr(Stdio::inherit())
+        .stderr(rest)
         .output()
         .map_err(|cause| Failure::Start {
             command: shown(command),
