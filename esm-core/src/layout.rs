@@ -1,4 +1,4 @@
-//! Where each 16-bit field of a record is. The tables with their meaning stand in [`crate::format`].
+//! Where each 16-bit field of a record is, and of some 32-bit ones the low half. The tables with their meaning stand in [`crate::format`].
 
 use crate::format::Section;
 
@@ -9,6 +9,11 @@ pub(crate) struct Field(u16);
 impl Field {
     const NUMBER_BITS: u16 = 4;
 
+    /// The first field of a section's records.
+    pub(crate) const fn first_of(section: Section) -> Self {
+        Self::new(section, 0)
+    }
+
     const fn new(section: Section, number: u16) -> Self {
         Self((section as u16) << Self::NUMBER_BITS | number)
     }
@@ -18,9 +23,14 @@ impl Field {
         usize::from(self.0 >> Self::NUMBER_BITS)
     }
 
+    /// Its place among the 16-bit words of the record.
+    pub(crate) const fn number(self) -> usize {
+        (self.0 & ((1 << Self::NUMBER_BITS) - 1)) as usize
+    }
+
     /// First byte of the field in the record.
     pub(crate) fn offset(self) -> usize {
-        2 * usize::from(self.0 & ((1 << Self::NUMBER_BITS) - 1))
+        2 * self.number()
     }
 }
 
@@ -36,6 +46,12 @@ macro_rules! fields {
 }
 
 fields! {
+    slot: Slots {
+        0 NUMBER 2 PERIOD 4 DURATION 6 START
+    }
+    listener: Listeners {
+        0 REGIONS
+    }
     mission: Mission {
         0 QUEUE 1 INTERPRETER_SLOT 2 EVENTS 3 FLAGS 4 EXCLUSIVE_GROUPS
     }
@@ -47,7 +63,7 @@ fields! {
         0 FIRST_STATE 1 CONTAINER
     }
     state: States {
-        0 EVENTS_LOW 1 EVENTS_HIGH 2 FIRST_TRANSITION 3 FIRST_EVENT_TRANSITION 4 FIRST_FLAG
+        2 FIRST_TRANSITION 3 FIRST_EVENT_TRANSITION 4 FIRST_FLAG
         5 SHAPE 6 A 7 B
     }
     transition: Transitions {
@@ -60,7 +76,7 @@ fields! {
         0 MASK 1 VALUE
     }
     timer: Timers {
-        0 TIMEOUT_LOW 1 TIMEOUT_HIGH
+        0 TIMEOUT
     }
     instance: Instances {
         0 CONTAINER 1 FIRST_REGION 2 FIRST_FLAG 3 FIRST_CHANNEL 4 FIRST_TASK 5 AROUND

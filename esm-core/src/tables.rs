@@ -291,7 +291,7 @@ pub(crate) const fn record_bytes(section: Section) -> usize {
     RECORD_BYTES[section as usize] as usize
 }
 
-/// First byte and length of each section of a blob.
+/// First byte and number of records of each section of a blob.
 pub(crate) type Sections = [(u32, u32); Section::ALL.len()];
 
 /// All tables of a blob. Cheap to copy: two references.
@@ -584,11 +584,12 @@ impl<'a> Tables<'a> {
     // Inlined, it would be the largest part of the verifier.
     #[inline(never)]
     fn section_at(&self, section: usize) -> &'a [u8] {
-        let Some(&(start, length)) = self.sections.get(section) else {
+        let Some(&(start, records)) = self.sections.get(section) else {
             return &[];
         };
         let from_start = self.bytes.get(start as usize..).unwrap_or(&[]);
-        from_start.get(..length as usize).unwrap_or(&[])
+        let length = records as usize * usize::from(RECORD_BYTES[section]);
+        from_start.get(..length).unwrap_or(&[])
     }
 
     /// The records of a section; `N` is its [`record_bytes`].
@@ -606,33 +607,29 @@ impl<'a> Tables<'a> {
     /// Number of records of a section.
     #[inline(always)]
     pub(crate) fn count(&self, section: Section) -> usize {
-        let (_, length) = self.sections[section as usize];
-        length as usize / record_bytes(section)
+        let (_, records) = self.sections[section as usize];
+        records as usize
+    }
+
+    /// The 16-bit words of a table, from one of a record on.
+    #[inline(never)]
+    pub(crate) fn words_from(&self, field: Field, index: usize) -> &'a [[u8; 2]] {
+        let section = field.section();
+        let record_bytes = RECORD_BYTES.get(section).copied().unwrap_or(0);
+        let start = index * usize::from(record_bytes) + field.offset();
+        let bytes = self.section_at(section).get(start..).unwrap_or(&[]);
+        bytes.as_chunks().0
     }
 
     /// A 16-bit field of a record; outside the table the number that stands for none.
     #[inline(never)]
     pub(crate) fn word(&self, field: Field, index: usize) -> usize {
-        let bytes = self.section_at(field.section());
-        let record_bytes = RECORD_BYTES.get(field.section()).copied().unwrap_or(0);
-        let start = index * usize::from(record_bytes) + field.offset();
-        match bytes.get(start..).and_then(<[u8]>::first_chunk::<2>) {
-            Some(word) => usize::from(u16::from_le_bytes(*word)),
-            None => usize::from(format::NONE),
-        }
+        let word = self.words_from(field, index).first();
+        usize::from(word.map_or(format::NONE, |word| u16::from_le_bytes(*word)))
     }
 
     fn mission_word(&self, field: Field) -> usize {
         self.word(field, 0)
-    }
-
-    /// One past the last state of a region template.
-    pub(crate) fn region_end(&self, region: usize) -> usize {
-        if region + 1 < self.count(Section::Regions) {
-            self.word(layout::region::FIRST_STATE, region + 1)
-        } else {
-            self.count(Section::States)
-        }
     }
 
     /// Events that the queue holds at most, 1 to 255.

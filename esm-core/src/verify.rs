@@ -1,14 +1,37 @@
 //! The one pass that a blob must survive before anything is taken from it.
 //!
-//! What it proves is what the [format](mod@crate::format) says: every index points into its table, every part begins where the one before ended, every jump and
-//! every `next` goes ahead, and each record of the instance tree is what its template makes of it. From that follows all that the
-//! interpreter relies on: its walk ends, its guards end, the flags and tasks that it touches belong to the instance that it is in.
+//! What it proves is what the [format](mod@crate::format) says: every index points into its table, every part begins where the one before ended, every jump
+//! goes ahead, and each record of the instance tree is what its template makes of it.
 //!
-//! Templates come first. A container's spans (flags, tasks, regions, instances that one instance of it takes) must be the exact
-//! sums of its parts, so no container can hold itself. Then the instance tree, from the machine on: each instance says of the instances inside its
-//! superstates, and of its task instances, what must stand in their records. Their numbers follow from the template, so none is
-//! claimed twice, and as many must have been claimed as there are records, so none is left out. Time grows with the number of state instances, which is
-//! bounded, and with the square of the number of slots; the depth of the stack is constant.
+//! It walks the instances in the order of their numbers, and of each its regions, and of each region its states. An instance says what must stand in the
+//! records of its region instances and task instances, and in those of the instances inside its superstates. The first instance of a container is its *model*: there the walk checks the
+//! template, too, with transitions and code, and that the container's spans (flags, tasks, regions, instances that one instance of it takes) are the sums of its parts. So
+//! no container can hold itself, and the machine's spans are what the tables hold: nothing is claimed twice, and nothing is left out. Other
+//! tables are checked a record at a time. Time grows with the number of state instances, which is bounded, and with the square of the number of slots; the depth of the stack is constant.
+//!
+//! # What stands when a blob has passed
+//!
+//! Reads that check nothing again name the one of these that they rely on.
+//!
+//! * **mission**: the queue holds 1 to 255 events; the interpreter's slot exists; no event's number is above the mission's count. The flags of the
+//!   whole machine are as many as the mission says.
+//! * **tree**: the region instances of an instance, and all that is inside them, stand together; `next` of a region instance is above its number and at most their count, and what lies
+//!   between is inside it. The instance of a region instance, the container and the region instance around of an instance, the instance inside a superstate (the instance plus *a*) with its first region
+//!   instance exist, and the numbers of what is inside are above.
+//! * **current**: `initial` of a region instance, and each target of a transition out of a state of its region, is a state of its region; a target is never `initial`.
+//! * **flags**: the first flag of an instance plus any relative flag that a state, test or action of its container names is below the mission's count of flags; so are all flags of a
+//!   state's block. Tests name flags at the head of the block of their instance, or own ones of the state that is left; actions the same of the state that is entered.
+//! * **transitions**: those of a state are a range in the table, as long as the next state's begin behind. Those on the pulse come first, up to *first not on the pulse*; the others are
+//!   sorted by their events. `events` has a bit for each, and no other. `final` has none.
+//! * **plain**: the mark is set on every transition from `initial` or a simple state to a simple state without flags that has no action, and on no other.
+//! * **guards**: a bit is one of the state's own flags; a mask has two bits at least, all own flags, its value no others; a program ends, its jumps lead ahead and to its end at most, it
+//!   looks inside superstates only. All code records that they need exist.
+//! * **actions**: a row ends. The channels of an instance exist: its first plus the one that is named.
+//! * **timers**: a state with a timeout has a flag for it and a record among the timers, of at most [`format::MAX_TIME_US`].
+//! * **rows**: a channel's words are in the table of listeners, and those of its region words that exist; a bit is that of a region instance. Its event is not the pulse.
+//! * **tasks**: a task instance exists for each task state of each instance; its state, region instance, first flag, task state are right. The task of a task state, its slot, its parameters
+//!   and the connections of a task instance exist, as many as the task has; the state has as many flags as the task.
+//! * **slots**: their periods are not 0, and no two are ever due at once.
 //!
 //! Texts are not looked at: see [`crate::texts`].
 
@@ -18,6 +41,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
 use crate::interpreter::ArenaLayout;
+use crate::layout::{
+    Field, channel, code, connection, container, instance, listener, mask, mission, region,
+    region_instance, slot, state, task, task_instance, task_state, timer, transition,
+};
 use crate::tables::{self, Slot, Tables};
 
 /// No index, as a field reads it.
@@ -65,7 +92,7 @@ pub enum Cause {
     Range,
     /// A kind or an operation is unknown, or not allowed there.
     Kind,
-    /// A jump, or a `next`, does not go ahead or goes too far.
+    /// A jump does not go ahead, or goes too far.
     Direction,
     /// A record of the instance tree is not what its template makes of it.
     Template,
@@ -155,27 +182,28 @@ impl Layout {
     }
 
     /// Reads the envelope: the postcard encoding of [`format::Envelope`].
-    fn read(&mut self, bytes: &[u8], counts: &mut Counts) -> Result<(), Refusal> {
+    fn read(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
         if !bytes.starts_with(&format::MAGIC) {
             return Err(Refusal::Magic);
         }
         let (body, crc) = bytes
             .split_last_chunk::<{ format::CRC_BYTES }>()
             .ok_or(Refusal::Cut)?;
+        let mut rest = body.get(format::MAGIC.len()..).ok_or(Refusal::Cut)?;
         let stored = u32::from_le_bytes(*crc);
         let computed = format::crc32(body);
         if stored != computed {
             return Err(Refusal::Checksum { stored, computed });
         }
         self.crc = stored;
-        let mut rest = body.get(format::MAGIC.len()..).ok_or(Refusal::Cut)?;
-        for ((section, count), place) in Section::ALL.iter().zip(counts).zip(&mut self.sections) {
+        for (section, place) in Section::ALL.iter().zip(&mut self.sections) {
             let (length, content) = format::read_varint(rest).ok_or(Refusal::Cut)?;
             rest = content.get(length as usize..).ok_or(Refusal::Cut)?;
-            *place = ((body.len() - content.len()) as u32, length);
-            let record_bytes = tables::record_bytes(*section);
-            *count = length as usize / record_bytes;
-            if *count * record_bytes != length as usize || (record_bytes > 1 && *count >= NONE) {
+            let record_bytes = tables::record_bytes(*section) as u32;
+            let records = length / record_bytes;
+            *place = ((body.len() - content.len()) as u32, records);
+            let too_many = record_bytes > 1 && records >= NONE as u32;
+            if records * record_bytes != length || too_many {
                 return Err(Refusal::SectionLength(*section));
             }
         }
@@ -189,24 +217,26 @@ impl Layout {
 /// A number of records of each section.
 type Counts = [usize; Section::ALL.len()];
 
-/// What an instance takes: flags, task instances, region instances and container instances, as a container tells them.
+/// What an instance takes, in the order in which a container tells it.
 type Spans = [usize; 4];
+/// Place of the flags in [`Spans`].
 const FLAGS: usize = 0;
+/// Place of the task instances.
 const TASKS: usize = 1;
+/// Place of the region instances.
 const REGIONS: usize = 2;
+/// Place of the container instances.
 const INSTANCES: usize = 3;
 
 /// The whole check.
 fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
-    let mut counts = [0; _];
-    layout.read(bytes, &mut counts)?;
+    layout.read(bytes)?;
     let mut pass = Pass {
         words: [0; _],
         section: Section::Mission,
         wrong: None,
         is_model: false,
         index: 0,
-        events: 0,
         state_instances: 0,
         base: [0; _],
         taken: [0; _],
@@ -216,8 +246,8 @@ fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
         region: 0,
         first_state: 0,
         end_state: 0,
+        events: 0,
         seen: [0; _],
-        counts,
         tables: layout.tables(bytes),
     };
     pass.check();
@@ -225,33 +255,29 @@ fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
         None => Ok(()),
         Some(cause) => Err(Refusal::Record {
             section: pass.section,
-            index: pass.index,
+            index: pass.index as u16,
             cause,
         }),
     }
 }
 
-/// The pass. The record under test is the one that was read last. After the first thing that is wrong it goes on as far as the next loop, without reading
-/// anything: so most checks need no way out.
-// What is used most stands first: short instructions reach it.
-#[repr(C)]
+/// The pass. The record under test is the one that was read last. After the first thing that is wrong nothing is read, and the pass goes on as far as the next
+/// loop: so most checks need no way out.
 struct Pass<'a> {
     /// The 16-bit words of the record under test and some of those behind it, [`NONE`] where the table has ended. More than a record has: with one length for
     /// all tables one function reads them all, and where a record is short it tells where the parts of the next one begin.
     words: [usize; 11],
     section: Section,
+    index: usize,
     wrong: Option<Cause>,
+
     /// Whether the instance under test is the first one of its container, which then is under test itself.
     is_model: bool,
-    index: u16,
-    events: usize,
-    state_instances: usize,
-
-    /// Of the instance under test: where its parts begin, and which of them were come to.
-    base: Spans,
-    taken: Spans,
     /// Number of the first instance of its container.
     model: usize,
+    /// Where its parts begin, and which of them were come to.
+    base: Spans,
+    taken: Spans,
     /// Flags at the head of its block.
     head: usize,
     channels: usize,
@@ -261,9 +287,10 @@ struct Pass<'a> {
     first_state: usize,
     end_state: usize,
 
+    state_instances: usize,
+    events: usize,
     /// Records that were come to: what comes next begins there.
     seen: Counts,
-    counts: Counts,
     tables: Tables<'a>,
 }
 
@@ -278,6 +305,8 @@ impl Pass<'_> {
                     Section::Instances => self.instance(index),
                     Section::Channels => self.channel(),
                     Section::Tasks => self.task(),
+                    Section::TaskStates => self.task_state(),
+                    Section::TaskInstances => self.task_instance(),
                     Section::Connections => self.connection(),
                     // Come to from the instances, or free.
                     _ => break,
@@ -292,7 +321,7 @@ impl Pass<'_> {
 
     #[inline(always)]
     fn count(&self, section: Section) -> usize {
-        self.counts[section as usize]
+        self.tables.count(section)
     }
 
     /// Puts a record under test.
@@ -302,23 +331,41 @@ impl Pass<'_> {
             return;
         }
         self.section = section;
-        self.index = index as u16;
-        let bytes = self.tables.section(section);
-        let mut at = index * tables::record_bytes(section);
-        for word in &mut self.words {
-            *word = match bytes.get(at..at + 2) {
-                Some([low, high]) => usize::from(u16::from_le_bytes([*low, *high])),
-                _ => NONE,
+        self.index = index;
+        let found = self.tables.words_from(Field::first_of(section), index);
+        for (number, word) in self.words.iter_mut().enumerate() {
+            *word = match found.get(number) {
+                Some(found) => usize::from(u16::from_le_bytes(*found)),
+                None => NONE,
             };
-            at += 2;
         }
     }
 
     /// Puts the next record of a section under test.
     #[inline(never)]
-    fn next(&mut self, section: Section) {
+    fn read_next(&mut self, section: Section) {
         let index = self.take(section, 1);
         self.read(section, index);
+    }
+
+    /// A field of the record under test.
+    #[inline(always)]
+    fn field(&self, field: Field) -> usize {
+        self.words[field.number()]
+    }
+
+    /// The same field of the record behind it.
+    #[inline(always)]
+    fn field_behind(&self, field: Field) -> usize {
+        let section = Section::ALL[field.section()];
+        self.words[tables::record_bytes(section) / 2 + field.number()]
+    }
+
+    /// A 32-bit field of the record under test, by its low half.
+    #[inline(always)]
+    fn long(&self, low_half: Field) -> u32 {
+        let low = low_half.number();
+        (self.words[low] | self.words[low + 1] << 16) as u32
     }
 
     /// Goes on by some records; returns the first of them.
@@ -351,29 +398,27 @@ impl Pass<'_> {
         }
     }
 
-    /// The parts of the record under test, whose first one is its word 2, end where those of the next record begin.
-    #[inline(never)]
-    fn expect_parts(&mut self, parts: usize, next_first: usize, of: Section) {
-        self.take(of, parts);
-        let end = next_first.min(self.count(of));
-        self.ensure(self.words[2] + parts == end, Cause::Order);
+    /// Where the parts of the record behind the one under test begin, which is where its own end: at the end of their table where there is no record behind.
+    #[inline(always)]
+    fn first_behind(&self, first: Field, of: Section) -> usize {
+        self.field_behind(first).min(self.count(of))
     }
 
     fn mission(&mut self) {
-        let [queue, slot, events, flags, ..] = self.words;
-        self.events = events;
-        self.seen[Section::Mission as usize] = 1;
-        let in_range =
-            queue.wrapping_sub(1) < format::MAX_QUEUE && events <= usize::from(format::MAX_EVENT);
+        let queue = self.field(mission::QUEUE);
+        let flags = self.field(mission::FLAGS);
+        self.events = self.field(mission::EVENTS);
+        let in_range = queue.wrapping_sub(1) < format::MAX_QUEUE
+            && self.events <= usize::from(format::MAX_EVENT);
         self.ensure(in_range, Cause::Range);
+        let slot = self.field(mission::INTERPRETER_SLOT);
         self.ensure(slot < self.count(Section::Slots), Cause::Index);
         // What the machine takes is all there is.
         self.read(Section::Containers, 0);
-        let [_, _, _, _, in_flags, tasks, regions, instances, ..] = self.words;
-        self.seen[Section::TaskInstances as usize] = tasks;
-        self.seen[Section::RegionInstances as usize] = regions;
-        self.seen[Section::Instances as usize] = instances;
-        self.ensure(flags == in_flags, Cause::Template);
+        self.seen[Section::TaskInstances as usize] = self.field(container::TASK_SPAN);
+        self.seen[Section::RegionInstances as usize] = self.field(container::REGION_SPAN);
+        self.seen[Section::Instances as usize] = self.field(container::INSTANCE_SPAN);
+        self.ensure(flags == self.field(container::FLAG_SPAN), Cause::Template);
     }
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
@@ -399,77 +444,72 @@ impl Pass<'_> {
     #[inline(never)]
     fn slot_at(&mut self, index: usize) -> Slot {
         self.read(Section::Slots, index);
-        let long = |word| (self.words[word] | self.words[word + 1] << 16) as u32;
         Slot {
-            number: long(0),
-            period_us: long(2),
-            duration_us: long(4),
-            start_us: long(6),
+            number: self.long(slot::NUMBER),
+            period_us: self.long(slot::PERIOD),
+            duration_us: self.long(slot::DURATION),
+            start_us: self.long(slot::START),
         }
     }
 
     fn task(&mut self) {
-        let [_, _, _, _, text_start, text_length, exclusive, ..] = self.words;
-        let text = self.take(Section::Signatures, text_length);
-        self.ensure(text_start == text, Cause::Order);
-        let in_range = exclusive < self.tables.exclusive_group_count() || exclusive == NONE;
+        let text = self.take(Section::Signatures, self.field(task::TEXT_LENGTH));
+        self.ensure(self.field(task::TEXT_START) == text, Cause::Order);
+        let group = self.field(task::EXCLUSIVE);
+        let in_range = group < self.tables.exclusive_group_count() || group == NONE;
         self.ensure(in_range, Cause::Range);
     }
 
     /// Checks an instance's regions and what is inside them, and its container where this is the first instance of it.
     fn instance(&mut self, index: usize) {
-        if index == 0 {
-            self.expect(&[0; 6], Cause::Template);
-        }
-        let [
-            number,
-            first_region,
-            first_flag,
-            first_channel,
-            first_task,
-            around,
-            ..,
-        ] = self.words;
-        self.base = [first_flag, first_task, first_region, index];
+        let number = self.field(instance::CONTAINER);
+        let first_region = self.field(instance::FIRST_REGION);
+        let first_flag = self.field(instance::FIRST_FLAG);
+        let first_task = self.field(instance::FIRST_TASK);
+        let around = self.field(instance::AROUND);
+        let channel = self.seen[Section::Channels as usize];
         let is_model = number == self.seen[Section::Containers as usize];
-        self.is_model = is_model;
-        if is_model {
-            self.take(Section::Containers, 1);
-        }
-        let in_order = first_channel == self.seen[Section::Channels as usize]
+        self.seen[Section::Containers as usize] += usize::from(is_model);
+        let in_order = self.field(instance::FIRST_CHANNEL) == channel
             && number < self.seen[Section::Containers as usize];
         self.ensure(in_order, Cause::Order);
-        self.read(Section::RegionInstances, around);
-        let mut behind = self.words[0];
+        let mut behind = self.tables.word(region_instance::NEXT, around);
         if index == 0 {
+            // Nothing is around the machine.
             behind = self.count(Section::RegionInstances);
+            let is_root = number | first_region | first_flag | first_task | around == 0;
+            self.ensure(is_root, Cause::Template);
         }
 
         self.read(Section::Containers, number);
-        let [mut template, flags, channels, model, ..] = self.words;
-        if is_model {
-            let regions = self.seen[Section::Regions as usize];
-            self.expect(&[regions, flags, channels, index], Cause::Order);
-        }
-        self.take(Section::Channels, channels);
-        self.model = model;
-        self.channels = channels;
-        self.head = format::CONTAINER_CONTROL_FLAGS + flags;
+        let mut template = self.field(container::FIRST_REGION);
+        self.is_model = is_model;
+        self.model = self.field(container::FIRST_INSTANCE);
+        self.channels = self.field(container::CHANNELS);
+        self.head = format::CONTAINER_CONTROL_FLAGS + self.field(container::FLAGS);
+        self.base = [first_flag, first_task, first_region, index];
         self.taken = [self.head, 0, 0, 1];
+        self.take(Section::Channels, self.channels);
+        if is_model {
+            let in_order = template == self.seen[Section::Regions as usize] && self.model == index;
+            self.ensure(in_order, Cause::Order);
+        }
         loop {
             self.read(Section::Regions, template);
-            let [first, _, next_first, next_of, ..] = self.words;
-            if is_model {
-                self.take(Section::Regions, 1);
-                let states = self.seen[Section::States as usize];
-                self.expect(&[states, number], Cause::Order);
-            }
             template += 1;
+            let first = self.field(region::FIRST_STATE);
+            let is_last = self.field_behind(region::CONTAINER) != number;
+            self.first_state = first;
+            self.end_state = self.first_behind(region::FIRST_STATE, Section::States);
             self.region = first_region + self.taken[REGIONS];
             self.taken[REGIONS] += 1;
-            self.first_state = first;
-            self.end_state = next_first.min(self.count(Section::States));
-            self.ensure(first + 1 < self.end_state, Cause::Order);
+            if is_model {
+                self.take(Section::Regions, 1);
+                let in_order = first == self.seen[Section::States as usize]
+                    && first + 1 < self.end_state
+                    && self.field(region::CONTAINER) == number;
+                self.ensure(in_order, Cause::Order);
+            }
             let mut state = first;
             loop {
                 self.state(state);
@@ -482,12 +522,11 @@ impl Pass<'_> {
                 }
             }
             self.read(Section::RegionInstances, self.region);
-            let mut after = first_region + self.taken[REGIONS];
-            let is_last = next_of != number;
+            let mut next = first_region + self.taken[REGIONS];
             if is_last {
-                after = behind;
+                next = behind;
             }
-            self.expect(&[after, first_flag, first, index], Cause::Template);
+            self.expect(&[next, first_flag, first, index], Cause::Template);
             if is_last || self.wrong.is_some() {
                 break;
             }
@@ -505,7 +544,8 @@ impl Pass<'_> {
         self.read(Section::States, index);
         let in_range = self.state_instances <= format::MAX_STATE_INSTANCES;
         self.ensure(in_range, Cause::Range);
-        let [_, _, _, _, _, shape, .., end] = self.words;
+        let shape = self.field(state::SHAPE);
+        let end_transition = self.first_behind(state::FIRST_TRANSITION, Section::Transitions);
         let kind = shape as u16 >> format::STATE_KIND_SHIFT;
         let flags = shape & usize::from(format::STATE_FLAGS_MASK);
         let timed = shape & usize::from(format::STATE_HAS_TIMEOUT);
@@ -523,45 +563,30 @@ impl Pass<'_> {
                 a = self.taken[TASKS];
                 self.taken[FLAGS] += flags;
                 self.taken[TASKS] += 1;
+                right_shape = shape;
                 self.read(Section::TaskInstances, task_instance);
-                let mut task_state = self.words[4];
-                if self.is_model {
-                    task_state = self.take(Section::TaskStates, 1);
-                }
-                self.read(Section::TaskStates, task_state);
-                let [task, mut slot, first_param, _, _, _, next_first_param, ..] = self.words;
-                if kind == format::STATE_BACKGROUND_TASK {
-                    slot = NONE;
-                } else {
-                    self.ensure(slot < self.count(Section::Slots), Cause::Index);
-                }
-                self.expect(&[task, slot, first_param, index], Cause::Order);
-                self.read(Section::Tasks, task);
-                let [.., data, task_flags, params, _] = self.words;
-                right_shape += format::TASK_CONTROL_FLAGS + task_flags;
-                if self.is_model {
-                    self.read(Section::TaskStates, task_state);
-                    self.expect_parts(params, next_first_param, Section::Params);
-                }
-                self.read(Section::TaskInstances, task_instance);
-                let expected = [index, self.region, self.words[2], flag, task_state];
+                let connection = self.field(task_instance::FIRST_CONNECTION);
+                let task_state = self.field(task_instance::TASK_STATE);
+                let expected = [index, self.region, connection, flag, task_state];
                 self.expect(&expected, Cause::Template);
-                self.expect_parts(data, self.words[7], Section::Connections);
+                let right = self.tables.word(task_state::STATE, task_state) == index;
+                self.ensure(right, Cause::Template);
+                if self.is_model {
+                    self.take(Section::TaskStates, 1);
+                }
             }
             format::STATE_SUPER => {
                 a = self.taken[INSTANCES];
                 // What the first instance of the container around makes of this state holds for all of them.
-                self.read(Section::Instances, self.model + a);
-                let [number, ..] = self.words;
+                let number = self.tables.word(instance::CONTAINER, self.model + a);
                 self.read(Section::Instances, instance);
-                let channel = self.words[3];
+                let channel = self.field(instance::FIRST_CHANNEL);
                 let expected = [number, region, flag, channel, task_instance, self.region];
                 self.expect(&expected, Cause::Template);
                 self.read(Section::Containers, number);
-                let [_, flags, _, _, spans @ .., _, _, _] = self.words;
-                right_shape += format::CONTAINER_CONTROL_FLAGS + flags;
-                for (taken, span) in self.taken.iter_mut().zip(spans) {
-                    *taken += span;
+                right_shape += format::CONTAINER_CONTROL_FLAGS + self.field(container::FLAGS);
+                for (part, taken) in self.taken.iter_mut().enumerate() {
+                    *taken += self.words[container::FLAG_SPAN.number() + part];
                 }
             }
             _ => right_shape = usize::MAX,
@@ -578,13 +603,14 @@ impl Pass<'_> {
         let mut b = 0;
         if timed != 0 {
             b = self.seen[Section::Timers as usize];
-            self.next(Section::Timers);
-            let [low, high, ..] = self.words;
-            let in_range = (low | high << 16) <= format::MAX_TIME_US as usize;
-            self.ensure(in_range, Cause::Range);
+            self.read_next(Section::Timers);
+            self.ensure(
+                self.long(timer::TIMEOUT) <= format::MAX_TIME_US,
+                Cause::Range,
+            );
         }
         let first = self.seen[Section::Transitions as usize];
-        let (events, first_on_event) = self.transitions(index, shape, end);
+        let (events, first_on_event) = self.transitions(index, shape, end_transition);
         self.read(Section::States, index);
         self.ensure(shape == right_shape, Cause::Kind);
         let expected = [
@@ -600,29 +626,24 @@ impl Pass<'_> {
         self.expect(&expected, Cause::Order);
     }
 
-    /// Checks the next transitions up to `end`, all out of the state under test. Returns what events they are on, and the first that is not on the pulse.
+    /// Checks the next transitions up to `end`, all out of the state `source`. Returns what events they are on, and the first that is not on the pulse.
     fn transitions(&mut self, source: usize, source_shape: usize, end: usize) -> (usize, usize) {
         let kind = source_shape as u16 >> format::STATE_KIND_SHIFT;
         // Flags that guards have short forms for.
         let window = (source_shape & usize::from(format::STATE_FLAGS_MASK))
             .min(usize::from(format::WINDOW_FLAGS));
-        let end = end.min(self.count(Section::Transitions));
         let mut events = 0;
         let mut last = 0;
         let mut first_on_event = self.seen[Section::Transitions as usize];
         while self.seen[Section::Transitions as usize] < end && self.wrong.is_none() {
-            let index = self.take(Section::Transitions, 1);
-            self.read(Section::Transitions, index);
-            let [_, target, ..] = self.words;
-            self.read(Section::States, target);
-            let target_shape = self.words[5];
-            self.read(Section::Transitions, index);
-            let [trigger, _, guard, action, ..] = self.words;
+            self.read_next(Section::Transitions);
+            let trigger = self.field(transition::EVENT);
+            let target = self.field(transition::TARGET);
+            let guard = self.field(transition::GUARD);
+            let action = self.field(transition::ACTION);
             let event = trigger & usize::from(format::MAX_EVENT);
             events |= 1 << (event % 32);
-            if event == 0 {
-                first_on_event += 1;
-            }
+            first_on_event += usize::from(event == 0);
             self.ensure(event >= last, Cause::Order);
             last = event;
             let in_range = event <= self.events
@@ -631,6 +652,7 @@ impl Pass<'_> {
                 && kind != format::STATE_FINAL
                 && action < usize::from(format::ACTION_SEND) + self.channels;
             self.ensure(in_range, Cause::Index);
+            let target_shape = self.tables.word(state::SHAPE, target);
             let is_plain = kind <= format::STATE_SIMPLE
                 && target_shape == usize::from(format::STATE_SIMPLE << format::STATE_KIND_SHIFT)
                 && action == 0;
@@ -653,10 +675,10 @@ impl Pass<'_> {
                 );
             } else {
                 let at = self.seen[Section::Code as usize];
-                self.next(Section::Code);
-                let [mask, value, ..] = self.words;
+                self.read_next(Section::Code);
                 let in_order = at == guard - usize::from(format::GUARD_MASK);
                 self.ensure(in_order, Cause::Order);
+                let (mask, value) = (self.field(mask::MASK), self.field(mask::VALUE));
                 let right =
                     mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
                 self.ensure(right, Cause::Index);
@@ -676,15 +698,15 @@ impl Pass<'_> {
     #[inline(never)]
     fn code(&mut self, first: usize, state: usize, operations: usize) {
         self.read(Section::States, state);
-        let [_, _, _, _, first_flag, shape, ..] = self.words;
-        let flags = shape & usize::from(format::STATE_FLAGS_MASK);
-        let mut in_order = self.seen[Section::Code as usize] == first;
+        let first_flag = self.field(state::FIRST_FLAG);
+        let flags = self.field(state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
+        let mut at = first;
         let mut farthest = 0;
         loop {
-            self.next(Section::Code);
-            let [operand, control, ..] = self.words;
-            self.ensure(in_order, Cause::Order);
-            in_order = true;
+            self.read_next(Section::Code);
+            self.ensure(self.index == at, Cause::Order);
+            let operand = self.field(code::OPERAND);
+            let control = self.field(code::CONTROL);
             let low = control & usize::from(format::CODE_LOW_MASK);
             let operation = control as u16 >> format::CODE_OPERATION_SHIFT;
             self.ensure(operations >> operation & 1 != 0, Cause::Kind);
@@ -700,44 +722,82 @@ impl Pass<'_> {
                 low != 0
             };
             if is_end || self.wrong.is_some() {
-                self.ensure(farthest <= usize::from(self.index), Cause::Direction);
+                self.ensure(farthest <= at, Cause::Direction);
                 return;
             }
-            farthest = farthest.max(usize::from(self.index) + low);
+            farthest = farthest.max(at + low);
+            at += 1;
         }
     }
 
     fn channel(&mut self) {
         let regions = self.count(Section::RegionInstances);
-        let [event, first_row_word, first_region_word, words, ..] = self.words;
-        let end = first_region_word + words;
-        let row_end = first_row_word + words;
-        let right = event.wrapping_sub(1) < self.events
+        let words = self.field(channel::REGION_WORDS);
+        let end = self.field(channel::FIRST_REGION_WORD) + words;
+        let row_end = self.field(channel::FIRST_ROW_WORD) + words;
+        let right = self.field(channel::EVENT).wrapping_sub(1) < self.events
             && end <= regions.div_ceil(32)
             && row_end <= self.count(Section::Listeners);
         self.ensure(right, Cause::Index);
         if words != 0 && end > regions / 32 {
             // Bits behind the last region instance.
             self.read(Section::Listeners, row_end - 1);
-            let [low, high, ..] = self.words;
-            let word = (low | high << 16) as u32;
-            self.ensure(word << (regions % 32) == 0, Cause::Range);
+            self.ensure(
+                self.long(listener::REGIONS) << (regions % 32) == 0,
+                Cause::Range,
+            );
         }
     }
 
+    /// Checks what is told of a task state beside its state.
+    fn task_state(&mut self) {
+        let task = self.field(task_state::TASK);
+        let slot = self.field(task_state::SLOT);
+        let state = self.field(task_state::STATE);
+        let shape = self.tables.word(state::SHAPE, state);
+        let kind = shape as u16 >> format::STATE_KIND_SHIFT;
+        let right_slot = if kind == format::STATE_BACKGROUND_TASK {
+            slot == NONE
+        } else {
+            kind == format::STATE_TASK && slot < self.count(Section::Slots)
+        };
+        self.ensure(right_slot, Cause::Index);
+        let flags = format::TASK_CONTROL_FLAGS + self.tables.word(task::FLAGS, task);
+        let params = self.tables.word(task::PARAMS, task);
+        let end = self.field(task_state::FIRST_PARAM) + params;
+        self.take(Section::Params, params);
+        let in_order = shape & usize::from(format::STATE_FLAGS_MASK) == flags
+            && state < self.field_behind(task_state::STATE)
+            && end == self.first_behind(task_state::FIRST_PARAM, Section::Params);
+        self.ensure(in_order, Cause::Order);
+    }
+
+    /// Checks where the data ports of a task instance stand.
+    fn task_instance(&mut self) {
+        let task_state = self.field(task_instance::TASK_STATE);
+        let task = self.tables.word(task_state::TASK, task_state);
+        let ports = self.tables.word(task::DATA, task);
+        let end = self.field(task_instance::FIRST_CONNECTION) + ports;
+        self.take(Section::Connections, ports);
+        let behind = self.first_behind(task_instance::FIRST_CONNECTION, Section::Connections);
+        self.ensure(end == behind, Cause::Order);
+    }
+
     fn connection(&mut self) {
-        let [net, ..] = self.words;
+        let net = self.field(connection::NET);
         let right = net == NONE || net < self.count(Section::Nets);
         self.ensure(right, Cause::Index);
     }
 
-    /// Nothing is left over.
+    /// Nothing is missing or left over.
     fn ends(&mut self) {
+        /// Sections of which each record is under test, or any number may be.
         const FREE: usize = 1 << Section::Slots as u8
             | 1 << Section::Listeners as u8
             | 1 << Section::Tasks as u8
             | 1 << Section::Nets as u8
             | 1 << Section::Names as u8;
+        self.seen[Section::Mission as usize] = 1;
         for section in &Section::ALL {
             let seen = self.seen[*section as usize];
             if FREE >> *section as u8 & 1 == 0 {

@@ -283,7 +283,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "flags of a task",
             (States, quiet_task, 5),
             more,
-            (States, quiet_task, Kind),
+            (TaskInstances, task, Template),
         ),
         case(
             "flags of a superstate",
@@ -625,7 +625,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "no slot of others",
             (TaskStates, background, 1),
             |_| 0,
-            (TaskStates, background, Order),
+            (TaskStates, background, Index),
         ),
         case(
             "parameters in order",
@@ -637,7 +637,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "state of a task state",
             (TaskStates, 1, 3),
             more,
-            (TaskStates, 1, Order),
+            (TaskInstances, task, Template),
         ),
         case(
             "no channel of the pulse",
@@ -713,4 +713,17 @@ fn nothing_is_left_over() {
             "one less of {section:?}"
         );
     }
+}
+
+#[test]
+fn a_blob_without_a_mission_is_refused() {
+    let empty = changed(&compiled(), |sections| {
+        sections.iter_mut().for_each(Vec::clear)
+    });
+    let expected = Refusal::Record {
+        section: Section::Mission,
+        index: 1,
+        cause: Cause::Order,
+    };
+    assert_eq!(verify(empty).unwrap_err().1, expected);
 }
