@@ -8,7 +8,8 @@
 //! woken when one of these changes: by a transition of its own, by its superstate's start, from outside, by an action or a `final` around it, by its timer. A guard that asks for busy tasks inside
 //! wakes its region each time.
 //!
-//! **Timers.** A deadline is kept, after which some timer may have run out; it may be early, never late. A macro step behind it wakes whoever is due and finds the next.
+//! **Timers.** The time of a macro step is its number times the period, so timers count macro steps. How many pass before some timer may have run out is kept; it may be too few, never too
+//! many. The macro step behind them wakes whoever is due and finds the next.
 //!
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
@@ -120,8 +121,8 @@ pub(crate) struct ArenaLayout {
     flags: usize,
     /// The enable bits of the task instances, the first in the lowest bit.
     enabled: usize,
-    /// For each region instance the low 32 bits of the time at which its state was entered, if that has a timeout.
-    entered_us: usize,
+    /// For each region instance the low 32 bits of the number of the macro step in which its state was entered, if that has a timeout.
+    entered: usize,
     /// The channels of events that wait, two a word.
     queue: usize,
     end: usize,
@@ -137,14 +138,14 @@ impl ArenaLayout {
         let active = regions.div_ceil(2);
         let flags = active + 2 * regions.div_ceil(WORD_BITS);
         let enabled = flags + tables.flag_count().div_ceil(WORD_BITS);
-        let entered_us = enabled + tasks.div_ceil(WORD_BITS);
-        let queue = entered_us + regions;
-        let end = queue + tables.queue_capacity().div_ceil(2);
+        let entered = enabled + tasks.div_ceil(WORD_BITS);
+        let queue = entered + regions;
+        let end = queue + queue_places(tables).div_ceil(2);
         Self {
             active,
             flags,
             enabled,
-            entered_us,
+            entered,
             queue,
             end,
             regions,
@@ -157,6 +158,11 @@ impl ArenaLayout {
     }
 }
 
+/// Places of the event queue: a power of two, so that going round is cheap.
+fn queue_places(tables: &Tables<'_>) -> usize {
+    tables.queue_capacity().next_power_of_two()
+}
+
 /// A machine that runs. `R` says how it reads its tables: see [`Reads`].
 #[derive(Debug)]
 pub struct Interpreter<'m, B, R = DefaultReads> {
@@ -164,25 +170,29 @@ pub struct Interpreter<'m, B, R = DefaultReads> {
     arena: &'m mut [u32],
     layout: ArenaLayout,
     period_us: u32,
-    /// Number and time of the next macro step.
-    step: u64,
-    t_us: u64,
-    /// No timer runs out before or at this time.
-    deadline_us: u64,
-    /// The events that wait: their number, the place of the first in the queue, and the place behind the last. The queue is a ring.
+    /// Macro steps that began, or were skipped.
+    steps: u64,
+    /// Macro steps until a timer may have run out, that one included.
+    steps_left: u32,
+    /// Events that were put into the queue, and taken out. The queue is a ring, as long as a power of two: the low bits say the place.
     queued: u8,
-    queue_first: u8,
-    queue_end: u8,
+    taken: u8,
+    queue_mask: u8,
     queue_capacity: u8,
     /// The micro step that is under way.
     micro: u8,
+    /// Whether a transition was taken in this macro step.
+    changed: bool,
     /// Whether some region is awake. A machine that was stopped never sleeps.
     is_awake: bool,
+    /// Words of 32 region instances that are visited: none of a machine that was stopped.
+    words: usize,
     fault: Option<Fault>,
     reads: PhantomData<R>,
 }
 
 const WORD_BITS: usize = u32::BITS as usize;
+const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 /// The first region instance of a word.
 const FIRST: u32 = 1 << (u32::BITS - 1);
 
@@ -195,16 +205,13 @@ fn not_before(region: usize, word: usize) -> u32 {
     }
 }
 
-/// What a transition of one region instance means for the others.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Effect {
-    /// Nothing.
-    Own,
-    /// Who is active or awake changed. Those before the next sibling are not visited any more.
-    Wide,
-    /// It could not be taken.
-    Fault,
-}
+/// Where the visit of a micro step goes on after a transition of one region instance.
+///
+/// Most change only what the region instance itself is in, and the visit goes on as it was: that is 0. Where who is active or awake changed, it is the next region instance that
+/// is not inside that one, and so above 0. [`NOT_TAKEN`] if the queue had no room for an event.
+type Resume = usize;
+const ON: Resume = 0;
+const NOT_TAKEN: Resume = usize::MAX;
 
 /// What guards see: in the low half the first own flags of a state, in the high half their complement.
 #[derive(Clone, Copy)]
@@ -271,6 +278,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         let tables = verified.tables();
         let layout = ArenaLayout::of(&tables);
         let queue_capacity = tables.queue_capacity() as u8;
+        let queue_mask = (queue_places(&tables) - 1) as u8;
         let period_us = tables
             .slot(tables.interpreter_slot())
             .map_or(0, |slot| slot.period_us);
@@ -288,18 +296,24 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             arena,
             layout,
             period_us,
-            step: 0,
-            t_us: 0,
-            deadline_us: u64::MAX,
+            steps: 0,
+            steps_left: u32::MAX,
             queued: 0,
-            queue_first: 0,
-            queue_end: 0,
+            taken: 0,
+            queue_mask,
             queue_capacity,
             micro: 0,
+            changed: false,
             is_awake: false,
+            words: layout.regions.div_ceil(WORD_BITS),
             fault: None,
             reads: PhantomData,
         };
+        for region in 0..layout.regions {
+            let record = machine.record(Section::RegionInstances, region);
+            let initial = machine.field(record, region_instance::INITIAL);
+            R::store_half(machine.arena, region, initial as u16);
+        }
         machine.start_regions(0, layout.regions);
         Ok(machine)
     }
@@ -313,12 +327,13 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
-        let passed_us = u64::from(missed) * u64::from(self.period_us);
-        if self.t_us + passed_us > self.deadline_us {
-            self.age_timers(passed_us);
+        if missed < self.steps_left {
+            self.steps_left -= missed;
+        } else {
+            self.age_timers(missed);
+            self.steps_left = 1;
         }
-        self.step += u64::from(missed);
-        self.t_us += passed_us;
+        self.steps += u64::from(missed);
     }
 
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
@@ -327,22 +342,26 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     /// The fault that stopped the machine, in this macro step or before.
     #[inline]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        let (step, t_us) = (self.step, self.t_us);
-        let mut micro_steps = 1;
-        let mut changed = false;
-        if self.is_awake || t_us > self.deadline_us {
-            changed = self.walk(observer)?;
-            micro_steps = self.micro + 1;
+        let step = self.steps;
+        self.steps = step + 1;
+        self.steps_left -= 1;
+        if self.steps_left == 0 {
+            self.run_timers();
         }
-        self.step = step + 1;
-        self.t_us = t_us + u64::from(self.period_us);
-        Ok(StepSummary {
+        let mut summary = StepSummary {
             step,
-            t_us,
-            micro_steps,
-            changed,
-            finished: self.is_finished(),
-        })
+            t_us: step * u64::from(self.period_us),
+            micro_steps: 1,
+            changed: false,
+            finished: false,
+        };
+        if self.is_awake {
+            self.walk(observer)?;
+            summary.micro_steps = self.micro + 1;
+            summary.changed = self.changed;
+        }
+        summary.finished = self.is_finished();
+        Ok(summary)
     }
 
     /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false unless it is current.
@@ -494,7 +513,7 @@ impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
 
     /// The enable bits of all task instances, the first in the lowest bit of the first word.
     pub fn enabled_words(&self) -> &[u32] {
-        self.part(self.layout.enabled..self.layout.entered_us)
+        self.part(self.layout.enabled..self.layout.entered)
     }
 
     fn flag_words(&self) -> &[u32] {
@@ -551,26 +570,29 @@ impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
 
 /// Reads and writes.
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// The byte of the blob at which a record begins.
+    /// Where a record begins.
     #[inline(always)]
-    fn record(&self, section: Section, index: usize) -> usize {
-        self.verified.tables().start(section) + record_bytes(section) * index
+    fn record(&self, section: Section, index: usize) -> R::Place {
+        let tables = self.verified.tables();
+        let at = tables.start(section) + record_bytes(section) * index;
+        R::place(tables.bytes(), at)
     }
 
-    /// A field of the record that begins at a byte.
+    /// A field of a record.
     #[inline(always)]
-    fn field(&self, record: usize, field: Field) -> usize {
-        R::half(self.verified.tables().bytes(), record + field.offset()).into()
+    fn field(&self, record: R::Place, field: Field) -> usize {
+        let place = R::ahead(record, field.offset());
+        R::half(self.verified.tables().bytes(), place).into()
     }
 
     #[inline(always)]
-    fn word_of(&self, record: usize) -> u32 {
+    fn word_of(&self, record: R::Place) -> u32 {
         R::word(self.verified.tables().bytes(), record)
     }
 
     /// Which events a state's transitions are on. It is the first field of a state.
     #[inline(always)]
-    fn events(&self, state: usize) -> u32 {
+    fn events(&self, state: R::Place) -> u32 {
         self.word_of(state)
     }
 
@@ -586,7 +608,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The record of a region instance's current state.
     #[inline(always)]
-    fn current_record(&self, region: usize) -> usize {
+    fn current_record(&self, region: usize) -> R::Place {
         self.record(Section::States, R::load_half(self.arena, region).into())
     }
 
@@ -605,14 +627,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The first own flag of a state in a region instance.
     #[inline(always)]
-    fn first_flag(&self, region: usize, state: usize) -> usize {
+    fn first_flag(&self, region: usize, state: R::Place) -> usize {
         let region = self.record(Section::RegionInstances, region);
         self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
     }
 
     /// The own flags of a state, the first in the lowest bit.
     #[inline(always)]
-    fn own_flags(&self, region: usize, state: usize) -> u32 {
+    fn own_flags(&self, region: usize, state: R::Place) -> u32 {
         let first = WORD_BITS * self.layout.flags + self.first_flag(region, state);
         R::window(self.arena, first)
     }
@@ -651,6 +673,11 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     #[inline(always)]
+    fn is_enabled_now(&self, task: usize) -> bool {
+        self.load(self.layout.enabled + task / WORD_BITS) >> (task % WORD_BITS) & 1 != 0
+    }
+
+    #[inline(always)]
     fn enable(&mut self, task: usize) {
         let place = self.layout.enabled + task / WORD_BITS;
         self.store(place, self.load(place) | 1 << (task % WORD_BITS));
@@ -659,200 +686,223 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
 /// What happens in a macro step.
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Handles the pulse and all events that follow from it; says whether any transition was taken.
+    /// Handles the pulse and all events that follow from it.
     #[inline(never)]
-    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<bool, Fault> {
-        if let Some(fault) = self.fault {
-            return Err(fault);
-        }
-        if self.t_us > self.deadline_us {
-            self.run_timers();
-        }
-        self.is_awake = false;
+    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<(), Fault> {
         self.micro = 0;
-        let Some(mut changed) = self.pulse(observer) else {
-            return Err(self.stop(Fault::EventQueueOverflow, observer));
-        };
-        while let Some(left) = self.queued.checked_sub(1) {
+        self.changed = false;
+        self.is_awake = false;
+        let mut resume = ON;
+        let mut word = 0;
+        while word < self.words {
+            let pair = self.layout.active + 2 * word;
+            let awake = self.load(pair + 1);
+            let mut visit = self.load(pair) & awake;
+            if resume != ON {
+                visit &= not_before(resume, word);
+            }
+            if visit != 0 {
+                // Who is shown the pulse sleeps until woken again.
+                self.store(pair + 1, awake & !visit);
+                let seen = self.visit::<true, O>(format::PULSE, visit, word, observer);
+                if seen != ON {
+                    if seen == NOT_TAKEN {
+                        return Err(self.stop(Fault::EventQueueOverflow, observer));
+                    }
+                    // Once more, for who woke behind it.
+                    resume = seen;
+                    continue;
+                }
+            }
+            word += 1;
+        }
+        while self.taken != self.queued {
             if self.micro == MAX_MICRO_STEPS - 1 {
                 return Err(self.stop(Fault::MacroStepLimit, observer));
             }
             self.micro += 1;
-            self.queued = left;
-            let first = self.queue_first;
-            self.queue_first = self.place_after(first);
-            let sent = R::load_half(self.arena, 2 * self.layout.queue + usize::from(first));
-            let Some(moved) = self.event(sent.into(), observer) else {
+            let place = usize::from(self.taken & self.queue_mask);
+            self.taken = self.taken.wrapping_add(1);
+            let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
+            if self.event(sent.into(), observer) == NOT_TAKEN {
                 return Err(self.stop(Fault::EventQueueOverflow, observer));
-            };
-            changed |= moved;
+            }
         }
-        Ok(changed)
+        if self.words == 0 {
+            self.is_awake = true;
+            return Err(self.fault.unwrap_or(Fault::MacroStepLimit));
+        }
+        Ok(())
     }
 
+    /// Shows an event to those who listen.
+    #[inline(always)]
+    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Resume {
+        let sent = self.record(Section::Channels, sent);
+        let event = self.field(sent, channel::EVENT) as u16;
+        let row = self.field(sent, channel::FIRST_ROW_WORD);
+        let mut row = self.record(Section::Listeners, row);
+        let bytes = record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
+        let end = R::ahead(row, bytes);
+        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
+        let mut resume = ON;
+        while row != end {
+            let mut visit = self.load(self.layout.active + 2 * word) & self.word_of(row);
+            if resume != ON {
+                visit &= not_before(resume, word);
+            }
+            if visit != 0 {
+                let seen = self.visit::<false, O>(event, visit, word, observer);
+                if seen == NOT_TAKEN {
+                    return NOT_TAKEN;
+                }
+                if seen != ON {
+                    resume = seen;
+                    continue;
+                }
+            }
+            row = R::ahead(row, record_bytes(Section::Listeners));
+            word += 1;
+        }
+        ON
+    }
+
+    /// Ends all for good.
     #[cold]
     #[inline(never)]
     fn stop<O: Observer>(&mut self, fault: Fault, observer: &mut O) -> Fault {
         self.disable_real_time(0..self.layout.tasks, observer);
         self.fault = Some(fault);
+        self.taken = self.queued;
+        self.words = 0;
+        self.steps_left = u32::MAX;
         self.is_awake = true;
         fault
     }
 
-    /// Shows the pulse to those who are active and awake. Says whether any transition was taken; none if one could not be.
+    /// Shows the pulse or another event to the region instances of one word that are set in `visit`.
+    ///
+    /// If it is not [`ON`] that is returned, it ended with the transition that this is of.
     #[inline(never)]
-    fn pulse<O: Observer>(&mut self, observer: &mut O) -> Option<bool> {
-        let mut changed = false;
-        let mut resume = 0;
-        let mut pair = self.layout.active;
-        let mut base = 0;
-        while base < self.layout.regions {
-            let mut visit = 0;
-            'again: loop {
-                let awake = self.load(pair + 1);
-                visit = (visit | awake) & self.load(pair);
-                if resume > base {
-                    visit &= not_before(resume, base / WORD_BITS);
+    fn visit<const PULSE: bool, O: Observer>(
+        &mut self,
+        event: u16,
+        mut visit: u32,
+        word: usize,
+        observer: &mut O,
+    ) -> Resume {
+        loop {
+            let offset = visit.leading_zeros();
+            visit &= !(FIRST >> offset);
+            let region = WORD_BITS * word + offset as usize;
+            let current = self.current_record(region);
+            let found = if PULSE {
+                self.find_on_pulse(region, current)
+            } else {
+                self.find_on_event(event, region, current)
+            };
+            if let Some(at) = found {
+                let seen = self.take::<PULSE, O>(region, current, at, observer);
+                if seen != NOT_TAKEN {
+                    let first = self.record(Section::Transitions, 0);
+                    observer.transition(TransitionTaken {
+                        micro: self.micro,
+                        region_instance: region as u16,
+                        transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
+                    });
                 }
-                self.store(pair + 1, awake & !visit);
-                while visit != 0 {
-                    let offset = visit.leading_zeros();
-                    visit &= !(FIRST >> offset);
-                    let region = base + offset as usize;
-                    let current = self.current_record(region);
-                    if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT)
-                        != 0
-                    {
-                        self.run_timer(region, current);
+                if seen != ON {
+                    if PULSE {
+                        // Those who were not shown it yet are awake as before.
+                        let awake = self.layout.active + 2 * word + 1;
+                        self.store(awake, self.load(awake) | visit);
                     }
-                    let first = self.field(current, state::FIRST_TRANSITION);
-                    let end = self.field(current, state::FIRST_EVENT_TRANSITION);
-                    let window = Window::of(self.own_flags(region, current));
-                    let mut at = self.record(Section::Transitions, first);
-                    let end = self.record(Section::Transitions, end);
-                    while at != end {
-                        let guard = self.field(at, transition::GUARD);
-                        let holds = if guard < usize::from(format::GUARD_PROGRAM) {
-                            window.holds(guard)
-                        } else {
-                            self.is_true(guard, region, current)
-                        };
-                        if !holds {
-                            at += record_bytes(Section::Transitions);
-                            continue;
-                        }
-                        changed = true;
-                        match self.take(region, at, observer) {
-                            Effect::Own => break,
-                            Effect::Wide => {
-                                resume = self.next(region);
-                                continue 'again;
-                            }
-                            Effect::Fault => return None,
-                        }
-                    }
+                    return seen;
                 }
-                break;
             }
-            base += WORD_BITS;
-            pair += 2;
-        }
-        Some(changed)
-    }
-
-    /// Shows an event to those who listen and are active.
-    #[inline(never)]
-    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Option<bool> {
-        let sent = self.record(Section::Channels, sent);
-        let event = self.field(sent, channel::EVENT) as u32;
-        let mut row = self.record(
-            Section::Listeners,
-            self.field(sent, channel::FIRST_ROW_WORD),
-        );
-        let row_end =
-            row + record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
-        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
-        let mut changed = false;
-        let mut resume = 0;
-        while row != row_end {
-            let base = WORD_BITS * word;
-            'again: loop {
-                let mut visit = self.word_of(row) & self.load(self.layout.active + 2 * word);
-                if resume > base {
-                    visit &= not_before(resume, word);
-                }
-                while visit != 0 {
-                    let offset = visit.leading_zeros();
-                    visit &= !(FIRST >> offset);
-                    let region = base + offset as usize;
-                    let current = self.current_record(region);
-                    if self.events(current) >> (event % u32::BITS) & 1 == 0 {
-                        continue;
-                    }
-                    let first = self.field(current, state::FIRST_EVENT_TRANSITION);
-                    let after = current + record_bytes(Section::States);
-                    // `final` has no transitions, so a state that has some is not the last.
-                    let end = self.field(after, state::FIRST_TRANSITION);
-                    let mut at = self.record(Section::Transitions, first);
-                    let end = self.record(Section::Transitions, end);
-                    while at != end {
-                        let trigger = self.field(at, transition::EVENT) as u32;
-                        // Without the mark above it.
-                        if trigger << 17 != event << 17 || !self.allows(region, current, at) {
-                            at += record_bytes(Section::Transitions);
-                            continue;
-                        }
-                        changed = true;
-                        match self.take(region, at, observer) {
-                            Effect::Own => break,
-                            Effect::Wide => {
-                                resume = self.next(region);
-                                continue 'again;
-                            }
-                            Effect::Fault => return None,
-                        }
-                    }
-                }
-                break;
+            if visit == 0 {
+                return ON;
             }
-            row += record_bytes(Section::Listeners);
-            word += 1;
         }
-        Some(changed)
     }
 
-    /// Whether the guard of a transition is true.
+    /// Takes a transition. What is most frequent is done here.
     #[inline(always)]
-    fn allows(&mut self, region: usize, current: usize, transition: usize) -> bool {
-        let guard = self.field(transition, transition::GUARD);
-        guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
-    }
-
-    /// Takes a transition and tells so.
-    #[inline(always)]
-    fn take<O: Observer>(&mut self, region: usize, at: usize, observer: &mut O) -> Effect {
+    fn take<const PULSE: bool, O: Observer>(
+        &mut self,
+        region: usize,
+        current: R::Place,
+        at: R::Place,
+        observer: &mut O,
+    ) -> Resume {
         let trigger = self.field(at, transition::EVENT) as u16;
-        let effect = if trigger & format::TRANSITION_IS_PLAIN != 0 {
-            let target = self.field(at, transition::TARGET);
+        let target = self.field(at, transition::TARGET);
+        if trigger & format::TRANSITION_IS_PLAIN != 0 {
+            self.changed = true;
             self.make_current(region, target);
-            Effect::Own
+            ON
+        } else if PULSE && self.record(Section::States, target) == current {
+            self.take_again(region, current, at, observer)
         } else {
             self.take_any(region, at, observer)
-        };
-        if effect != Effect::Fault {
-            let first = self.record(Section::Transitions, 0);
-            observer.transition(TransitionTaken {
-                micro: self.micro,
-                region_instance: region as u16,
-                transition: ((at - first) / record_bytes(Section::Transitions)) as u16,
-            });
         }
-        effect
+    }
+
+    /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
+    #[inline(always)]
+    fn find_on_pulse(&mut self, region: usize, current: R::Place) -> Option<R::Place> {
+        if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
+            self.run_timer(region);
+        }
+        let first = self.field(current, state::FIRST_TRANSITION);
+        let end = self.field(current, state::FIRST_EVENT_TRANSITION);
+        let mut at = self.record(Section::Transitions, first);
+        let end = self.record(Section::Transitions, end);
+        let window = Window::of(self.own_flags(region, current));
+        while at != end {
+            let guard = self.field(at, transition::GUARD);
+            let holds = if guard < usize::from(format::GUARD_PROGRAM) {
+                window.holds(guard)
+            } else {
+                self.is_true(guard, region, current)
+            };
+            if holds {
+                return Some(at);
+            }
+            at = R::ahead(at, TRANSITION_BYTES);
+        }
+        None
+    }
+
+    /// The same on another event.
+    #[inline(always)]
+    fn find_on_event(&mut self, event: u16, region: usize, current: R::Place) -> Option<R::Place> {
+        if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
+            return None;
+        }
+        let first = self.field(current, state::FIRST_EVENT_TRANSITION);
+        // `final` has no transitions, so a state that has some is not the last.
+        let after = R::ahead(current, record_bytes(Section::States));
+        let end = self.field(after, state::FIRST_TRANSITION);
+        let mut at = self.record(Section::Transitions, first);
+        let end = self.record(Section::Transitions, end);
+        while at != end {
+            // Without the mark, which is in the highest bit.
+            if (self.field(at, transition::EVENT) as u16 ^ event) << 1 == 0 {
+                let guard = self.field(at, transition::GUARD);
+                if guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
+                {
+                    return Some(at);
+                }
+            }
+            at = R::ahead(at, TRANSITION_BYTES);
+        }
+        None
     }
 
     /// Enters a state without flags or content; returns its record.
     #[inline(always)]
-    fn make_current(&mut self, region: usize, target: usize) -> usize {
+    fn make_current(&mut self, region: usize, target: usize) -> R::Place {
         R::store_half(self.arena, region, target as u16);
         let entered = self.record(Section::States, target);
         if self.events(entered) & 1 != 0 {
@@ -863,7 +913,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// A guard of any form.
     #[inline(never)]
-    fn is_true(&mut self, guard: usize, region: usize, current: usize) -> bool {
+    fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
         let flags = self.own_flags(region, current);
         if guard < usize::from(format::GUARD_PROGRAM) {
             return Window::of(flags).holds(guard);
@@ -897,7 +947,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 (true, 0) => return false,
                 (true, jump) => jump,
             };
-            at += record_bytes(Section::Code) * ahead;
+            at = R::ahead(at, record_bytes(Section::Code) * ahead);
         }
     }
 
@@ -914,19 +964,61 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         })
     }
 
+    /// Takes a transition that leads to where it came from. Most of them are those of real-time tasks that send one event.
+    #[inline(always)]
+    fn take_again<O: Observer>(
+        &mut self,
+        region: usize,
+        current: R::Place,
+        at: R::Place,
+        observer: &mut O,
+    ) -> Resume {
+        const UNTIMED_TASK: u16 = format::STATE_TASK << (format::STATE_KIND_SHIFT - 12);
+        let shape = self.field(current, state::SHAPE) as u16;
+        let flags = u32::from(shape & format::STATE_FLAGS_MASK);
+        let action = self.field(at, transition::ACTION) as u16;
+        if shape >> 12 != UNTIMED_TASK || flags > WINDOW_BITS || action & format::ACTION_SEND == 0 {
+            return self.take_any(region, at, observer);
+        }
+        self.changed = true;
+        let here = self.record(Section::RegionInstances, region);
+        let instance = self.field(here, region_instance::INSTANCE);
+        let instance = self.record(Section::Instances, instance);
+        let task = self.field(instance, instance::FIRST_TASK) + self.field(current, state::A);
+        if self.is_enabled_now(task) {
+            observer.disabled(task as u16);
+        }
+        let first =
+            self.field(here, region_instance::FIRST_FLAG) + self.field(current, state::FIRST_FLAG);
+        R::clear_window(self.arena, WORD_BITS * self.layout.flags + first, flags);
+        let first_channel = self.field(instance, instance::FIRST_CHANNEL);
+        if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
+            return NOT_TAKEN;
+        }
+        if self.events(current) & 1 != 0 {
+            self.wake(region);
+        }
+        self.enable(task);
+        observer.enabled(task as u16);
+        ON
+    }
+
     /// Leaves a state, acts, enters another.
     #[inline(never)]
     fn take_any<O: Observer>(
         &mut self,
         region: usize,
-        transition: usize,
+        transition: R::Place,
         observer: &mut O,
-    ) -> Effect {
-        let mut effect = Effect::Own;
+    ) -> Resume {
+        self.changed = true;
+        let target = self.field(transition, transition::TARGET);
+        let left = self.current_record(region);
+        let entered = self.record(Section::States, target);
         let here = self.record(Section::RegionInstances, region);
         let instance_index = self.field(here, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance_index);
-        let left = self.current_record(region);
+        let mut is_wide = false;
         match self.field(left, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT {
             format::STATE_TASK => {
                 let first_task = self.field(instance, instance::FIRST_TASK);
@@ -938,12 +1030,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             format::STATE_SUPER => {
                 let inside = instance_index + self.field(left, state::A);
                 self.leave_regions(region, inside, observer);
-                effect = Effect::Wide;
+                is_wide = true;
             }
             _ => {}
         }
-        let target = self.field(transition, transition::TARGET);
-        let entered = self.record(Section::States, target);
         let shape = self.field(entered, state::SHAPE) as u16;
         let first_flag = self.first_flag(region, entered);
         self.reset_flags(first_flag, shape & format::STATE_FLAGS_MASK);
@@ -951,13 +1041,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         if action & format::ACTION_SEND != 0 {
             let first_channel = self.field(instance, instance::FIRST_CHANNEL);
             if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
-                return Effect::Fault;
+                return NOT_TAKEN;
             }
         } else if action != format::ACTION_NONE {
             match self.act(usize::from(action - format::ACTION_ROW), here, entered) {
-                Effect::Own => {}
-                Effect::Wide => effect = Effect::Wide,
-                Effect::Fault => return Effect::Fault,
+                Some(wide) => is_wide |= wide,
+                None => return NOT_TAKEN,
             }
         }
         self.make_current(region, target);
@@ -975,24 +1064,25 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 let exit = self.field(instance, instance::FIRST_FLAG) + format::FLAG_EXIT;
                 self.set_flag_to(exit, true);
                 self.wake_instance(instance_index);
-                effect = Effect::Wide;
+                is_wide = true;
             }
             format::STATE_SUPER => {
                 let inside = instance_index + self.field(entered, state::A);
                 let inside = self.record(Section::Instances, inside);
                 let first = self.field(inside, instance::FIRST_REGION);
                 self.start_regions(first, self.next(region));
-                effect = Effect::Wide;
+                is_wide = true;
             }
             _ => {}
         }
-        effect
+        if is_wide { self.next(region) } else { ON }
     }
 
-    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`.
+    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`. Says whether it woke anyone; none if
+    /// the queue had no room for an event.
     #[inline(never)]
-    fn act(&mut self, first: usize, here: usize, entered: usize) -> Effect {
-        let mut effect = Effect::Own;
+    fn act(&mut self, first: usize, here: R::Place, entered: R::Place) -> Option<bool> {
+        let mut is_wide = false;
         let first_flag = self.field(here, region_instance::FIRST_FLAG);
         let own = self.field(entered, state::FIRST_FLAG);
         let own_flags = self.field(entered, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
@@ -1005,20 +1095,20 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if operation == format::CODE_SEND {
                 let instance = self.record(Section::Instances, instance_index);
                 if !self.send(self.field(instance, instance::FIRST_CHANNEL) + operand) {
-                    return Effect::Fault;
+                    return None;
                 }
             } else {
                 self.set_flag_to(first_flag + operand, operation == format::CODE_SET);
                 // Own flags of the state that is entered are looked at by nobody else.
                 if operand.wrapping_sub(own) >= own_flags {
                     self.wake_instance(instance_index);
-                    effect = Effect::Wide;
+                    is_wide = true;
                 }
             }
             if control & format::CODE_LOW_MASK != 0 {
-                return effect;
+                return Some(is_wide);
             }
-            at += record_bytes(Section::Code);
+            at = R::ahead(at, record_bytes(Section::Code));
         }
     }
 
@@ -1038,22 +1128,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Appends an event to the queue. False if there is no room.
     #[inline(always)]
     fn send(&mut self, channel: usize) -> bool {
-        if self.queued == self.queue_capacity {
+        if self.queued.wrapping_sub(self.taken) == self.queue_capacity {
             return false;
         }
-        self.queued += 1;
-        let end = self.queue_end;
-        self.queue_end = self.place_after(end);
-        let place = 2 * self.layout.queue + usize::from(end);
-        R::store_half(self.arena, place, channel as u16);
+        let place = usize::from(self.queued & self.queue_mask);
+        R::store_half(self.arena, 2 * self.layout.queue + place, channel as u16);
+        self.queued = self.queued.wrapping_add(1);
         true
-    }
-
-    /// The place in the queue behind another.
-    #[inline(always)]
-    fn place_after(&self, place: u8) -> u8 {
-        let next = place + 1;
-        if next == self.queue_capacity { 0 } else { next }
     }
 
     /// Wakes those in a container instance, at any depth, and the region instance around it.
@@ -1132,91 +1213,84 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
 /// Timers.
 ///
-/// The age of a state is kept in 32 bits. As long as its timeout flag is not set, it was at most its limit at the last macro step, and it was current at that: so its age now
-/// is at least the period, and an age below that has wrapped. Time that is skipped is added to ages by [`Self::age_timers`].
+/// A state's age is the number of macro steps since the one in which it was entered. Until its timeout flag is set, it is at most one above the highest at which the state is
+/// not overdue, which fits in 32 bits. Macro steps that are skipped are added by [`Self::age_timers`].
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    #[inline(never)]
-    fn start_timer(&mut self, region: usize, entered: usize) {
-        self.store(self.layout.entered_us + region, self.t_us as u32);
-        let due_us = self.t_us + u64::from(self.limit_us(entered));
-        self.deadline_us = self.deadline_us.min(due_us);
+    /// The low bits of the number of the last macro step that began.
+    fn now(&self) -> u32 {
+        (self.steps as u32).wrapping_sub(1)
     }
 
-    fn limit_us(&self, state: usize) -> u32 {
-        self.word_of(self.record(Section::Timers, self.field(state, state::B)))
+    /// The highest age at which a state is not overdue.
+    fn limit(&self, state: R::Place) -> u32 {
+        let timer = self.record(Section::Timers, self.field(state, state::B));
+        // Where no time passes, none runs out.
+        self.word_of(timer)
+            .checked_div(self.period_us)
+            .unwrap_or(u32::MAX - 1)
+    }
+
+    #[inline(never)]
+    fn start_timer(&mut self, region: usize, entered: R::Place) {
+        self.store(self.layout.entered + region, self.now());
+        self.steps_left = self.steps_left.min(self.limit(entered) + 1);
     }
 
     /// The timeout flag of a state in a region instance.
-    fn timeout_flag(&self, region: usize, state: usize) -> usize {
+    fn timeout_flag(&self, region: usize, state: R::Place) -> usize {
         let kind = self.field(state, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
         let of_simple = kind == format::STATE_SIMPLE;
         self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
     }
 
-    /// What a state has left of its time; none if it is overdue.
-    fn left_us(&self, region: usize, state: usize) -> Option<u32> {
-        let entered_us = self.load(self.layout.entered_us + region);
-        let age_us = (self.t_us as u32).wrapping_sub(entered_us);
-        if age_us < self.period_us {
-            return None;
-        }
-        self.limit_us(state).checked_sub(age_us)
-    }
-
-    /// The record of a region instance's current state, if that is active and its timer runs.
-    fn timed(&self, region: usize) -> Option<usize> {
+    /// The record of a region instance's current state, if that is active and its timer runs, and how much older it may get before it is overdue; none if it is.
+    fn timed(&self, region: usize) -> Option<(R::Place, Option<u32>)> {
         let active = self.load(self.active_word(region)) & bit_of(region) != 0;
         let current = self.current_record(region);
         let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
-        let runs = active && timed && !self.flag_at(self.timeout_flag(region, current));
-        runs.then_some(current)
+        if !active || !timed || self.flag_at(self.timeout_flag(region, current)) {
+            return None;
+        }
+        let age = self
+            .now()
+            .wrapping_sub(self.load(self.layout.entered + region));
+        Some((current, self.limit(current).checked_sub(age)))
     }
 
     /// Sets the timeout flag of the current state of a region instance if that has been so for longer than its limit.
     #[cold]
     #[inline(never)]
-    fn run_timer(&mut self, region: usize, current: usize) {
-        let flag = self.timeout_flag(region, current);
-        if !self.flag_at(flag) && self.left_us(region, current).is_none() {
-            self.set_flag_to(flag, true);
+    fn run_timer(&mut self, region: usize) {
+        if let Some((current, None)) = self.timed(region) {
+            self.set_flag_to(self.timeout_flag(region, current), true);
         }
     }
 
-    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds the next deadline.
+    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds out when the next may be.
     #[cold]
     #[inline(never)]
     fn run_timers(&mut self) {
-        self.deadline_us = u64::MAX;
+        self.steps_left = u32::MAX;
         for region in 0..self.layout.regions {
-            let Some(current) = self.timed(region) else {
-                continue;
-            };
-            match self.left_us(region, current) {
-                None => self.wake_all(region..self.next(region)),
-                Some(left_us) => {
-                    let due_us = self.t_us + u64::from(left_us);
-                    self.deadline_us = self.deadline_us.min(due_us);
-                }
+            match self.timed(region) {
+                Some((_, None)) => self.wake_all(region..self.next(region)),
+                Some((_, Some(left))) => self.steps_left = self.steps_left.min(left + 1),
+                None => {}
             }
         }
     }
 
-    /// Adds time to the ages of states, as far as they can be told from 32 bits.
+    /// Lets the timers of states run out that will be overdue when more macro steps have passed. Their true ages might not fit.
     #[cold]
     #[inline(never)]
-    fn age_timers(&mut self, passed_us: u64) {
-        let now_us = self.t_us.wrapping_add(passed_us) as u32;
+    fn age_timers(&mut self, missed: u32) {
+        let next = (self.steps as u32).wrapping_add(missed);
         for region in 0..self.layout.regions {
-            let Some(current) = self.timed(region) else {
-                continue;
-            };
-            let is_overdue = self
-                .left_us(region, current)
-                .is_none_or(|left_us| u64::from(left_us) < passed_us);
-            if is_overdue {
-                // Older than any limit and any period.
-                let entered_us = now_us.wrapping_sub(format::MAX_TIME_US + 1);
-                self.store(self.layout.entered_us + region, entered_us);
+            if let Some((current, left)) = self.timed(region)
+                && left.is_none_or(|left| left <= missed)
+            {
+                let entered = next.wrapping_sub(self.limit(current) + 1);
+                self.store(self.layout.entered + region, entered);
             }
         }
     }

@@ -68,12 +68,22 @@ mod stable {
 }
 
 pub(crate) mod access {
-    /// The reads and writes. `at` is a byte of the blob; indices are words or halves of the arena, halves low ones first.
+    /// The reads and writes. Indices are words or halves of the arena, halves low ones first.
     pub trait Access {
+        /// A byte of the blob. One was made from the same bytes that it is read with.
+        type Place: Copy + PartialEq;
+
+        /// The place of a byte.
+        fn place(bytes: &[u8], at: usize) -> Self::Place;
+        /// The place `count` bytes ahead.
+        fn ahead(place: Self::Place, count: usize) -> Self::Place;
+        /// Bytes from one place to another that is not before it.
+        fn distance(from: Self::Place, to: Self::Place) -> usize;
+
         /// 16 bits of the blob.
-        fn half(bytes: &[u8], at: usize) -> u16;
+        fn half(bytes: &[u8], at: Self::Place) -> u16;
         /// 32 bits of the blob.
-        fn word(bytes: &[u8], at: usize) -> u32;
+        fn word(bytes: &[u8], at: Self::Place) -> u32;
         /// A word of the arena.
         fn load(arena: &[u32], index: usize) -> u32;
         /// Writes a word of the arena.
@@ -93,6 +103,23 @@ pub(crate) mod access {
 pub(crate) const WINDOW_BITS: u32 = u32::BITS - 7;
 
 impl access::Access for Checked {
+    type Place = usize;
+
+    #[inline(always)]
+    fn place(_: &[u8], at: usize) -> usize {
+        at
+    }
+
+    #[inline(always)]
+    fn ahead(place: usize, count: usize) -> usize {
+        place + count
+    }
+
+    #[inline(always)]
+    fn distance(from: usize, to: usize) -> usize {
+        to - from
+    }
+
     #[inline(always)]
     fn half(bytes: &[u8], at: usize) -> u16 {
         let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
@@ -159,12 +186,13 @@ impl access::Access for Checked {
 mod unchecked {
     use super::{Unchecked, WINDOW_BITS, access::Access};
 
-    /// The place of `T` at a byte of the blob.
+    /// `T` at a byte of the blob, which need not lie as a `T` of its own would.
     #[inline(always)]
-    fn in_blob<T>(bytes: &[u8], at: usize) -> *const T {
-        debug_assert!(at + size_of::<T>() <= bytes.len(), "invariant 1: {at}");
-        // SAFETY: invariant 1: a record that the verified tables speak of is inside.
-        unsafe { bytes.as_ptr().add(at).cast() }
+    fn in_blob<T: Copy>(bytes: &[u8], at: *const u8) -> T {
+        let from = at.addr().wrapping_sub(bytes.as_ptr().addr());
+        debug_assert!(from + size_of::<T>() <= bytes.len(), "invariant 1: {from}");
+        // SAFETY: invariant 1: a record that the verified tables speak of is inside. `T` is a number, which any bytes are.
+        unsafe { at.cast::<T>().read_unaligned() }
     }
 
     /// The place of `T` at a byte of the arena.
@@ -190,16 +218,31 @@ mod unchecked {
     }
 
     impl Access for Unchecked {
+        type Place = *const u8;
+
         #[inline(always)]
-        fn half(bytes: &[u8], at: usize) -> u16 {
-            // SAFETY: `in_blob` gave a place inside, and two bytes are always a number.
-            u16::from_le(unsafe { in_blob::<u16>(bytes, at).read_unaligned() })
+        fn place(bytes: &[u8], at: usize) -> *const u8 {
+            bytes.as_ptr().wrapping_add(at)
         }
 
         #[inline(always)]
-        fn word(bytes: &[u8], at: usize) -> u32 {
-            // SAFETY: as above.
-            u32::from_le(unsafe { in_blob::<u32>(bytes, at).read_unaligned() })
+        fn ahead(place: *const u8, count: usize) -> *const u8 {
+            place.wrapping_add(count)
+        }
+
+        #[inline(always)]
+        fn distance(from: *const u8, to: *const u8) -> usize {
+            to.addr().wrapping_sub(from.addr())
+        }
+
+        #[inline(always)]
+        fn half(bytes: &[u8], at: *const u8) -> u16 {
+            u16::from_le(in_blob(bytes, at))
+        }
+
+        #[inline(always)]
+        fn word(bytes: &[u8], at: *const u8) -> u32 {
+            u32::from_le(in_blob(bytes, at))
         }
 
         #[inline(always)]

@@ -5,19 +5,17 @@
 use std::error::Error;
 use std::fmt::Write as _;
 use std::fs;
-use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use esm_tests::benchmark::emulated::Emulated;
 use esm_tests::exactness;
 use esm_tests::random::Random;
 use host_tools::compile::{self, NameTable};
 use host_tools::lang;
-use host_tools::link_client::{LinkClient, StreamEvent};
+use host_tools::link_client::StreamEvent;
 
-/// Nanoseconds that an instruction takes, as a power of two: 12.8 ticks of the board's timer.
-const SHIFT: u32 = 8;
 /// Slots of the missions that are measured, the interpreter's included.
 const SLOTS: [usize; 4] = [8, 16, 64, 200];
 /// The one that the limits hold for.
@@ -42,10 +40,6 @@ const DURATION_US: usize = 3_500;
 const OCCURRENCES: u64 = 1_000_000_000;
 /// How long the emulator may take for a run.
 const RUN_LIMIT: Duration = Duration::from_secs(60);
-/// The socket that is the board's UART0, in the emulator's folder.
-const UART_SOCKET: &str = "uart0";
-/// What the firmware prints, in the emulator's folder.
-const CONSOLE: &str = "console";
 
 /// What runs in slot 0.
 #[derive(Clone, Copy, PartialEq)]
@@ -246,52 +240,21 @@ fn checked_missions() -> Result<Vec<Checked>, Box<dyn Error>> {
     ])
 }
 
-/// An emulator that ends with this value.
-struct Emulator(Child);
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// Uploads a mission to the firmware and keeps the link busy until the firmware has told what it measured.
 fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured, Box<dyn Error>> {
-    let firmware = firmware.canonicalize()?;
     let folder = tempfile::tempdir()?;
     if slots == MAIN_SLOTS && background == Background::Spin {
         for (name, blob) in checked_missions()? {
             fs::write(folder.path().join(name), blob)?;
         }
     }
-    let listener = UnixListener::bind(folder.path().join(UART_SOCKET))?;
-    let console = fs::File::create(folder.path().join(CONSOLE))?;
-    let mut emulator = Emulator(
-        Command::new(host_tools::qemu::QEMU)
-            .args(["-machine", "lm3s6965evb", "-icount"])
-            .arg(format!("shift={SHIFT},sleep=off"))
-            .args(["-nographic", "-monitor", "none"])
-            .args(["-semihosting-config", "enable=on,target=native", "-chardev"])
-            .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
-            .args(["-serial", "chardev:uart0", "-kernel"])
-            .arg(firmware)
-            .current_dir(folder.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            // Where the emulator puts what the firmware prints.
-            .stderr(console)
-            .spawn()?,
-    );
-    let (uart, _) = listener.accept()?;
-    let uart: UnixStream = uart;
-    let (mut client, _) = LinkClient::connect(uart)?;
+    let (mut board, mut client) = Emulated::start(firmware, folder.path())?;
     client.upload(&mission(slots, background)?, &mut |_| ())?;
     let deadline = Instant::now() + RUN_LIMIT;
     let mut received = 0;
     let mut slot = 0;
     let mut subscribed = false;
-    while emulator.0.try_wait()?.is_none() {
+    while board.runs()? {
         if Instant::now() > deadline {
             return Err(format!(
                 "the firmware does not come to an end: {:?}",
@@ -309,7 +272,7 @@ fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured
             }
         }
     }
-    let console = fs::read_to_string(folder.path().join(CONSOLE))?;
+    let console = board.printed()?;
     Ok(Measured {
         slots,
         background,

@@ -5,7 +5,9 @@
 //! [`random_machine`] writes machines that use all of it, [`random_nets`] such as are all data paths, and [`shrink`] makes a failing one small enough to think about; [`huge`] makes what is
 //! large or hostile. [`occasions`] counts how often what is easy to get wrong happened. [`command`] drives the project from outside, as a person at a terminal does, and
 //! [`environment`] reads what a person sets for a longer run. [`endurance`] lets a robot drive for hours.
+//! [`benchmark`] is what measures machines and tells it.
 
+pub mod benchmark;
 pub mod command;
 pub mod endurance;
 pub mod environment;

@@ -1,13 +1,47 @@
-//! `cargo xtask bench`: figures that are measured, not checked.
+//! `cargo xtask bench`: figures that are measured, not checked, unless `--gate` is asked for.
 
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use crate::elf;
 use crate::firmware;
+use crate::interpreters;
 use crate::process::{self, Failure};
-use crate::setup::{self, BOARD_TARGET, Choice, Toolchain};
+use crate::setup::{self, Choice, Toolchain};
+use crate::size;
+
+const HELP: &str = "\
+Measure and print tables.
+
+Usage: cargo xtask bench [--write] [--gate]
+       cargo xtask bench <NAME> [OPTIONS]
+
+Without a name, the whole report, in some minutes: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with flash
+and RAM; regions that have nothing to do, events that many see, deep machines, guards, checks, swaps; events a second on the host, other engines included that read a
+chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `day` and `idle` are not in it.
+
+Names:
+  machines       The same report without engines in other languages
+  interpreters   Events a second on the host, of compiled state machines and of engines that read a chart when they start
+  schedule       What the search for schedules decides, and how fast; --help tells its options
+  dispatch       What starting a slot takes on the emulated board, in instructions
+  day            Whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told
+  idle           How much of the time that slots leave reaches slot 0, on the emulated board
+
+Options:
+  --write    Keep the report in docs/benchmarks.md
+  --gate     End with status 1 if a promise does not hold
+  -h, --help This text
+
+Emulator, valgrind and a compiler for the board are installed if they are missing. ESM_TOOLCHAIN=rustup|debian chooses the compiler. Packages of other engines come
+from crates.io, npm and PyPI to target/benches/interpreters; where they cannot, or there is no Node or Python, their rows say so.
+
+Examples:
+  cargo xtask bench
+  cargo xtask bench --gate
+  cargo xtask bench --write
+  cargo xtask bench dispatch
+";
 
 /// What the program that measures must be given.
 #[derive(Clone, Copy)]
@@ -17,17 +51,35 @@ enum Needs {
     /// This firmware of the default board.
     Firmware(&'static str),
     /// The programs of the workspace in [`MACHINES_FOLDER`]. It makes their inputs and reads what they tell.
+    Machines(Part),
+}
+
+/// What of the report is measured.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Whole,
+    /// All but engines in other languages.
     Machines,
+    /// Events a second on the host.
+    Interpreters,
 }
 
 /// What can be measured, in which package the program for it is, and what that needs.
-const BENCHES: [(&str, &str, Needs); 5] = [
-    ("machines", "esm-tests", Needs::Machines),
+const BENCHES: [(&str, &str, Needs); 6] = [
+    (REPORT, "esm-tests", Needs::Machines(Part::Machines)),
+    (
+        "interpreters",
+        "esm-tests",
+        Needs::Machines(Part::Interpreters),
+    ),
     ("schedule", "host-tools", Needs::Nothing),
     ("dispatch", "esm-tests", Needs::Firmware("bench_dispatch")),
     ("day", "esm-tests", Needs::Nothing),
     ("idle", "esm-tests", Needs::Firmware("bench_idle")),
 ];
+
+/// The program that measures the report.
+const REPORT: &str = "machines";
 
 /// The workspace of the machines that are compared.
 pub const MACHINES_FOLDER: &str = "benches";
@@ -42,24 +94,36 @@ const MACHINES_SIZED: [&str; 6] = [
     "smlang",
     "esm_alone",
 ];
+/// The firmware of the default board that measures how missions follow one another.
+const SWAP_BIN: &str = "bench_swap";
 /// What the settings for speed and for size are called, and their profiles.
 const MACHINES_PROFILES: [(&str, &str); 2] = [("fast", "release"), ("small", "small")];
 
-/// Builds the program that measures `name` and runs it; all other arguments are its own.
+/// Builds the program that measures what is named and runs it; all other arguments are its own.
 ///
 /// # Errors
 /// If there is no such program, or it fails.
-pub fn command(root: &Path, mut arguments: impl Iterator<Item = String>) -> Result<(), Failure> {
-    let names = BENCHES.map(|(name, ..)| name).join(", ");
-    let name = arguments
-        .next()
-        .ok_or_else(|| Failure::Usage(format!("bench needs to know what to measure: {names}")))?;
-    let (name, package, needs) = BENCHES
-        .into_iter()
-        .find(|(known, ..)| *known == name)
-        .ok_or_else(|| Failure::Usage(format!("bench {name}: there is {names}")))?;
+pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(), Failure> {
+    let mut arguments = arguments.peekable();
+    if let Some("-h" | "--help" | "help") = arguments.peek().map(String::as_str) {
+        print!("{HELP}");
+        return Ok(());
+    }
+    let named = arguments.next_if(|argument| !argument.starts_with('-'));
+    let (program, package, needs) = match named.as_deref() {
+        None => (REPORT, "esm-tests", Needs::Machines(Part::Whole)),
+        Some(name) => BENCHES
+            .into_iter()
+            .find(|(known, ..)| *known == name)
+            .ok_or_else(|| {
+                let names = BENCHES.map(|(name, ..)| name).join(", ");
+                Failure::Usage(format!("bench {name}: there is {names}"))
+            })?,
+    };
+    let mut program = program;
     let mut given = Vec::new();
     let mut profile = "bench";
+    let arguments: Vec<String> = arguments.collect();
     match needs {
         Needs::Nothing => {}
         Needs::Firmware(bin) => {
@@ -68,22 +132,139 @@ pub fn command(root: &Path, mut arguments: impl Iterator<Item = String>) -> Resu
             let files = firmware::build(root, &toolchain, firmware::RELEASE, &[bin.to_owned()])?;
             given.extend(files.into_iter().map(PathBuf::into_os_string));
         }
-        Needs::Machines => {
-            setup::emulator()?;
-            setup::valgrind()?;
-            let toolchain = setup::toolchain(Choice::from_environment()?)?;
-            given.extend(machines(root, &toolchain)?);
+        Needs::Machines(part) => {
+            program = REPORT;
+            // Before minutes are spent on building.
+            let taken = part.options();
+            if let Some(wrong) = arguments
+                .iter()
+                .find(|argument| !taken.contains(&argument.as_str()))
+            {
+                return Err(Failure::Usage(format!(
+                    "bench {}: no {wrong}; --write and --gate are for the whole report, --gate for `machines`, too",
+                    named.unwrap_or_default()
+                )));
+            }
+            if part != Part::Machines {
+                given.extend(interpreters(root));
+            }
+            if part == Part::Interpreters {
+                println!(
+                    "Building the machines that are compared (the first time takes minutes) …"
+                );
+                given.push(host_program(root)?);
+                given.push("only=interpreters".into());
+            } else {
+                setup::emulator()?;
+                setup::valgrind()?;
+                let toolchain = setup::toolchain(Choice::from_environment()?)?;
+                given.extend(machines(root, &toolchain)?);
+            }
             profile = "dev";
         }
     }
+    let program = built(root, profile, package, program)?;
+    let mut measuring = process::command(program);
+    measuring
+        // Where cargo would start it.
+        .current_dir(root.join(folder_of(package)))
+        .arg("--bench")
+        .args(given)
+        .args(&arguments);
+    match process::run(&mut measuring) {
+        // What the gate is for; it has told what does not hold.
+        Err(Failure::Ended { status, .. })
+            if status.code() == Some(1)
+                && arguments.iter().any(|argument| argument == "--gate") =>
+        {
+            Err(Failure::Promises)
+        }
+        result => result,
+    }
+}
+
+impl Part {
+    fn options(self) -> &'static [&'static str] {
+        match self {
+            Part::Whole => &["--write", "--gate"],
+            Part::Machines => &["--gate"],
+            Part::Interpreters => &[],
+        }
+    }
+}
+
+/// What separates the words of an engine: no path has it.
+const BETWEEN: &str = "\u{1f}";
+
+/// What the program that measures is told of the engines that read a chart when they start.
+fn interpreters(root: &Path) -> impl Iterator<Item = OsString> {
+    interpreters::prepare(root).into_iter().map(|engine| {
+        let (key, rest) = match engine.program {
+            Ok(program) => ("interpreting", program),
+            Err(reason) => ("absent", vec![reason.into()]),
+        };
+        let mut argument = OsString::from(format!("{key}={}", engine.row));
+        for word in [engine.name.into(), engine.by.into()]
+            .into_iter()
+            .chain(rest)
+        {
+            argument.push(BETWEEN);
+            argument.push(word);
+        }
+        argument
+    })
+}
+
+/// An argument with a name.
+fn told(key: &str, value: &OsStr) -> OsString {
+    let mut argument = OsString::from(format!("{key}="));
+    argument.push(value);
+    argument
+}
+
+/// Builds the program that is measured on the host.
+fn host_program(root: &Path) -> Result<OsString, Failure> {
+    let target = root.join(MACHINES_TARGET);
     process::run(
-        Command::new(setup::host_cargo())
-            .current_dir(root)
-            .args(["bench", "--quiet", "--profile", profile])
-            .args(["--package", package, "--bench", name, "--"])
-            .args(given)
-            .args(arguments),
-    )
+        process::command(setup::host_cargo())
+            .current_dir(root.join(MACHINES_FOLDER))
+            .args(["build", "--quiet", "--release"])
+            .args(["--package", "bench-host", "--target-dir"])
+            .arg(&target),
+    )?;
+    Ok(told("host", target.join("release/bench-host").as_os_str()))
+}
+
+/// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a failure of its own is told once.
+fn built(root: &Path, profile: &str, package: &str, name: &str) -> Result<PathBuf, Failure> {
+    let mut cargo = process::command(setup::host_cargo());
+    cargo
+        .current_dir(root)
+        .args(["bench", "--quiet", "--no-run", "--profile", profile])
+        .args(["--package", package, "--bench", name])
+        .args(["--message-format", "json-render-diagnostics"]);
+    let messages = process::printed(&mut cargo, false)?;
+    executable(&messages).ok_or(Failure::Content {
+        path: root.join("Cargo.toml"),
+        problem: "has no such benchmark",
+    })
+}
+
+/// The folder of a package.
+fn folder_of(package: &str) -> &str {
+    match package {
+        "esm-tests" => "tests",
+        package => package,
+    }
+}
+
+/// The one program that cargo's messages tell of.
+fn executable(messages: &str) -> Option<PathBuf> {
+    const KEY: &str = "\"executable\":\"";
+    let (_, rest) = messages.rsplit_once(KEY)?;
+    let (path, _) = rest.split_once('"')?;
+    // As JSON has it; a path with other signs than these would have more of them.
+    Some(PathBuf::from(path.replace("\\\\", "\\")))
 }
 
 /// Builds the machines that are compared, for the host and for the board; returns what the program that runs them is told.
@@ -91,39 +272,27 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
     let folder = root.join(MACHINES_FOLDER);
     let target = root.join(MACHINES_TARGET);
     println!("Building the machines that are compared (the first time takes minutes) …");
-    process::run(
-        Command::new(setup::host_cargo())
-            .current_dir(&folder)
-            .args([
-                "build",
-                "--quiet",
-                "--release",
-                "--package",
-                "bench-host",
-                "--target-dir",
-            ])
-            .arg(&target),
-    )?;
-    let told = |key: &str, value: &OsStr| {
-        let mut argument = OsString::from(format!("{key}="));
-        argument.push(value);
-        argument
-    };
     let mut arguments = vec![
-        told("host", target.join("release/bench-host").as_os_str()),
+        host_program(root)?,
         told("compiler", toolchain.rustc_version().as_ref()),
     ];
+    let core = toolchain.measured_core();
+    arguments.push(told("target", core.as_ref()));
+    let swap = firmware::build(root, toolchain, firmware::RELEASE, &[SWAP_BIN.to_owned()])?;
+    arguments.extend(swap.iter().map(|file| told("swap", file.as_os_str())));
+    let engine = size::interpreter_flash(root, toolchain)?.to_string();
+    arguments.push(told("engine-flash", engine.as_ref()));
     for (setting, profile) in MACHINES_PROFILES {
         process::run(
             toolchain
                 .cargo(&folder)
                 .args(["build", "--quiet", "--profile", profile])
-                .args(["--package", "bench-cortex-m4", "--target", BOARD_TARGET])
+                .args(["--package", "bench-cortex-m4", "--target", core])
                 .args(toolchain.core_from_source())
                 .arg("--target-dir")
                 .arg(&target),
         )?;
-        let programs = target.join(BOARD_TARGET).join(profile);
+        let programs = target.join(core).join(profile);
         for program in MACHINES_SIZED {
             let path = programs.join(program);
             let bytes = std::fs::read(&path).map_err(|cause| Failure::File {
@@ -140,4 +309,28 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
         arguments.push(told(setting, programs.as_os_str()));
     }
     Ok(arguments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_program_is_the_last_one_that_cargo_tells_of() {
+        let messages = "{\"reason\":\"compiler-artifact\",\"executable\":null}\n\
+                        {\"reason\":\"compiler-artifact\",\"executable\":\"/t/deps/a-1\",\"fresh\":true}\n\
+                        {\"reason\":\"build-finished\",\"success\":true}\n";
+        assert_eq!(executable(messages), Some(PathBuf::from("/t/deps/a-1")));
+        assert_eq!(executable("{\"executable\":null}"), None);
+        assert_eq!(executable(""), None);
+    }
+
+    #[test]
+    fn what_is_asked_for_wrongly_is_told_before_anything_is_built() {
+        for arguments in [&["nothing"][..], &["--wrong"], &["machines", "--quick"]] {
+            let asked = arguments.iter().map(|argument| (*argument).to_owned());
+            let result = command(Path::new("/nowhere"), asked);
+            assert!(matches!(result, Err(Failure::Usage(_))), "{arguments:?}");
+        }
+    }
 }

@@ -8,6 +8,8 @@ mod demo;
 mod elf;
 mod firmware;
 mod fuzz;
+mod interpreters;
+mod missions;
 mod process;
 mod setup;
 mod size;
@@ -27,16 +29,11 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
-  bench      Measure and print tables:
-             `bench machines` what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, and
-             what else the interpreter does; --write keeps the report in docs/benchmarks.md;
-             `bench schedule` what the search for schedules decides, and how fast; --help tells its options;
-             `bench dispatch` what starting a slot takes on the emulated board, in instructions;
-             `bench day` whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told;
-             `bench idle` how much of the time that slots leave reaches slot 0, on the emulated board
+  bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
+             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
-  size       Print flash and RAM of the firmware, part by part, and compare them with boards/lm3s6965/expected-size.txt
+  size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
 
 Options:
@@ -82,7 +79,7 @@ fn main() -> ExitCode {
         }
         Err(failure) => {
             eprintln!("xtask: {failure}");
-            ExitCode::FAILURE
+            ExitCode::from(failure.status())
         }
     }
 }

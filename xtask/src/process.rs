@@ -47,11 +47,29 @@ pub enum Failure {
         /// What is wrong with it.
         problem: &'static str,
     },
+    /// Figures are not what was promised of them; the report says which.
+    Promises,
     /// Checks did not hold; they were told one by one.
     Checks {
         /// How many.
         failed: usize,
     },
+}
+
+impl Failure {
+    /// The exit status that tells of it: 1 where what was checked is not so, 2 where this program was called wrongly, 3 where something outside failed.
+    pub fn status(&self) -> u8 {
+        match self {
+            Failure::Usage(_) => 2,
+            Failure::Missing { .. } | Failure::Start { .. } | Failure::File { .. } => 3,
+            Failure::Ended { status, .. } => match status.code() {
+                Some(2) => 2,
+                Some(3) => 3,
+                _ => 1,
+            },
+            Failure::Content { .. } | Failure::Promises | Failure::Checks { .. } => 1,
+        }
+    }
 }
 
 impl fmt::Display for Failure {
@@ -68,6 +86,7 @@ impl fmt::Display for Failure {
             Failure::Ended { command, status } => write!(to, "`{command}` failed ({status})"),
             Failure::File { path, cause } => write!(to, "{}: {cause}", path.display()),
             Failure::Content { path, problem } => write!(to, "{}: {problem}", path.display()),
+            Failure::Promises => to.write_str("a promise does not hold"),
             Failure::Checks { failed } => write!(to, "{failed} failed"),
         }
     }
@@ -111,6 +130,33 @@ pub fn run(command: &mut Command) -> Result<(), Failure> {
         Err(Failure::Ended {
             command: shown(command),
             status,
+        })
+    }
+}
+
+/// What `command` prints to standard output. The rest goes to this process's terminal, unless `quiet`.
+///
+/// # Errors
+/// [`Failure::Start`], [`Failure::Ended`].
+pub fn printed(command: &mut Command, quiet: bool) -> Result<String, Failure> {
+    let rest = if quiet {
+        Stdio::null()
+    } else {
+        Stdio::inherit()
+    };
+    let output = command
+        .stderr(rest)
+        .output()
+        .map_err(|cause| Failure::Start {
+            command: shown(command),
+            cause,
+        })?;
+    if output.status.success() {
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    } else {
+        Err(Failure::Ended {
+            command: shown(command),
+            status: output.status,
         })
     }
 }

@@ -14,6 +14,8 @@ const VALGRIND: &str = "valgrind";
 
 /// What the boards' cores run: the default board's, and the smaller one that the libraries must also compile for.
 pub const BOARD_TARGET: &str = "thumbv7m-none-eabi";
+/// The core that machines are measured on, where the compiler has a library for it.
+const MEASURED_TARGET: &str = "thumbv7em-none-eabi";
 /// See [`BOARD_TARGET`].
 pub const SMALL_TARGET: &str = "thumbv6m-none-eabi";
 
@@ -97,12 +99,24 @@ impl Toolchain {
                     .env("RUSTC_BOOTSTRAP", "1")
                     .env("RUSTC", DEBIAN_RUSTC)
                     .env("CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER", linker)
+                    .env("CARGO_TARGET_THUMBV7EM_NONE_EABI_LINKER", linker)
                     .env_remove("RUSTUP_TOOLCHAIN")
                     .env_remove("CARGO");
             }
         }
         cargo.current_dir(folder);
         cargo
+    }
+
+    /// The target of programs that are measured on a Cortex-M4: its own where there is a core library for it, and else the board's, whose core has the same
+    /// instructions but for those of signal processing. Both are told to make code for a Cortex-M4.
+    pub fn measured_core(&self) -> &'static str {
+        match self {
+            // Built from source.
+            Toolchain::Debian { .. } => MEASURED_TARGET,
+            Toolchain::Rustup if rustup_target(MEASURED_TARGET) => MEASURED_TARGET,
+            Toolchain::Rustup => BOARD_TARGET,
+        }
     }
 
     /// What the compiler says of its version.

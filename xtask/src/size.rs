@@ -1,15 +1,16 @@
-//! `cargo xtask size`: flash and RAM of the firmware, part by part, against the sizes that the repository keeps.
+//! `cargo xtask size`: flash and RAM of the firmware, part by part, and what missions take, against the sizes that the repository keeps.
 //!
 //! The totals are the file's sections. Interpreter and verifier are measured as the difference of two linked images, one of which has
 //! them and does nothing else. How the rest divides up is read from the symbols' names: link-time optimisation inlines across crates, so
 //! a small function may count for the part that calls it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::elf::{self, Image};
 use crate::firmware::{self, BOARD_FOLDER, DEFAULT_BIN};
+use crate::missions;
 use crate::process::Failure;
 use crate::setup::Toolchain;
 
@@ -144,30 +145,17 @@ type Table = BTreeMap<String, Size>;
 /// # Errors
 /// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware does not build.
 pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Failure> {
-    let mut files = firmware::build(
+    let files = firmware::build(
         root,
         toolchain,
         firmware::RELEASE,
         &[DEFAULT_BIN.to_owned()],
     )?;
-    let pair = [WITH_INTERPRETER, WITHOUT_INTERPRETER].map(str::to_owned);
-    files.extend(firmware::build(root, toolchain, firmware::SIZE, &pair)?);
-    let mut images = Vec::new();
-    for file in &files {
-        let bytes = std::fs::read(file).map_err(|cause| Failure::File {
-            path: file.clone(),
-            cause,
-        })?;
-        images.push(elf::read(&bytes).ok_or(Failure::Content {
-            path: file.clone(),
-            problem: "is no firmware (32-bit little-endian ELF)",
-        })?);
-    }
-    let [firmware, with, without] = &images[..] else {
+    let [firmware] = &images(&files)?[..] else {
         return Ok(());
     };
+    let interpreter = interpreter_flash(root, toolchain)?;
     let mut table = parts_of(firmware);
-    let interpreter = with.flash_bytes().saturating_sub(without.flash_bytes());
     table.insert(
         INTERPRETER_ALONE.into(),
         Size {
@@ -182,32 +170,77 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
             ram: firmware.ram_bytes(),
         },
     );
+    let missions = missions::measure(root)?;
     let compiler = toolchain.rustc_version();
-    let shown = render(&table, &compiler);
+    let shown = render(&table, &missions, &compiler);
     print!("\n{shown}\n{}", largest_variables(firmware));
 
     let expected_file = root.join(BOARD_FOLDER).join(EXPECTED_FILE);
-    if write {
-        std::fs::write(&expected_file, shown).map_err(|cause| Failure::File {
+    let expected = std::fs::read_to_string(&expected_file).map_err(|cause| Failure::File {
+        path: expected_file.clone(),
+        cause,
+    });
+    if let Ok(expected) = &expected {
+        print!("{}", changes(expected, &shown));
+    }
+    let expected = if write {
+        std::fs::write(&expected_file, &shown).map_err(|cause| Failure::File {
             path: expected_file.clone(),
             cause,
         })?;
         println!("Kept in {}.", expected_file.display());
-    }
+        shown
+    } else {
+        expected?
+    };
+    let expected = Expected::parse(&expected).ok_or(Failure::Content {
+        path: expected_file,
+        problem: "is no table of sizes; write it anew with `cargo xtask size --write`",
+    })?;
     let mut problems = excesses(firmware, interpreter, &Limits::read(root)?);
-    problems.extend(differences(&expected_file, &table, &compiler)?);
+    problems.extend(missions::excesses(&missions));
+    problems.extend(expected.differences(&table, &missions, &compiler));
     for problem in &problems {
         println!("{problem}");
     }
     match problems.len() {
         0 => {
             println!(
-                "All within their limits, and as expected within 1/{TOLERANCE_PART} or {TOLERANCE_BYTES} bytes."
+                "All within their limits, and as expected: missions exactly, firmware within 1/{TOLERANCE_PART} or {TOLERANCE_BYTES} bytes."
             );
             Ok(())
         }
         failed => Err(Failure::Checks { failed }),
     }
+}
+
+/// Bytes of flash that interpreter and verifier take, with the plain setting for size.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn interpreter_flash(root: &Path, toolchain: &Toolchain) -> Result<u32, Failure> {
+    let pair = [WITH_INTERPRETER, WITHOUT_INTERPRETER].map(str::to_owned);
+    let files = firmware::build(root, toolchain, firmware::SIZE, &pair)?;
+    let flash: Vec<u32> = images(&files)?.iter().map(Image::flash_bytes).collect();
+    match flash[..] {
+        [with, without] => Ok(with.saturating_sub(without)),
+        _ => Ok(0),
+    }
+}
+
+/// What is in the files of firmware.
+fn images(files: &[PathBuf]) -> Result<Vec<Image>, Failure> {
+    let image = |file: &PathBuf| {
+        let bytes = std::fs::read(file).map_err(|cause| Failure::File {
+            path: file.clone(),
+            cause,
+        })?;
+        elf::read(&bytes).ok_or_else(|| Failure::Content {
+            path: file.clone(),
+            problem: "is no firmware (32-bit little-endian ELF)",
+        })
+    };
+    files.iter().map(image).collect()
 }
 
 /// Compares the deepest stack of a run, which its summary tells, with what the limit of RAM leaves room for.
@@ -301,9 +334,9 @@ fn part_of(name: &str) -> &'static str {
         .map_or(REST, |(_, part)| part)
 }
 
-fn render(table: &Table, compiler: &str) -> String {
+fn render(table: &Table, missions: &missions::Table, compiler: &str) -> String {
     let mut text = String::from(
-        "# Flash and RAM of the default firmware in bytes; kept by `cargo xtask size --write`, compared by `cargo xtask test`.\n",
+        "# Flash and RAM of the default firmware and what missions take, in bytes; kept by `cargo xtask size --write`, compared by `cargo xtask test`.\n",
     );
     // Writing to a string cannot fail.
     let _ = writeln!(text, "{COMPILER_LINE}{compiler}");
@@ -311,7 +344,24 @@ fn render(table: &Table, compiler: &str) -> String {
     for (part, size) in table {
         let _ = writeln!(text, "{part:<32} {:>7} {:>7}", size.flash, size.ram);
     }
-    text
+    text + &missions::render(missions)
+}
+
+/// The rows that are not as expected, as they were and as they are; what differs less than the tolerance is among them.
+fn changes(expected: &str, now: &str) -> String {
+    let mut text = String::new();
+    for (sign, lines, others) in [('-', expected, now), ('+', now, expected)] {
+        let is_new = |line: &&str| !others.lines().any(|other| other == *line);
+        let told = |line: &&str| !line.starts_with('#') || line.starts_with(COMPILER_LINE);
+        for line in lines.lines().filter(told).filter(is_new) {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{sign} {line}");
+        }
+    }
+    if text.is_empty() {
+        return text;
+    }
+    format!("Other than in the expected sizes (`cargo xtask size --write` keeps them):\n{text}")
 }
 
 /// What takes most of RAM, for a person who has to save some.
@@ -335,41 +385,70 @@ fn largest_variables(image: &Image) -> String {
     text
 }
 
-/// What differs from the expected sizes by more than the tolerance.
-fn differences(file: &PathBuf, table: &Table, compiler: &str) -> Result<Vec<String>, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|cause| Failure::File {
-        path: file.clone(),
-        cause,
-    })?;
-    let expected = parse(&text).ok_or(Failure::Content {
-        path: file.clone(),
-        problem: "is no table of sizes; write it anew with `cargo xtask size --write`",
-    })?;
-    let same_compiler = text
-        .lines()
-        .any(|line| line.strip_prefix(COMPILER_LINE) == Some(compiler));
-    let mut problems = Vec::new();
-    let names: std::collections::BTreeSet<_> = expected.keys().chain(table.keys()).collect();
-    for name in names {
-        if !same_compiler && !FOR_EVERY_COMPILER.contains(&name.as_str()) {
-            continue;
-        }
-        let now = table.get(name).copied().unwrap_or_default();
-        let then = expected.get(name).copied().unwrap_or_default();
-        for (what, now, then) in [("flash", now.flash, then.flash), ("RAM", now.ram, then.ram)] {
-            if now.abs_diff(then) > (then / TOLERANCE_PART).max(TOLERANCE_BYTES) {
-                problems.push(format!(
-                    "Not as expected: {name}: {now} bytes of {what}, expected {then}. If that is meant: `cargo xtask size --write`."
-                ));
-            }
-        }
-    }
-    Ok(problems)
+/// The expected sizes.
+#[derive(Debug, PartialEq)]
+struct Expected {
+    firmware: Table,
+    missions: missions::Table,
+    compiler: Option<String>,
 }
 
-fn parse(text: &str) -> Option<Table> {
+impl Expected {
+    /// What [`render`] wrote.
+    fn parse(text: &str) -> Option<Self> {
+        let is_head = |line: &&str| line.starts_with(missions::HEAD);
+        let rows = |line: &&str| !line.starts_with('#');
+        let compiler = text
+            .lines()
+            .find_map(|line| line.strip_prefix(COMPILER_LINE));
+        Some(Self {
+            firmware: parse(text.lines().take_while(|line| !is_head(line)).filter(rows))?,
+            missions: missions::parse(text.lines().skip_while(|line| !is_head(line)).filter(rows))?,
+            compiler: compiler.map(str::to_owned),
+        })
+    }
+
+    /// What differs, of the firmware by more than the tolerance.
+    fn differences(
+        &self,
+        table: &Table,
+        missions: &missions::Table,
+        compiler: &str,
+    ) -> Vec<String> {
+        const MEANT: &str = "If that is meant: `cargo xtask size --write`.";
+        let same_compiler = self.compiler.as_deref() == Some(compiler);
+        let mut problems = Vec::new();
+        let names: BTreeSet<_> = self.firmware.keys().chain(table.keys()).collect();
+        for name in names {
+            if !same_compiler && !FOR_EVERY_COMPILER.contains(&name.as_str()) {
+                continue;
+            }
+            let now = table.get(name).copied().unwrap_or_default();
+            let then = self.firmware.get(name).copied().unwrap_or_default();
+            for (what, now, then) in [("flash", now.flash, then.flash), ("RAM", now.ram, then.ram)]
+            {
+                if now.abs_diff(then) > (then / TOLERANCE_PART).max(TOLERANCE_BYTES) {
+                    problems.push(format!(
+                        "Not as expected: {name}: {now} bytes of {what}, expected {then}. {MEANT}"
+                    ));
+                }
+            }
+        }
+        let names: BTreeSet<_> = self.missions.keys().chain(missions.keys()).collect();
+        for name in names {
+            // A compiler of Rust changes nothing in a mission.
+            if self.missions.get(name) != missions.get(name) {
+                problems.push(format!("Not as expected: {name}. {MEANT}"));
+            }
+        }
+        problems
+    }
+}
+
+/// Rows of the firmware's part.
+fn parse<'t>(lines: impl Iterator<Item = &'t str>) -> Option<Table> {
     let mut table = Table::new();
-    for line in text.lines().filter(|line| !line.starts_with('#')) {
+    for line in lines {
         let (line, ram) = line.rsplit_once(' ')?;
         let (name, flash) = line.trim_end().rsplit_once(' ')?;
         let size = Size {
@@ -399,8 +478,58 @@ mod tests {
         ]
         .map(|(name, size)| (name.to_owned(), size))
         .into();
-        assert_eq!(parse(&render(&table, "rustc 1")), Some(table));
-        assert_eq!(parse("no table"), None);
+        let missions = missions::parse(["cd51 1022 8.37 96.00"].into_iter()).unwrap();
+        let expected = Expected::parse(&render(&table, &missions, "rustc 1")).unwrap();
+        assert_eq!(expected.differences(&table, &missions, "rustc 1"), [""; 0]);
+        assert_eq!(
+            expected,
+            Expected {
+                firmware: table,
+                missions,
+                compiler: Some("rustc 1".to_owned())
+            }
+        );
+        assert_eq!(Expected::parse("no table"), None);
+    }
+
+    #[test]
+    fn firmware_may_differ_a_little_and_missions_may_not() {
+        let of = |flash: u32| {
+            let size = Size { flash, ram: 0 };
+            Table::from([(WHOLE.to_owned(), size), ("link".to_owned(), size)])
+        };
+        let missions = |transition: &str| {
+            missions::parse([format!("cd51 1022 {transition} 96.00").as_str()].into_iter()).unwrap()
+        };
+        let expected = Expected {
+            firmware: of(10_000),
+            missions: missions("8.37"),
+            compiler: Some("rustc 1".to_owned()),
+        };
+        for (flash, transition, compiler, problems) in [
+            (10_000, "8.37", "rustc 1", 0),
+            (10_500, "8.37", "rustc 1", 0),
+            (9_500, "8.37", "rustc 1", 0),
+            (10_501, "8.37", "rustc 1", 2),
+            // How the parts divide up is one compiler's business.
+            (10_501, "8.37", "rustc 2", 1),
+            (10_000, "8.38", "rustc 2", 1),
+        ] {
+            let found = expected.differences(&of(flash), &missions(transition), compiler);
+            assert_eq!(
+                found.len(),
+                problems,
+                "{flash} {transition} {compiler}: {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_changed_is_shown_as_it_was_and_as_it_is() {
+        assert_eq!(changes("a 1\nb 2\n", "a 1\nb 2\n"), "");
+        let shown = changes("a 1\nb 2\n", "a 1\nb 3\nc 4\n");
+        let lines: Vec<&str> = shown.lines().skip(1).collect();
+        assert_eq!(lines, ["- b 2", "+ b 3", "+ c 4"]);
     }
 
     #[test]

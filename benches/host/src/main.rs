@@ -1,5 +1,5 @@
 //! The machines on the host. `bench-host FOLDER count` is to be run under callgrind, which writes the instructions of each call of [`counted`] to a file;
-//! `bench-host FOLDER time` measures itself. The folder holds the plan and the missions. A line of the output is `row NAME EVENTS [NANOSECONDS]` or
+//! `bench-host FOLDER time` measures itself. The folder holds the plan and the missions. A line of the output is `row NAME EVENTS [NANOSECONDS]...` or
 //! `tell NAME NUMBERS`.
 
 use std::fs;
@@ -62,7 +62,7 @@ struct Time;
 
 impl Meter for Time {
     fn measure(&mut self, row: &str, events: usize, mut work: impl FnMut()) {
-        /// How long one measurement takes, and how many there are: the shortest counts, for what disturbs only makes longer.
+        /// How long one measurement takes, and how many there are. All are told: what disturbs only makes longer.
         const LONG_ENOUGH: Duration = Duration::from_millis(4);
         const MEASUREMENTS: usize = 10;
         let mut times = 1_u32;
@@ -76,12 +76,12 @@ impl Meter for Time {
         while of(times) < LONG_ENOUGH {
             times *= 2;
         }
-        let shortest = (0..MEASUREMENTS)
-            .map(|_| of(times))
-            .min()
-            .unwrap_or_default();
-        let nanoseconds = shortest.as_secs_f64() * 1e9 / f64::from(times);
-        println!("row {row} {events} {nanoseconds:.1}");
+        print!("row {row} {events}");
+        for _ in 0..MEASUREMENTS {
+            let nanoseconds = of(times).as_secs_f64() * 1e9 / f64::from(times);
+            print!(" {nanoseconds:.1}");
+        }
+        println!();
     }
 
     fn measure_once(&mut self, _: &str, _: usize, work: impl FnOnce()) {

@@ -8,16 +8,26 @@ use std::process::{Command, Output};
 /// What one program told.
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
-    /// By row: how much, for one event.
-    rows: BTreeMap<String, f64>,
+    /// By row: what one event takes, in each of the measurements, the least first.
+    rows: BTreeMap<String, Vec<f64>>,
     /// By row: numbers.
     told: BTreeMap<String, Vec<u32>>,
 }
 
 impl Measured {
-    /// What an event takes.
+    /// What an event takes: the least, for what disturbs only adds.
     pub fn event(&self, row: &str) -> Option<f64> {
-        self.rows.get(row).copied()
+        self.rows.get(row)?.first().copied()
+    }
+
+    /// What an event took in the measurement that was disturbed most.
+    pub fn most(&self, row: &str) -> Option<f64> {
+        self.rows.get(row)?.last().copied()
+    }
+
+    /// What an event takes that a row has more than another one.
+    pub fn difference(&self, row: &str, less: &str) -> Option<f64> {
+        Some(self.event(row)? - self.event(less)?)
     }
 
     /// Numbers that were told.
@@ -32,35 +42,27 @@ impl Measured {
         self
     }
 
-    /// Reads what a program printed. `amount` says what a row took, by its place among the rows and its last number.
-    fn read(
+    /// Reads what a program printed. `amounts` says what a row took, by its place among the rows and the numbers behind its events.
+    ///
+    /// # Errors
+    /// The line that is neither a row nor told numbers.
+    pub fn read(
         text: &str,
-        amount: impl Fn(usize, Option<f64>) -> Option<f64>,
+        amounts: impl Fn(usize, &[f64]) -> Option<Vec<f64>>,
     ) -> Result<Self, String> {
         let mut measured = Self::default();
         for line in text.lines() {
             let mut words = line.split_whitespace();
-            let row = |words: &mut std::str::SplitWhitespace<'_>| {
-                let name = words.next()?.to_owned();
-                let events: f64 = words.next()?.parse().ok()?;
-                let last = words.next().and_then(|word| word.parse().ok());
-                let amount = amount(measured.rows.len(), last)?;
-                Some((name, events, amount))
-            };
-            let told = |words: &mut std::str::SplitWhitespace<'_>| {
-                let name = words.next()?.to_owned();
-                let numbers: Option<Vec<u32>> = words.map(|word| word.parse().ok()).collect();
-                Some((name, numbers?))
-            };
             match words.next() {
                 Some("row") => {
-                    let (name, events, amount) =
-                        row(&mut words).ok_or_else(|| format!("no row: {line}"))?;
-                    measured.rows.insert(name, amount / events);
+                    let place = measured.rows.len();
+                    let (name, took) = row(words, |numbers| amounts(place, numbers))
+                        .ok_or_else(|| format!("no row: {line}"))?;
+                    measured.rows.insert(name, took);
                 }
                 Some("tell") => {
                     let (name, numbers) =
-                        told(&mut words).ok_or_else(|| format!("no numbers: {line}"))?;
+                        told(words).ok_or_else(|| format!("no numbers: {line}"))?;
                     measured.told.insert(name, numbers);
                 }
                 // The emulator and the kernel of the emulated board remark this and that; what ends a program early says so at the end of its output.
@@ -69,9 +71,44 @@ impl Measured {
         }
         Ok(measured)
     }
+
+    /// What a program printed that took the time itself.
+    ///
+    /// # Errors
+    /// As for [`Self::read`].
+    pub fn timed(text: &str) -> Result<Self, String> {
+        Self::read(text, |_, times| (!times.is_empty()).then(|| times.to_vec()))
+    }
 }
 
-fn output(command: &mut Command) -> Result<Output, String> {
+/// The words behind `row`: a name, a number of events, numbers.
+fn row<'w>(
+    mut words: impl Iterator<Item = &'w str>,
+    amounts: impl FnOnce(&[f64]) -> Option<Vec<f64>>,
+) -> Option<(String, Vec<f64>)> {
+    let name = words.next()?.to_owned();
+    let events: f64 = words.next()?.parse().ok().filter(|events| *events > 0.0)?;
+    let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
+    let mut took = amounts(&numbers?)?;
+    for amount in &mut took {
+        *amount /= events;
+    }
+    took.sort_by(f64::total_cmp);
+    Some((name, took))
+}
+
+/// The words behind `tell`: a name, numbers.
+fn told<'w>(mut words: impl Iterator<Item = &'w str>) -> Option<(String, Vec<u32>)> {
+    let name = words.next()?.to_owned();
+    let numbers: Option<Vec<u32>> = words.map(|word| word.parse().ok()).collect();
+    Some((name, numbers?))
+}
+
+/// What a command printed.
+///
+/// # Errors
+/// If it cannot be started, or ends badly: what it said.
+pub fn output(command: &mut Command) -> Result<Output, String> {
     let shown = format!("{command:?}");
     let output = command
         .output()
@@ -93,7 +130,7 @@ fn output(command: &mut Command) -> Result<Output, String> {
 /// What the program or the system says.
 pub fn nanoseconds(program: &Path, folder: &Path) -> Result<Measured, String> {
     let output = output(Command::new(program).arg(folder).arg("time"))?;
-    Measured::read(&String::from_utf8_lossy(&output.stdout), |_, last| last)
+    Measured::timed(&String::from_utf8_lossy(&output.stdout))
 }
 
 /// Instructions on the host, by callgrind.
@@ -112,12 +149,12 @@ pub fn host_instructions(program: &Path, folder: &Path) -> Result<Measured, Stri
             .arg(folder)
             .arg("count"),
     )?;
-    let total = |row: usize, _: Option<f64>| {
+    let total = |row: usize, _: &[f64]| {
         let file = fs::read_to_string(folder.join(format!("callgrind.{}", row + 1))).ok()?;
         let line = file
             .lines()
             .find_map(|line| line.strip_prefix("totals: "))?;
-        line.trim().parse().ok()
+        Some(vec![line.trim().parse().ok()?])
     };
     Measured::read(&String::from_utf8_lossy(&output.stdout), total)
 }
@@ -147,6 +184,9 @@ pub fn board_instructions(program: &Path, folder: &Path) -> Result<Measured, Str
     let instruction_ns = 1_u64 << SHIFT;
     Measured::read(&text, |_, ticks| {
         // Reading the timer itself is half an instruction more or less.
-        ticks.map(|ticks| ((ticks as u64 * TICK_NS + instruction_ns / 2) / instruction_ns) as f64)
+        let ticks = *ticks.first()? as u64;
+        Some(vec![
+            ((ticks * TICK_NS + instruction_ns / 2) / instruction_ns) as f64,
+        ])
     })
 }

@@ -5,17 +5,17 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use esm_tests::command::root;
-use esm_tests::subject;
+use crate::command::root;
+use crate::subject;
 
 /// The CD player.
 pub const PLAYER: &str = "tests/data/cd51.esm";
 /// Missions that people drive robots with.
-const SHIPPED: [&str; 2] = ["patrol", "follow_wall"];
+pub const SHIPPED: [&str; 3] = ["patrol", "follow_wall", "watch_timing"];
 
-/// Regions beside the panel's.
+/// Regions side by side, beside the panel's.
 pub const REGIONS: [usize; 4] = [1, 4, 16, 64];
 /// States inside each other, in each region.
 pub const DEPTHS: [usize; 4] = [1, 2, 4, 8];
@@ -25,9 +25,11 @@ pub const TRANSITIONS: [usize; 3] = [1, 4, 16];
 pub const LEVELS: usize = 8;
 /// Terms of a guard.
 const TERMS: usize = 12;
-/// The rows of guards, and what each says, `none` for the machine without one.
+/// The row of the machine without a guard.
+pub const NO_GUARD: &str = "guard-none";
+/// The rows of guards, and what each says.
 pub const GUARDS: [(&str, &str); 4] = [
-    ("guard-none", "no guard"),
+    (NO_GUARD, "no guard"),
     (
         "guard-and",
         "12 terms joined by `and`, of which the last fails",
@@ -39,24 +41,54 @@ pub const GUARDS: [(&str, &str); 4] = [
     ),
 ];
 
+/// The shape of the largest mission: regions, depth, transitions.
+const LARGEST: (usize, usize, usize) = (64, 8, 16);
+
+/// Regions, depth and transitions of all missions that have nothing to do.
+pub fn shapes() -> impl Iterator<Item = (usize, usize, usize)> {
+    DEPTHS.into_iter().flat_map(|depth| {
+        TRANSITIONS.into_iter().flat_map(move |transitions| {
+            REGIONS
+                .into_iter()
+                .map(move |regions| (regions, depth, transitions))
+        })
+    })
+}
+
+/// The file of a mission that people drive robots with.
+pub fn shipped(name: &str) -> PathBuf {
+    root().join(format!("missions/{name}.esm"))
+}
+
 /// Missions, and a plan.
 #[derive(Default)]
 pub struct Plan {
     lines: String,
-    /// Compiled, with names; the number of a mission is its place.
-    pub blobs: Vec<Vec<u8>>,
+    /// Compiled, with names; the number of a mission is its place. The player is the first.
+    blobs: Vec<Vec<u8>>,
 }
 
 impl Plan {
+    /// The CD player's script.
+    ///
+    /// # Errors
+    /// What the front end or the compiler has against it.
+    pub fn player_alone() -> Result<Self, String> {
+        let mut plan = Self::default();
+        let player = fs::read_to_string(root().join(PLAYER)).map_err(|error| error.to_string())?;
+        let blob = plan.add(&player)?;
+        plan.line("cd51-esm", "script", blob);
+        Ok(plan)
+    }
+
     /// Everything that is measured.
     ///
     /// # Errors
     /// What the front end or the compiler has against a mission: a mistake in this file.
     pub fn whole() -> Result<Self, String> {
-        let mut plan = Self::default();
+        let mut plan = Self::player_alone()?;
         let player = fs::read_to_string(root().join(PLAYER)).map_err(|error| error.to_string())?;
-        let blob = plan.add(&player)?;
-        plan.line("cd51-esm", "script", blob);
+        let blob = 0;
         plan.line("set-cd51", "set", blob);
         plan.line("verify-cd51", "verify", blob);
         plan.line("start-cd51", "start", blob);
@@ -65,24 +97,24 @@ impl Plan {
         let mute = plan.add(&without_sends(&player))?;
         plan.line("cd51-mute", "script", mute);
 
-        for regions in REGIONS {
-            for depth in DEPTHS {
-                for transitions in TRANSITIONS {
-                    let blob = plan.add(&idle(regions, depth, transitions))?;
-                    let row = format!("{regions}-{depth}-{transitions}");
-                    plan.line(&format!("still-{row}"), "still", blob);
-                    plan.line(&format!("stirred-{row}"), "stirred", blob);
-                }
+        let alone = plan.add(&idle(0, 1, 0))?;
+        plan.line("stirred-none", "stirred", alone);
+        let unheard_alone = plan.add(&unheard(0, 1, 0))?;
+        plan.line("unheard-none", "flag-1", unheard_alone);
+        for (regions, depth, transitions) in shapes() {
+            let row = format!("{regions}-{depth}-{transitions}");
+            let blob = plan.add(&idle(regions, depth, transitions))?;
+            plan.line(&format!("still-{row}"), "still", blob);
+            plan.line(&format!("stirred-{row}"), "stirred", blob);
+            if (regions, depth, transitions) == LARGEST {
+                plan.line("verify-largest", "verify", blob);
+                plan.line("start-largest", "start", blob);
             }
+            let blob = plan.add(&unheard(regions, depth, transitions))?;
+            plan.line(&format!("unheard-{row}"), "flag-1", blob);
         }
-        let largest = plan.blobs.len() - 1;
-        plan.line("verify-largest", "verify", largest);
-        plan.line("start-largest", "start", largest);
-
         for regions in REGIONS {
-            let unheard = plan.add(&storm(regions, false))?;
-            plan.line(&format!("unheard-{regions}"), "flag-1", unheard);
-            let heard = plan.add(&storm(regions, true))?;
+            let heard = plan.add(&storm(regions))?;
             plan.line(&format!("storm-{regions}"), "flag-1", heard);
         }
         let deep = plan.add(&deep())?;
@@ -94,13 +126,18 @@ impl Plan {
             plan.line(row, "stirred", guard);
         }
         for name in SHIPPED {
-            let built = subject::build_file(&root().join(format!("missions/{name}.esm")))?;
+            let built = subject::build_file(&shipped(name))?;
             plan.blobs.push(built.blob);
             let blob = plan.blobs.len() - 1;
             plan.line(&format!("verify-{name}"), "verify", blob);
             plan.line(&format!("start-{name}"), "start", blob);
         }
         Ok(plan)
+    }
+
+    /// The CD player, compiled.
+    pub fn player(&self) -> &[u8] {
+        self.blobs.first().map_or(&[], Vec::as_slice)
     }
 
     fn add(&mut self, text: &str) -> Result<usize, String> {
@@ -206,21 +243,44 @@ fn idle(regions: usize, depth: usize, transitions: usize) -> String {
     text + "}\n"
 }
 
-/// An event that regions see; whether they wait for it in the state that they are in.
-fn storm(regions: usize, heard: bool) -> String {
-    let waiting = if heard {
-        "S -> S on Ego;"
-    } else {
-        // Another state waits for it, which is entered only when the panel asks for it.
-        "S -> T on Eother; T -> S on Ego;"
+/// An event that regions of nested states see and wait for in another state than the one that is current, which has as many transitions on an event that
+/// never comes.
+fn unheard(regions: usize, depth: usize, transitions: usize) -> String {
+    let level = |level: usize| {
+        let inside = if level == depth {
+            "state S".to_owned()
+        } else {
+            format!("super S: Level{}", level + 1)
+        };
+        format!(
+            "{inside}; state T; initial -> S;{} T -> S on Ego;",
+            " S -> T on Eother;".repeat(transitions)
+        )
     };
-    let mut text = buttons(&["go", "other"]) + "machine Storm { event Ego, Eother;\n";
+    let mut text = buttons(&["go", "other"]);
+    for below in 2..=depth {
+        let _ = writeln!(
+            text,
+            "container Level{below} {{ in event Ego; in event Eother; region r {{ {} }} }}",
+            level(below)
+        );
+    }
+    text += "machine Unheard { event Ego, Eother;\n";
     text += &panel(&["go", "other"], "");
+    for region in 0..regions {
+        let _ = writeln!(text, "region r{region} {{ {} }}", level(1));
+    }
+    text + "}\n"
+}
+
+/// An event that is visible in regions, each of which has a transition on it.
+pub fn storm(regions: usize) -> String {
+    let mut text = buttons(&["go"]) + "machine Storm { event Ego;\n";
+    text += &panel(&["go"], "");
     for region in 0..regions {
         let _ = writeln!(
             text,
-            "region r{region} {{ state S; {} initial -> S; {waiting} }}",
-            if heard { "" } else { "state T;" }
+            "region r{region} {{ state S; initial -> S; S -> S on Ego; }}"
         );
     }
     text + "}\n"

@@ -1,0 +1,78 @@
+//! The default board in the emulator with a firmware that measures itself, driven over its serial line.
+
+use std::fs;
+use std::io;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use host_tools::link_client::LinkClient;
+
+/// Nanoseconds that an instruction takes, as a power of two: 12.8 ticks of the board's timer.
+const SHIFT: u32 = 8;
+/// The socket that is the board's UART0, in the emulator's folder.
+const UART_SOCKET: &str = "uart0";
+/// What the firmware prints, in the emulator's folder.
+const CONSOLE: &str = "console";
+
+/// A board that runs as long as this value is there.
+pub struct Emulated {
+    emulator: Child,
+    console: PathBuf,
+}
+
+impl Drop for Emulated {
+    fn drop(&mut self) {
+        let _ = self.emulator.kill();
+        let _ = self.emulator.wait();
+    }
+}
+
+impl Emulated {
+    /// Starts a firmware in `folder`, and connects to it.
+    ///
+    /// # Errors
+    /// What the system says, or that the firmware does not answer.
+    pub fn start(firmware: &Path, folder: &Path) -> Result<(Self, LinkClient<UnixStream>), String> {
+        let told = |error: io::Error| format!("{}: {error}", firmware.display());
+        let program = firmware.canonicalize().map_err(told)?;
+        let listener = UnixListener::bind(folder.join(UART_SOCKET)).map_err(told)?;
+        let console = folder.join(CONSOLE);
+        let printed = fs::File::create(&console).map_err(told)?;
+        let emulator = Command::new(host_tools::qemu::QEMU)
+            .args(["-machine", "lm3s6965evb", "-icount"])
+            .arg(format!("shift={SHIFT},sleep=off"))
+            .args(["-nographic", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native", "-chardev"])
+            .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
+            .args(["-serial", "chardev:uart0", "-kernel"])
+            .arg(program)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            // Where the emulator puts what the firmware prints.
+            .stderr(printed)
+            .spawn()
+            .map_err(|error| format!("{}: {error}", host_tools::qemu::QEMU))?;
+        let emulated = Self { emulator, console };
+        let (uart, _) = listener.accept().map_err(told)?;
+        let (client, _) = LinkClient::connect(uart).map_err(|error| error.to_string())?;
+        Ok((emulated, client))
+    }
+
+    /// Whether it still runs.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn runs(&mut self) -> io::Result<bool> {
+        Ok(self.emulator.try_wait()?.is_none())
+    }
+
+    /// What the firmware has printed until now.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn printed(&self) -> io::Result<String> {
+        fs::read_to_string(&self.console)
+    }
+}
