@@ -13,7 +13,6 @@
 //!
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
-use core::marker::PhantomData;
 use core::ops::{Deref, Range};
 
 use crate::format::{self, Section};
@@ -158,6 +157,33 @@ impl ArenaLayout {
     }
 }
 
+/// Where the tables begin that are read most.
+#[derive(Clone, Copy, Debug)]
+struct Starts<P> {
+    states: P,
+    transitions: P,
+    instances: P,
+    region_instances: P,
+    channels: P,
+    listeners: P,
+    task_instances: P,
+}
+
+impl<P> Starts<P> {
+    fn of<R: Access<Place = P>>(tables: &Tables<'_>) -> Self {
+        let start = |section| R::place(tables.bytes(), tables.start(section));
+        Self {
+            states: start(Section::States),
+            transitions: start(Section::Transitions),
+            instances: start(Section::Instances),
+            region_instances: start(Section::RegionInstances),
+            channels: start(Section::Channels),
+            listeners: start(Section::Listeners),
+            task_instances: start(Section::TaskInstances),
+        }
+    }
+}
+
 /// Places of the event queue: a power of two, so that going round is cheap.
 fn queue_places(tables: &Tables<'_>) -> usize {
     tables.queue_capacity().next_power_of_two()
@@ -165,10 +191,11 @@ fn queue_places(tables: &Tables<'_>) -> usize {
 
 /// A machine that runs. `R` says how it reads its tables: see [`Reads`].
 #[derive(Debug)]
-pub struct Interpreter<'m, B, R = DefaultReads> {
+pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     verified: Verified<B>,
     arena: &'m mut [u32],
     layout: ArenaLayout,
+    starts: Starts<R::Place>,
     period_us: u32,
     /// Macro steps that began, or were skipped.
     steps: u64,
@@ -185,10 +212,7 @@ pub struct Interpreter<'m, B, R = DefaultReads> {
     changed: bool,
     /// Whether some region is awake. A machine that was stopped never sleeps.
     is_awake: bool,
-    /// Words of 32 region instances that are visited: none of a machine that was stopped.
-    words: usize,
     fault: Option<Fault>,
-    reads: PhantomData<R>,
 }
 
 const WORD_BITS: usize = u32::BITS as usize;
@@ -212,6 +236,17 @@ fn not_before(region: usize, word: usize) -> u32 {
 type Resume = usize;
 const ON: Resume = 0;
 const NOT_TAKEN: Resume = usize::MAX;
+
+/// A region instance that is visited.
+#[derive(Clone, Copy)]
+struct Here<P> {
+    region: usize,
+    /// Its word of those who are awake, and its bit there.
+    awake: usize,
+    bit: u32,
+    /// The record of its current state.
+    current: P,
+}
 
 /// What guards see: in the low half the first own flags of a state, in the high half their complement.
 #[derive(Clone, Copy)]
@@ -291,10 +326,12 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             });
         };
         used.fill(0);
+        let starts = Starts::of::<R>(&tables);
         let mut machine = Self {
             verified,
             arena,
             layout,
+            starts,
             period_us,
             steps: 0,
             steps_left: u32::MAX,
@@ -305,9 +342,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             micro: 0,
             changed: false,
             is_awake: false,
-            words: layout.regions.div_ceil(WORD_BITS),
             fault: None,
-            reads: PhantomData,
         };
         for region in 0..layout.regions {
             let record = machine.record(Section::RegionInstances, region);
@@ -444,7 +479,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 }
 
 /// What it shows of itself, and gives back.
-impl<'m, B: Deref<Target = [u8]>, R> Interpreter<'m, B, R> {
+impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
     /// Gives blob and arena back.
     pub fn into_parts(self) -> (Verified<B>, &'m mut [u32]) {
         (self.verified, self.arena)
@@ -573,9 +608,20 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Where a record begins.
     #[inline(always)]
     fn record(&self, section: Section, index: usize) -> R::Place {
-        let tables = self.verified.tables();
-        let at = tables.start(section) + record_bytes(section) * index;
-        R::place(tables.bytes(), at)
+        let start = match section {
+            Section::States => self.starts.states,
+            Section::Transitions => self.starts.transitions,
+            Section::Instances => self.starts.instances,
+            Section::RegionInstances => self.starts.region_instances,
+            Section::Channels => self.starts.channels,
+            Section::Listeners => self.starts.listeners,
+            Section::TaskInstances => self.starts.task_instances,
+            _ => {
+                let tables = self.verified.tables();
+                R::place(tables.bytes(), tables.start(section))
+            }
+        };
+        R::ahead(start, record_bytes(section) * index)
     }
 
     /// A field of a record.
@@ -652,6 +698,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.store(place, if value { word | bit } else { word & !bit });
     }
 
+    /// Wakes a region instance if its state, of which this is the record, has transitions on the pulse.
+    #[inline(always)]
+    fn wake_if_on_pulse(&mut self, here: Here<R::Place>, state: R::Place) {
+        if self.events(state) & 1 != 0 {
+            self.store(here.awake, self.load(here.awake) | here.bit);
+            self.is_awake = true;
+        }
+    }
+
     #[inline(always)]
     fn wake(&mut self, region: usize) {
         let awake = self.active_word(region) + 1;
@@ -689,32 +744,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Handles the pulse and all events that follow from it.
     #[inline(never)]
     fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<(), Fault> {
+        if let Some(fault) = self.fault {
+            return Err(fault);
+        }
         self.micro = 0;
         self.changed = false;
         self.is_awake = false;
-        let mut resume = ON;
-        let mut word = 0;
-        while word < self.words {
-            let pair = self.layout.active + 2 * word;
-            let awake = self.load(pair + 1);
-            let mut visit = self.load(pair) & awake;
-            if resume != ON {
-                visit &= not_before(resume, word);
-            }
-            if visit != 0 {
-                // Who is shown the pulse sleeps until woken again.
-                self.store(pair + 1, awake & !visit);
-                let seen = self.visit::<true, O>(format::PULSE, visit, word, observer);
-                if seen != ON {
-                    if seen == NOT_TAKEN {
-                        return Err(self.stop(Fault::EventQueueOverflow, observer));
-                    }
-                    // Once more, for who woke behind it.
-                    resume = seen;
-                    continue;
-                }
-            }
-            word += 1;
+        if self.pulse(observer) == NOT_TAKEN {
+            return Err(self.stop(Fault::EventQueueOverflow, observer));
         }
         while self.taken != self.queued {
             if self.micro == MAX_MICRO_STEPS - 1 {
@@ -728,15 +765,41 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 return Err(self.stop(Fault::EventQueueOverflow, observer));
             }
         }
-        if self.words == 0 {
-            self.is_awake = true;
-            return Err(self.fault.unwrap_or(Fault::MacroStepLimit));
-        }
         Ok(())
     }
 
+    /// Shows the pulse to those who are awake.
+    #[inline(never)]
+    fn pulse<O: Observer>(&mut self, observer: &mut O) -> Resume {
+        let mut resume = ON;
+        let mut word = 0;
+        loop {
+            let pair = self.layout.active + 2 * word;
+            let awake = self.load(pair + 1);
+            let mut visit = self.load(pair) & awake;
+            if resume != ON {
+                visit &= not_before(resume, word);
+            }
+            // Who is shown the pulse sleeps until woken again.
+            self.store(pair + 1, awake & !visit);
+            let seen = self.visit::<true, O>(format::PULSE, visit, word, observer);
+            if seen != ON {
+                if seen == NOT_TAKEN {
+                    return NOT_TAKEN;
+                }
+                // Once more, for who woke behind it.
+                resume = seen;
+                continue;
+            }
+            word += 1;
+            if WORD_BITS * word >= self.layout.regions {
+                return ON;
+            }
+        }
+    }
+
     /// Shows an event to those who listen.
-    #[inline(always)]
+    #[inline(never)]
     fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Resume {
         let sent = self.record(Section::Channels, sent);
         let event = self.field(sent, channel::EVENT) as u16;
@@ -751,15 +814,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if resume != ON {
                 visit &= not_before(resume, word);
             }
-            if visit != 0 {
-                let seen = self.visit::<false, O>(event, visit, word, observer);
+            let seen = self.visit::<false, O>(event, visit, word, observer);
+            if seen != ON {
                 if seen == NOT_TAKEN {
                     return NOT_TAKEN;
                 }
-                if seen != ON {
-                    resume = seen;
-                    continue;
-                }
+                resume = seen;
+                continue;
             }
             row = R::ahead(row, record_bytes(Section::Listeners));
             word += 1;
@@ -774,7 +835,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.disable_real_time(0..self.layout.tasks, observer);
         self.fault = Some(fault);
         self.taken = self.queued;
-        self.words = 0;
         self.steps_left = u32::MAX;
         self.is_awake = true;
         fault
@@ -783,7 +843,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Shows the pulse or another event to the region instances of one word that are set in `visit`.
     ///
     /// If it is not [`ON`] that is returned, it ended with the transition that this is of.
-    #[inline(never)]
+    #[inline(always)]
     fn visit<const PULSE: bool, O: Observer>(
         &mut self,
         event: u16,
@@ -791,18 +851,24 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         word: usize,
         observer: &mut O,
     ) -> Resume {
-        loop {
+        while visit != 0 {
             let offset = visit.leading_zeros();
             visit &= !(FIRST >> offset);
             let region = WORD_BITS * word + offset as usize;
             let current = self.current_record(region);
+            let here = Here {
+                region,
+                awake: self.layout.active + 2 * word + 1,
+                bit: FIRST >> offset,
+                current,
+            };
             let found = if PULSE {
-                self.find_on_pulse(region, current)
+                self.find_on_pulse(here)
             } else {
-                self.find_on_event(event, region, current)
+                self.find_on_event(event, here)
             };
             if let Some(at) = found {
-                let seen = self.take::<PULSE, O>(region, current, at, observer);
+                let seen = self.take::<PULSE, O>(here, at, observer);
                 if seen != NOT_TAKEN {
                     let first = self.record(Section::Transitions, 0);
                     observer.transition(TransitionTaken {
@@ -820,18 +886,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                     return seen;
                 }
             }
-            if visit == 0 {
-                return ON;
-            }
         }
+        ON
     }
 
     /// Takes a transition. What is most frequent is done here.
     #[inline(always)]
     fn take<const PULSE: bool, O: Observer>(
         &mut self,
-        region: usize,
-        current: R::Place,
+        here: Here<R::Place>,
         at: R::Place,
         observer: &mut O,
     ) -> Resume {
@@ -839,18 +902,23 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let target = self.field(at, transition::TARGET);
         if trigger & format::TRANSITION_IS_PLAIN != 0 {
             self.changed = true;
-            self.make_current(region, target);
+            R::store_half(self.arena, here.region, target as u16);
+            let entered = self.record(Section::States, target);
+            self.wake_if_on_pulse(here, entered);
             ON
-        } else if PULSE && self.record(Section::States, target) == current {
-            self.take_again(region, current, at, observer)
+        } else if PULSE && self.record(Section::States, target) == here.current {
+            self.take_again(here, at, observer)
         } else {
-            self.take_any(region, at, observer)
+            self.take_any(here.region, at, observer)
         }
     }
 
     /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
     #[inline(always)]
-    fn find_on_pulse(&mut self, region: usize, current: R::Place) -> Option<R::Place> {
+    fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<R::Place> {
+        let Here {
+            region, current, ..
+        } = here;
         if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
             self.run_timer(region);
         }
@@ -876,7 +944,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The same on another event.
     #[inline(always)]
-    fn find_on_event(&mut self, event: u16, region: usize, current: R::Place) -> Option<R::Place> {
+    fn find_on_event(&mut self, event: u16, here: Here<R::Place>) -> Option<R::Place> {
+        let Here {
+            region, current, ..
+        } = here;
         if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
             return None;
         }
@@ -968,12 +1039,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn take_again<O: Observer>(
         &mut self,
-        region: usize,
-        current: R::Place,
+        here: Here<R::Place>,
         at: R::Place,
         observer: &mut O,
     ) -> Resume {
         const UNTIMED_TASK: u16 = format::STATE_TASK << (format::STATE_KIND_SHIFT - 12);
+        let Here {
+            region, current, ..
+        } = here;
         let shape = self.field(current, state::SHAPE) as u16;
         let flags = u32::from(shape & format::STATE_FLAGS_MASK);
         let action = self.field(at, transition::ACTION) as u16;
@@ -981,23 +1054,21 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             return self.take_any(region, at, observer);
         }
         self.changed = true;
-        let here = self.record(Section::RegionInstances, region);
-        let instance = self.field(here, region_instance::INSTANCE);
+        let record = self.record(Section::RegionInstances, region);
+        let instance = self.field(record, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance);
         let task = self.field(instance, instance::FIRST_TASK) + self.field(current, state::A);
         if self.is_enabled_now(task) {
             observer.disabled(task as u16);
         }
-        let first =
-            self.field(here, region_instance::FIRST_FLAG) + self.field(current, state::FIRST_FLAG);
+        let first = self.field(record, region_instance::FIRST_FLAG)
+            + self.field(current, state::FIRST_FLAG);
         R::clear_window(self.arena, WORD_BITS * self.layout.flags + first, flags);
         let first_channel = self.field(instance, instance::FIRST_CHANNEL);
         if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
             return NOT_TAKEN;
         }
-        if self.events(current) & 1 != 0 {
-            self.wake(region);
-        }
+        self.wake_if_on_pulse(here, current);
         self.enable(task);
         observer.enabled(task as u16);
         ON

@@ -70,8 +70,8 @@ mod stable {
 pub(crate) mod access {
     /// The reads and writes. Indices are words or halves of the arena, halves low ones first.
     pub trait Access {
-        /// A byte of the blob. One was made from the same bytes that it is read with.
-        type Place: Copy + PartialEq;
+        /// A byte of the blob. It was made from the same bytes that it is read with, which their owner may have moved from one place to another since.
+        type Place: Copy + PartialEq + core::fmt::Debug;
 
         /// The place of a byte.
         fn place(bytes: &[u8], at: usize) -> Self::Place;
@@ -186,9 +186,18 @@ impl access::Access for Checked {
 mod unchecked {
     use super::{Unchecked, WINDOW_BITS, access::Access};
 
+    /// A byte of a blob.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Byte(*const u8);
+
+    // SAFETY: what it points to is only read, and stays where it is: invariant 1.
+    unsafe impl Send for Byte {}
+    // SAFETY: as above.
+    unsafe impl Sync for Byte {}
+
     /// `T` at a byte of the blob, which need not lie as a `T` of its own would.
     #[inline(always)]
-    fn in_blob<T: Copy>(bytes: &[u8], at: *const u8) -> T {
+    fn in_blob<T: Copy>(bytes: &[u8], Byte(at): Byte) -> T {
         let from = at.addr().wrapping_sub(bytes.as_ptr().addr());
         debug_assert!(from + size_of::<T>() <= bytes.len(), "invariant 1: {from}");
         // SAFETY: invariant 1: a record that the verified tables speak of is inside. `T` is a number, which any bytes are.
@@ -218,30 +227,30 @@ mod unchecked {
     }
 
     impl Access for Unchecked {
-        type Place = *const u8;
+        type Place = Byte;
 
         #[inline(always)]
-        fn place(bytes: &[u8], at: usize) -> *const u8 {
-            bytes.as_ptr().wrapping_add(at)
+        fn place(bytes: &[u8], at: usize) -> Byte {
+            Byte(bytes.as_ptr().wrapping_add(at))
         }
 
         #[inline(always)]
-        fn ahead(place: *const u8, count: usize) -> *const u8 {
-            place.wrapping_add(count)
+        fn ahead(Byte(place): Byte, count: usize) -> Byte {
+            Byte(place.wrapping_add(count))
         }
 
         #[inline(always)]
-        fn distance(from: *const u8, to: *const u8) -> usize {
+        fn distance(Byte(from): Byte, Byte(to): Byte) -> usize {
             to.addr().wrapping_sub(from.addr())
         }
 
         #[inline(always)]
-        fn half(bytes: &[u8], at: *const u8) -> u16 {
+        fn half(bytes: &[u8], at: Byte) -> u16 {
             u16::from_le(in_blob(bytes, at))
         }
 
         #[inline(always)]
-        fn word(bytes: &[u8], at: *const u8) -> u32 {
+        fn word(bytes: &[u8], at: Byte) -> u32 {
             u32::from_le(in_blob(bytes, at))
         }
 
