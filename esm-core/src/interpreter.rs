@@ -438,7 +438,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     }
 
     /// Writes a bit of a task instance's flag block, if the block has it.
-    #[inline]
+    #[inline(never)]
     fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
         if task >= self.layout.tasks {
             return;
