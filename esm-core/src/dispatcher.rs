@@ -280,7 +280,8 @@ fn entrance(len: usize, key: Key) -> usize {
 /// than an hour, which happens once a mission at most, it is done bit by bit.
 fn periods_in(duration_us: u64, period_us: u32) -> u64 {
     if let Ok(duration_us) = u32::try_from(duration_us) {
-        return u64::from(duration_us / period_us);
+        // Without a period nothing is divided: so there is no panic to link.
+        return u64::from(duration_us.checked_div(period_us).unwrap_or(0));
     }
     let period_us = u64::from(period_us);
     let (mut periods, mut rest_us) = (0, 0);

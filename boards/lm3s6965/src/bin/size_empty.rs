@@ -1,5 +1,5 @@
 //! What the interpreter's size is measured against: a program with a blob that the compiler knows nothing of, and what any firmware has
-//! of the compiler's own functions (copy, clear, compare).
+//! of the compiler's own functions (copy, clear, compare; of bytes and of words).
 #![no_std]
 #![no_main]
 
@@ -21,6 +21,12 @@ fn main() -> ! {
         to.fill(black_box(0));
     }
     black_box(copy);
+    let mut words = [black_box(0_u64); 64];
+    black_box(&mut words);
+    let copied = words;
+    black_box(&copied);
+    words.fill(0);
+    black_box(&words);
     loop {
         cortex_m::asm::wfi();
     }
