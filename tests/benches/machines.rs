@@ -30,6 +30,11 @@ const ENGINES: [(&str, &str, &str); 5] = [
     ("smlang", "smlang", "smlang"),
 ];
 
+/// The settings that checked reads are measured in, too.
+const FAST: &str = "M4 -O2";
+const SMALL: &str = "M4 -Os";
+const HOST: &str = "host";
+
 /// Actions of one pass through the script, as the chart has them: start, open, close, store, stop, pause, resume, stop and open, stopped again, next, previous.
 const ACTIONS: [u32; 11] = [1, 2, 2, 1, 1, 2, 1, 0, 1, 20, 20];
 
@@ -197,6 +202,46 @@ fn bench(options: &Options) -> Result<usize, String> {
         check(measured, &plan).map_err(|problem| format!("{where_}: {problem}"))?;
     }
 
+    eprintln!("Measuring checked reads …");
+    let rows: Vec<&str> = report::CHECKED
+        .iter()
+        .flat_map(|(_, row, less)| [*row, *less])
+        .collect();
+    let few = tempfile::tempdir().map_err(|error| error.to_string())?;
+    let few = few.path();
+    plan.only(&rows)
+        .write(few)
+        .map_err(|error| error.to_string())?;
+    let checked_host = measured::host_instructions(Path::new(options.value("checked-host")?), few)?;
+    let on_board = |key: &str| {
+        let programs = Path::new(options.value(key)?);
+        measured::board_instructions(&programs.join("esm"), few)
+    };
+    // The harness is the same.
+    let checked = [
+        Setting {
+            name: FAST,
+            measured: fast.0.clone().and(on_board("checked-fast")?),
+        },
+        Setting {
+            name: SMALL,
+            measured: small.0.clone().and(on_board("checked-small")?),
+        },
+        Setting {
+            name: HOST,
+            measured: checked_host,
+        },
+    ];
+    for Setting { name, measured } in &checked {
+        for row in &rows {
+            if measured.told(row) != fast.0.told(row) {
+                return Err(format!(
+                    "{name}, {row}: with checked reads it does something else"
+                ));
+            }
+        }
+    }
+
     eprintln!("Swapping missions in the emulator …");
     let swaps = swap::measure(Path::new(options.value("swap")?))?;
 
@@ -238,15 +283,15 @@ fn bench(options: &Options) -> Result<usize, String> {
         left_out: String::new(),
         settings: [
             Setting {
-                name: "M4 -O2",
+                name: FAST,
                 measured: fast.0,
             },
             Setting {
-                name: "M4 -Os",
+                name: SMALL,
                 measured: small.0,
             },
             Setting {
-                name: "host",
+                name: HOST,
                 measured: host_count,
             },
             Setting {
@@ -254,7 +299,11 @@ fn bench(options: &Options) -> Result<usize, String> {
                 measured: host_time,
             },
         ],
-        checked: Vec::new(),
+        checked,
+        checked_interpreter: [
+            flash("checked-fast", "esm_alone")?,
+            flash("checked-small", "esm_alone")?,
+        ],
         engines,
         interpreting: interpreting(options)?,
         swaps,

@@ -92,8 +92,12 @@ const MACHINES_SIZED: [&str; 6] = [
     "rust_fsm",
     "statig",
     "smlang",
-    "esm_alone",
+    MACHINES_ALONE,
 ];
+/// The one with the interpreter and without a mission.
+const MACHINES_ALONE: &str = "esm_alone";
+/// How all that is of the interpreter with checked reads is called.
+const CHECKED: &str = "checked-";
 /// The firmware of the default board that measures how missions follow one another.
 const SWAP_BIN: &str = "bench_swap";
 /// What the settings for speed and for size are called, and their profiles.
@@ -152,7 +156,7 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
                 println!(
                     "Building the machines that are compared (the first time takes minutes) …"
                 );
-                given.push(host_program(root)?);
+                given.push(host_program(root, "")?);
                 given.push("only=interpreters".into());
             } else {
                 setup::emulator()?;
@@ -222,17 +226,24 @@ fn told(key: &str, value: &OsStr) -> OsString {
     argument
 }
 
-/// Builds the program that is measured on the host.
-fn host_program(root: &Path) -> Result<OsString, Failure> {
-    let target = root.join(MACHINES_TARGET);
-    process::run(
-        process::command(setup::host_cargo())
-            .current_dir(root.join(MACHINES_FOLDER))
-            .args(["build", "--quiet", "--release"])
-            .args(["--package", "bench-host", "--target-dir"])
-            .arg(&target),
-    )?;
-    Ok(told("host", target.join("release/bench-host").as_os_str()))
+/// Builds the program that is measured on the host: with `prefix` [`CHECKED`], the one whose reads are checked.
+fn host_program(root: &Path, prefix: &str) -> Result<OsString, Failure> {
+    let mut target = root.join(MACHINES_TARGET);
+    let mut cargo = process::command(setup::host_cargo());
+    cargo.current_dir(root.join(MACHINES_FOLDER)).args([
+        "build",
+        "--quiet",
+        "--release",
+        "--package",
+        "bench-host",
+    ]);
+    if prefix == CHECKED {
+        target.push(prefix);
+        cargo.arg("--no-default-features");
+    }
+    process::run(cargo.arg("--target-dir").arg(&target))?;
+    let program = target.join("release/bench-host");
+    Ok(told(&format!("{prefix}host"), program.as_os_str()))
 }
 
 /// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a failure of its own is told once.
@@ -273,7 +284,8 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
     let target = root.join(MACHINES_TARGET);
     println!("Building the machines that are compared (the first time takes minutes) …");
     let mut arguments = vec![
-        host_program(root)?,
+        host_program(root, "")?,
+        host_program(root, CHECKED)?,
         told("compiler", toolchain.rustc_version().as_ref()),
     ];
     let core = toolchain.measured_core();
@@ -282,33 +294,48 @@ fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure
     arguments.extend(swap.iter().map(|file| told("swap", file.as_os_str())));
     let engine = size::interpreter_flash(root, toolchain)?.to_string();
     arguments.push(told("engine-flash", engine.as_ref()));
-    for (setting, profile) in MACHINES_PROFILES {
-        process::run(
-            toolchain
-                .cargo(&folder)
-                .args(["build", "--quiet", "--profile", profile])
-                .args(["--package", "bench-cortex-m4", "--target", core])
-                .args(toolchain.core_from_source())
-                .arg("--target-dir")
-                .arg(&target),
-        )?;
-        let programs = target.join(core).join(profile);
-        for program in MACHINES_SIZED {
-            let path = programs.join(program);
-            let bytes = std::fs::read(&path).map_err(|cause| Failure::File {
-                path: path.clone(),
-                cause,
-            })?;
-            let image = elf::read(&bytes).ok_or(Failure::Content {
-                path,
-                problem: "is no firmware (32-bit little-endian ELF)",
-            })?;
-            let size = image.flash_bytes().to_string();
-            arguments.push(told(&format!("flash-{setting}-{program}"), size.as_ref()));
+    for (prefix, features, sized) in [
+        ("", &[][..], &MACHINES_SIZED[..]),
+        (CHECKED, &["--no-default-features"], &[MACHINES_ALONE]),
+    ] {
+        let target = match prefix {
+            "" => target.clone(),
+            prefix => target.join(prefix),
+        };
+        for (setting, profile) in MACHINES_PROFILES {
+            process::run(
+                toolchain
+                    .cargo(&folder)
+                    .args(["build", "--quiet", "--profile", profile])
+                    .args(["--package", "bench-cortex-m4", "--target", core])
+                    .args(features)
+                    .args(toolchain.core_from_source())
+                    .arg("--target-dir")
+                    .arg(&target),
+            )?;
+            let programs = target.join(core).join(profile);
+            for program in sized {
+                let size = flash_bytes(&programs.join(program))?.to_string();
+                let key = format!("flash-{prefix}{setting}-{program}");
+                arguments.push(told(&key, size.as_ref()));
+            }
+            arguments.push(told(&format!("{prefix}{setting}"), programs.as_os_str()));
         }
-        arguments.push(told(setting, programs.as_os_str()));
     }
     Ok(arguments)
+}
+
+/// Bytes of flash that a program takes.
+fn flash_bytes(path: &Path) -> Result<u32, Failure> {
+    let bytes = std::fs::read(path).map_err(|cause| Failure::File {
+        path: path.to_owned(),
+        cause,
+    })?;
+    let image = elf::read(&bytes).ok_or_else(|| Failure::Content {
+        path: path.to_owned(),
+        problem: "is no firmware (32-bit little-endian ELF)",
+    })?;
+    Ok(image.flash_bytes())
 }
 
 #[cfg(test)]

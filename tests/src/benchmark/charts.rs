@@ -151,6 +151,20 @@ impl Plan {
         let _ = writeln!(self.lines, "{row} {drive} m{blob}");
     }
 
+    /// The lines of these rows alone.
+    pub fn only(&self, rows: &[&str]) -> Self {
+        let of_row = |line: &&str| {
+            line.split(' ')
+                .next()
+                .is_some_and(|row| rows.contains(&row))
+        };
+        let lines = self.lines.lines().filter(of_row);
+        Self {
+            lines: lines.map(|line| format!("{line}\n")).collect(),
+            blobs: self.blobs.clone(),
+        }
+    }
+
     /// Writes plan and missions to files, as the programs that are measured read them.
     ///
     /// # Errors
