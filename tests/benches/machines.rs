@@ -16,10 +16,14 @@ use esm_tests::benchmark::swap;
 use esm_tests::command::root;
 use esm_tests::subject;
 use host_tools::inspect;
+use host_tools::run::interrupt::Interrupt;
 use host_tools::trace::directory::Directory;
 
 /// Where the report is kept.
 const KEPT: &str = "docs/benchmarks.md";
+
+/// Where the promised figures are kept, too, between marks.
+const README: &str = "README.md";
 
 /// The engines, by the names of their rows and of their programs.
 const ENGINES: [(&str, &str, &str); 5] = [
@@ -108,6 +112,8 @@ fn main() -> ExitCode {
         eprintln!("the benchmark of machines needs its programs: cargo xtask bench");
         return ExitCode::from(2);
     }
+    // The programs that measure end with it, and so this one with a word about it.
+    let interrupted = Interrupt::take_over();
     let told = match options.values.get("only").map(String::as_str) {
         Some("interpreters") => bench_interpreters(&options).map(|()| 0),
         _ => bench(&options),
@@ -115,6 +121,12 @@ fn main() -> ExitCode {
     match told {
         Ok(broken) if options.gate && broken > 0 => ExitCode::FAILURE,
         Ok(_) => ExitCode::SUCCESS,
+        Err(_) if interrupted.is_ok_and(Interrupt::is_requested) => {
+            eprintln!(
+                "the benchmark of machines: interrupted; what was kept of earlier ones is as it was"
+            );
+            ExitCode::from(3)
+        }
         Err(problem) => {
             eprintln!("the benchmark of machines: {problem}");
             ExitCode::from(3)
@@ -315,7 +327,12 @@ fn bench(options: &Options) -> Result<usize, String> {
         let file = root().join(KEPT);
         fs::write(&file, report.markdown())
             .map_err(|error| format!("{}: {error}", file.display()))?;
-        println!("\nKept in {}.", file.display());
+        let readme = root().join(README);
+        let text = fs::read_to_string(&readme).map_err(|error| format!("{README}: {error}"))?;
+        let text = report::between_marks(&text, &report.short())
+            .ok_or_else(|| format!("{README}: the marks of the figures are not there"))?;
+        fs::write(&readme, text).map_err(|error| format!("{README}: {error}"))?;
+        println!("\nKept in {KEPT}, and its beginning in {README}.");
     }
     let promises = report.promises();
     let broken = limits::broken(&promises);

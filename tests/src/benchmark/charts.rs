@@ -366,3 +366,44 @@ fn guarded(row: &str) -> String {
     text += &panel(&[], &further);
     text + "}\n"
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subject::verified;
+
+    fn counts(text: &str) -> (usize, usize) {
+        let blob = subject::build(text)
+            .unwrap_or_else(|problem| panic!("{problem}\n{text}"))
+            .blob;
+        let tables = verified(&blob).unwrap();
+        let tables = tables.tables();
+        (tables.region_instance_count(), tables.transition_count())
+    }
+
+    #[test]
+    fn idle_missions_have_the_regions_and_transitions_that_their_rows_say() {
+        for (regions, depth, transitions) in shapes().filter(|(regions, ..)| *regions <= 4) {
+            let row = format!("{regions} {depth} {transitions}");
+            // Templates: each level but the first once, whatever uses it; and the panel with its region.
+            let templates = regions + depth - 1 + 1;
+            let (found, of_idle) = counts(&idle(regions, depth, transitions));
+            assert_eq!(found, regions * depth + 1, "{row}");
+            assert_eq!(of_idle, (templates - 1) * (1 + transitions) + 2, "{row}");
+            let (found, of_unheard) = counts(&unheard(regions, depth, transitions));
+            assert_eq!(found, regions * depth + 1, "{row}");
+            assert_eq!(of_unheard, (templates - 1) * (2 + transitions) + 4, "{row}");
+        }
+    }
+
+    #[test]
+    fn a_plan_of_some_rows_keeps_their_missions() {
+        let plan = Plan {
+            lines: "a script m0\nab set m1\nb still m1\n".to_owned(),
+            blobs: vec![vec![1], vec![2]],
+        };
+        let few = plan.only(&["b", "a"]);
+        assert_eq!(few.lines, "a script m0\nb still m1\n");
+        assert_eq!(few.blobs, plan.blobs);
+    }
+}

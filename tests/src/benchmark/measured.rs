@@ -190,3 +190,55 @@ pub fn board_instructions(program: &Path, folder: &Path) -> Result<Measured, Str
         ])
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_for_one_event_and_the_least_counts() {
+        let measured =
+            Measured::timed("row a 2 30 10 20\ntell a 1 2 3\nrow b 1 4\ntell none\n").unwrap();
+        assert_eq!(measured.event("a"), Some(5.0));
+        assert_eq!(measured.most("a"), Some(15.0));
+        assert_eq!(measured.difference("a", "b"), Some(1.0));
+        assert_eq!(measured.difference("a", "c"), None);
+        assert_eq!(measured.told("a"), Some(&[1, 2, 3][..]));
+        assert_eq!(measured.told("none"), Some(&[][..]));
+        assert_eq!(measured.told("c"), None);
+    }
+
+    #[test]
+    fn a_line_that_is_neither_row_nor_told_is_an_error_that_shows_it() {
+        for (text, shown) in [
+            ("row a\n", "row a"),
+            ("row a 0 1\n", "row a 0 1"),
+            ("row a 1\n", "row a 1"),
+            ("row a 1 x\n", "row a 1 x"),
+            ("tell a -1\n", "tell a -1"),
+            ("tell\n", "tell"),
+            ("panic 12\n", "panic 12"),
+        ] {
+            let error = Measured::timed(text).unwrap_err();
+            assert!(error.ends_with(shown), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_program_may_leave_the_amounts_to_who_runs_it() {
+        let places = Measured::read("row a 1\nrow b 2\n", |place, numbers| {
+            assert!(numbers.is_empty());
+            Some(vec![10.0 * (place + 1) as f64])
+        });
+        let measured = places.unwrap();
+        assert_eq!(measured.event("a"), Some(10.0));
+        assert_eq!(measured.event("b"), Some(10.0));
+    }
+
+    #[test]
+    fn of_two_programs_the_later_one_counts() {
+        let first = Measured::timed("row a 1 1\nrow b 1 2\n").unwrap();
+        let both = first.and(Measured::timed("row b 1 3\n").unwrap());
+        assert_eq!([both.event("a"), both.event("b")], [Some(1.0), Some(3.0)]);
+    }
+}

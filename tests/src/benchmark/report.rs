@@ -246,6 +246,17 @@ impl Report {
         format!("# Benchmarks of state machines\n\n{}{tables}", self.head())
     }
 
+    /// The promises as Markdown, for who only wants these.
+    pub fn short(&self) -> String {
+        let Table { head, rows, .. } = limits::table(&self.promises());
+        let table = Table {
+            head,
+            rows,
+            ..Table::default()
+        };
+        format!("{}\nMeasured on {}.\n", table.rows_as_markdown(), self.date)
+    }
+
     /// What was promised, and what came of it.
     pub fn promises(&self) -> Vec<Promise> {
         let fast = &self.settings[0].measured;
@@ -790,7 +801,137 @@ pub fn speed(time: &Measured, compiled: &[(&str, String)], interpreting: &[Inter
     }
 }
 
+/// The marks that the short form stands between in a text.
+const MARKS: [&str; 2] = [
+    "<!-- bench: kept by `cargo xtask bench --write` -->\n",
+    "<!-- bench: end -->",
+];
+
+/// A text with something else between the marks; `None` where they are not.
+pub fn between_marks(text: &str, content: &str) -> Option<String> {
+    let [begin, end] = MARKS;
+    let (before, rest) = text.split_once(begin)?;
+    let (_, after) = rest.split_once(end)?;
+    Some(format!("{before}{begin}{content}{end}{after}"))
+}
+
 /// A row with its name.
 fn named(name: &str, cells: Vec<String>) -> Vec<String> {
     std::iter::once(name.to_owned()).chain(cells).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What an interpreter would tell that takes 5 for a pulse and 3 for each of its regions.
+    fn idle_rows() -> String {
+        let mut rows = String::from("row idle-nothing 1 2\nrow stirred-none 1 40\n");
+        for (regions, depth, transitions) in charts::shapes() {
+            let name = format!("{regions}-{depth}-{transitions}");
+            let active = regions * depth;
+            rows += &format!("row still-{name} 1 {}\n", 7 + 3 * (active - 1));
+            rows += &format!("row stirred-{name} 1 {}\n", 45 + 3 * (active - 1));
+        }
+        rows
+    }
+
+    fn measured(rows: &str) -> Measured {
+        Measured::timed(rows).unwrap()
+    }
+
+    #[test]
+    fn a_further_region_is_the_same_side_by_side_and_inside() {
+        let measured = measured(&idle_rows());
+        for depth in DEPTHS {
+            for transitions in TRANSITIONS {
+                let inside = 3.0 * (depth as f64 - 1.0);
+                for idle in [Idle::Still, Idle::Stirred] {
+                    let first = idle.first(&measured, depth, transitions);
+                    assert_eq!(first, Some(5.0 + inside), "{depth} {transitions}");
+                    let further = idle.further(&measured, depth, transitions);
+                    assert_eq!(further, Some(3.0), "{depth} {transitions}");
+                }
+                assert_eq!(Idle::Unheard.further(&measured, depth, transitions), None);
+            }
+        }
+    }
+
+    #[test]
+    fn of_further_regions_the_dearest_counts() {
+        // One number of regions takes more than those around it: it is not averaged away.
+        let rows = idle_rows().replace("row still-16-1-4 1 52\n", "row still-16-1-4 1 172\n");
+        assert_ne!(rows, idle_rows(), "the row is there");
+        assert_eq!(Idle::Still.further(&measured(&rows), 1, 4), Some(13.0));
+    }
+
+    #[test]
+    fn the_most_of_figures_needs_all_of_them() {
+        assert_eq!(most([Some(1.0), Some(3.0), Some(2.0)]), Some(3.0));
+        assert_eq!(most([Some(1.0), None]), None);
+        assert_eq!(most([]), None);
+    }
+
+    fn engine(row: &str, ns: Result<&str, &str>) -> Interpreting {
+        Interpreting {
+            row: row.to_owned(),
+            name: row.to_owned(),
+            by: "Rust".to_owned(),
+            measured: ns
+                .map(|ns| measured(&format!("row cd51-{row} 10 {ns}\n")))
+                .map_err(str::to_owned),
+        }
+    }
+
+    #[test]
+    fn speeds_have_their_spread_and_what_is_absent_says_why() {
+        let time = measured("row cd51-esm 10 500 510 900\nrow cd51-by-hand 10 100 120\n");
+        let table = speed(
+            &time,
+            &[("by-hand", "by hand".to_owned())],
+            &[
+                engine("slow", Ok("7000 5000")),
+                engine("gone", Err("no network")),
+            ],
+        );
+        assert_eq!(
+            table.rows,
+            [
+                [
+                    "by hand",
+                    "compiled, Rust",
+                    "10.0",
+                    "100,000,000",
+                    "83,333,333",
+                    "0.2"
+                ],
+                [
+                    "ours",
+                    "interprets, Rust",
+                    "50.0",
+                    "20,000,000",
+                    "11,111,111",
+                    "1.0"
+                ],
+                [
+                    "slow",
+                    "interprets, Rust",
+                    "500.0",
+                    "2,000,000",
+                    "1,428,571",
+                    "10.0"
+                ],
+                ["gone", "interprets, Rust: no network", "–", "–", "–", "–"],
+            ]
+        );
+    }
+
+    #[test]
+    fn what_stands_between_the_marks_is_replaced_and_nothing_else() {
+        let [begin, end] = MARKS;
+        let text = format!("a\n{begin}old\n{end}\nb\n");
+        let replaced = between_marks(&text, "new\n");
+        assert_eq!(replaced, Some(format!("a\n{begin}new\n{end}\nb\n")));
+        assert_eq!(between_marks("no marks", "new"), None);
+    }
 }

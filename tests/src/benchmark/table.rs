@@ -59,6 +59,11 @@ impl Table {
         format!("\n## {}\n\n{}\n\n{rows}", self.title, self.note)
     }
 
+    /// The rows alone, as Markdown.
+    pub fn rows_as_markdown(&self) -> String {
+        self.aligned(" | ", true)
+    }
+
     /// The rows with equal widths of columns; `ruled` as Markdown wants it.
     fn aligned(&self, between: &str, ruled: bool) -> String {
         let mut widths = vec![0; self.head.len()];
