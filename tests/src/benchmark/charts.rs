@@ -3,6 +3,7 @@
 //! Each has a panel as its first region, whose task's flags are set from outside. Its first flag changes nothing: it is there so that the interpreter has to
 //! look. The second makes the panel send an event.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -25,24 +26,38 @@ pub const TRANSITIONS: [usize; 3] = [1, 4, 16];
 pub const LEVELS: usize = 8;
 /// Terms of a guard.
 const TERMS: usize = 12;
-/// The row of the machine without a guard.
-pub const NO_GUARD: &str = "guard-none";
-/// The rows of guards, and what each says.
-pub const GUARDS: [(&str, &str); 4] = [
-    (NO_GUARD, "no guard"),
+/// The rows of guards, what each says, and the row of the same machine without that guard.
+pub const GUARDS: [(&str, &str, &str); 4] = [
+    (
+        "guard-few",
+        "12 terms joined by `and`, of a task with 12 flags",
+        "guard-few-none",
+    ),
     (
         "guard-and",
-        "12 terms joined by `and`, of which the last fails",
+        "12 terms joined by `and`, of which the last fails, of a task with 14 flags",
+        NO_GUARD,
     ),
-    ("guard-or", "12 terms joined by `or`, all false"),
+    ("guard-or", "12 terms joined by `or`, all false", NO_GUARD),
     (
         "guard-mixed",
         "`or` in six pairs joined by `and`, of which the last fails",
+        NO_GUARD,
     ),
 ];
+/// The row of the machine without any of the last three.
+const NO_GUARD: &str = "guard-none";
 
 /// The shape of the largest mission: regions, depth, transitions.
 const LARGEST: (usize, usize, usize) = (64, 8, 16);
+
+/// All rows of guards, each once.
+pub fn guard_rows() -> BTreeSet<&'static str> {
+    GUARDS
+        .iter()
+        .flat_map(|(row, _, none)| [*row, *none])
+        .collect()
+}
 
 /// Regions, depth and transitions of all missions that have nothing to do.
 pub fn shapes() -> impl Iterator<Item = (usize, usize, usize)> {
@@ -121,7 +136,7 @@ impl Plan {
         for level in 1..=LEVELS {
             plan.line(&format!("deep-{level}"), &format!("flag-{level}"), deep);
         }
-        for (row, _) in GUARDS {
+        for row in guard_rows() {
             let guard = plan.add(&guarded(row))?;
             plan.line(row, "stirred", guard);
         }
@@ -340,6 +355,9 @@ fn guarded(row: &str) -> String {
             .collect::<Vec<_>>()
             .join(joint)
     };
+    if row.starts_with("guard-few") {
+        return guarded_few(&flags, row == "guard-few");
+    }
     let guard = match row {
         "guard-and" => terms(
             |(place, flag)| format!("{}.{flag}", if place + 1 < TERMS { "not " } else { "" }),
@@ -365,6 +383,27 @@ fn guarded(row: &str) -> String {
     let mut text = buttons(&flags) + "machine Guarded {\n";
     text += &panel(&[], &further);
     text + "}\n"
+}
+
+/// The same with no flag but those of the terms. The first one is changed all the time, and the last one never.
+fn guarded_few(flags: &[&str], guarded: bool) -> String {
+    let declared: String = flags
+        .iter()
+        .map(|flag| format!(" out flag {flag};"))
+        .collect();
+    let mut text = format!("{SLOTS}task Buttons slot 2 {{{declared} }}\nmachine Guarded {{\n");
+    text += "region panel { task Panel: Buttons; initial -> Panel;\n";
+    if let [first, between @ .., last] = flags {
+        let _ = writeln!(text, "Panel -> Panel [.{first} and .{last}];");
+        if guarded {
+            let between: String = between
+                .iter()
+                .map(|flag| format!("not .{flag} and "))
+                .collect();
+            let _ = writeln!(text, "Panel -> Panel [not .{first} and {between}.{last}];");
+        }
+    }
+    text + "}\n}\n"
 }
 
 #[cfg(test)]
