@@ -421,12 +421,12 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 
     /// Changes the busy flag of a task instance. Between macro steps only.
     pub fn set_busy(&mut self, task_instance: usize, busy: bool) {
-        self.write_task_flag(task_instance, format::FLAG_BUSY, busy);
+        self.write_system_flag(task_instance, format::FLAG_BUSY, busy);
     }
 
     /// A task reports that it is finished: its exit flag is set, its enable bit reset. Between macro steps only.
     pub fn report_exit(&mut self, task_instance: usize) {
-        self.write_task_flag(task_instance, format::FLAG_EXIT, true);
+        self.write_system_flag(task_instance, format::FLAG_EXIT, true);
         self.clear_enabled(task_instance);
     }
 
@@ -437,8 +437,14 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         }
     }
 
-    /// Writes a bit of a task instance's flag block, if the block has it.
+    /// The same as [`Self::write_task_flag`], where less room is worth more than speed.
     #[inline(never)]
+    fn write_system_flag(&mut self, task: usize, flag: usize, value: bool) {
+        self.write_task_flag(task, flag, value);
+    }
+
+    /// Writes a bit of a task instance's flag block, if the block has it.
+    #[inline(always)]
     fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
         if task >= self.layout.tasks {
             return;
