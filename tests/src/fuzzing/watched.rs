@@ -60,6 +60,7 @@ pub fn run(verified: Verified<Vec<u8>>, random: &mut Random, steps: usize) {
         compare(&checked, &plain, &tables);
         if outcome.is_err() {
             assert_eq!(step(&mut machine, &mut watch), outcome, "a fault is final");
+            assert_eq!(step(&mut checked, &mut checked_watch), outcome);
             break;
         }
         ask(&machine, &tables, random);
