@@ -67,6 +67,9 @@ const MANY_EVENTS: usize = 80;
 const HOT_EVENTS: [usize; 2] = [3, 32];
 const EVENTS_A_WORD: usize = 32;
 
+/// Flags of a state that can be looked at together.
+const WINDOW_FLAGS: usize = 15;
+
 /// Levels of `and`, `or` and `not` in a guard.
 const GUARD_DEPTH: usize = 3;
 
@@ -211,10 +214,10 @@ impl Writer<'_> {
     }
 
     fn flags(&mut self) -> Vec<Flag> {
-        let (more, percent) = if self.with_many_flags && self.random.chance(75) {
-            (MORE_FLAGS, 90)
+        let (more, percent, outs) = if self.with_many_flags && self.random.chance(75) {
+            (MORE_FLAGS, 95, 85)
         } else {
-            (0, 45)
+            (0, 45, 60)
         };
         let more = (0..more).map(|number| format!("flag{number}"));
         let names: Vec<String> = FLAG_NAMES
@@ -225,7 +228,7 @@ impl Writer<'_> {
         let mut flags = Vec::new();
         for name in names {
             if self.random.chance(percent) {
-                let out = self.random.chance(60);
+                let out = self.random.chance(outs);
                 flags.push(Flag { name, out });
             }
         }
@@ -516,7 +519,10 @@ impl Writer<'_> {
     fn conjunction(&mut self, source: &Offer) -> Option<String> {
         let mut flags = own_flags(source);
         // The last are those that are most often beyond what can be looked at together.
-        let last = self.random.chance(30);
+        let last = self.random.chance(40);
+        if self.random.chance(60) {
+            flags.truncate(WINDOW_FLAGS);
+        }
         let mut terms = Vec::new();
         for _ in 0..self.random.between(2, 14) {
             if flags.is_empty() {

@@ -25,8 +25,9 @@ use super::plain::Plain;
 /// Words lent to the interpreter beyond what it needs; it must leave them alone.
 const SURPLUS_WORDS: usize = 2;
 
-/// Occurrences that may pass unseen at once. A robot is in its safe state long before.
-const MAX_SKIPPED: usize = 1 << 16;
+/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be, as long as their times fit. A robot is in its safe state long before.
+const MANY_SKIPPED: usize = 1 << 16;
+const MAX_SKIPPED_US: u64 = 1 << 56;
 
 /// Runs a machine for some macro steps, with random things happening in between.
 ///
@@ -163,10 +164,15 @@ impl Change {
             },
             6 => Change::Disable { task },
             _ => Change::Skip {
-                missed: if random.chance(80) {
-                    random.below(4) as u32
-                } else {
-                    random.below(MAX_SKIPPED) as u32
+                missed: match random.below(10) {
+                    0 => {
+                        let slot = tables.slot(tables.interpreter_slot());
+                        let period_us = slot.map_or(1, |slot| slot.period_us.max(1));
+                        let most = MAX_SKIPPED_US / u64::from(period_us);
+                        (random.bits() as u32).min(u32::try_from(most).unwrap_or(u32::MAX))
+                    }
+                    1 => random.below(MANY_SKIPPED) as u32,
+                    _ => random.below(4) as u32,
                 },
             },
         }
