@@ -1096,20 +1096,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let instance_index = self.field(here, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance_index);
         let mut is_wide = false;
-        match self.field(left, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT {
-            format::STATE_TASK => {
-                let first_task = self.field(instance, instance::FIRST_TASK);
-                let task = first_task + self.field(left, state::A);
-                if self.disable(task) {
-                    observer.disabled(task as u16);
-                }
+        let left_kind = self.field(left, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
+        if left_kind == format::STATE_TASK {
+            let first_task = self.field(instance, instance::FIRST_TASK);
+            let task = first_task + self.field(left, state::A);
+            if self.disable(task) {
+                observer.disabled(task as u16);
             }
-            format::STATE_SUPER => {
-                let inside = instance_index + self.field(left, state::A);
-                self.leave_regions(region, inside, observer);
-                is_wide = true;
-            }
-            _ => {}
         }
         let shape = self.field(entered, state::SHAPE) as u16;
         let first_flag = self.first_flag(region, entered);
@@ -1125,6 +1118,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 Some(wide) => is_wide |= wide,
                 None => return NOT_TAKEN,
             }
+        }
+        // Not before it is known that there is room for what is sent: otherwise the state stays, and what is inside it.
+        if left_kind == format::STATE_SUPER {
+            let inside = instance_index + self.field(left, state::A);
+            self.leave_regions(region, inside, observer);
+            is_wide = true;
         }
         self.make_current(region, target);
         if shape & format::STATE_HAS_TIMEOUT != 0 {

@@ -165,7 +165,7 @@ impl Writer<'_> {
             self.line(format_args!("  out data value: Sample;"));
             self.line(format_args!("}}"));
         }
-        let deep = self.random.chance(8);
+        let deep = self.random.chance(10);
         let containers = if deep {
             self.size.nested
         } else {
@@ -324,7 +324,9 @@ impl Writer<'_> {
             self.random
                 .between(self.size.many_regions / 2, self.size.many_regions)
         } else {
-            self.random.between(1, self.size.regions)
+            // What goes on beside would stop many a deep machine before it is far down.
+            let most = if deep { 2 } else { self.size.regions };
+            self.random.between(1, most.min(self.size.regions))
         };
         let mut task_states = Vec::new();
         for region in 0..regions {
@@ -440,7 +442,7 @@ impl Writer<'_> {
         goes_down: bool,
     ) {
         // The way in. Mostly unguarded, so that most of a machine is reached.
-        let goes_straight = goes_down && self.random.chance(95);
+        let goes_straight = goes_down;
         for _ in 0..self.random.below(if goes_straight { 1 } else { 2 }) {
             self.write_transition(None, states, events, parent_flags);
         }

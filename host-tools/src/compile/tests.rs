@@ -842,6 +842,31 @@ fn faults_stop_the_machine_and_its_real_time_tasks() {
 }
 
 #[test]
+fn a_superstate_that_cannot_be_left_stays_with_all_inside() {
+    let still = || region("r", vec![simple("A")], vec![pulse(None, Some(0))]);
+    let leave = pulse(Some(0), Some(1))
+        .act(Action::Send(0))
+        .act(Action::Send(0));
+    let root = container(
+        "Root",
+        &[(0, false, false)],
+        vec![region(
+            "r",
+            vec![superstate("S", 1), simple("Out")],
+            vec![pulse(None, Some(0)), leave],
+        )],
+    );
+    let inside = container("Inside", &[], vec![still(), still()]);
+    let mut model = model(&["E"], Vec::new(), vec![root, inside]);
+    model.queue = 1;
+    let mut machine = Machine::of(&model);
+    machine.steps(1);
+    assert_eq!(machine.step(), Err(Fault::EventQueueOverflow));
+    assert!((0..3).all(|region| machine.interpreter.is_region_active(region)));
+    assert_eq!(machine.active(), "0(ii");
+}
+
+#[test]
 fn events_are_seen_where_they_are_forwarded_to() {
     // Root holds A and B side by side; each holds an inner one. Who is in state 1 has seen the event.
     // By container: forwarded in, forwarded out. The sender is the inner one of A.

@@ -367,7 +367,11 @@ impl<'a> Watch<'a> {
             let active = self.is_active(region);
             let current = active.then(|| machine.current(region));
             assert_eq!(current, active.then_some(state), "region instance {region}");
-            assert_eq!(machine.is_region_active(region), active);
+            assert_eq!(
+                machine.is_region_active(region),
+                active,
+                "region instance {region}"
+            );
         }
         for (task, &enabled) in self.enabled.iter().enumerate() {
             assert_eq!(machine.is_enabled(task), enabled, "task instance {task}");
