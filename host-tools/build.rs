@@ -68,7 +68,18 @@ fn board(file: &Path) -> String {
         // Writing to a string cannot fail.
         let _ = write!(item, " {field}: {},", value("capacities", key));
     }
-    item + " } },\n"
+    item += " }, interpreter: ";
+    let costs = file.with_file_name("costs.txt");
+    println!("cargo:rerun-if-changed={}", costs.display());
+    item += &match fs::read_to_string(&costs) {
+        Ok(costs) => format!(
+            "Some(InterpreterSpeed {{ costs: {costs:?}, instruction_ns: {} }})",
+            value("clock", "instruction_ns")
+        ),
+        // Not measured.
+        Err(_) => "None".to_owned(),
+    };
+    item + " },\n"
 }
 
 /// Reads the part of TOML that `board.toml` is written in: sections, and `key = value` on one line.

@@ -535,6 +535,18 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
         region_instance < self.layout.regions && active & bit_of(region_instance) != 0
     }
 
+    /// Whether the next pulse visits a region instance, if it is active then: for those who count what a macro step does.
+    pub fn is_region_awake(&self, region_instance: usize) -> bool {
+        let word = self.layout.active + 2 * (region_instance / WORD_BITS) + 1;
+        let awake = Checked::load(self.arena, word);
+        region_instance < self.layout.regions && awake & bit_of(region_instance) != 0
+    }
+
+    /// Whether the next macro step looks at all timers: for those who count what a macro step does.
+    pub fn looks_at_timers(&self) -> bool {
+        self.steps_left == 1
+    }
+
     /// Whether a state of a region instance is current, and all superstates around it are.
     pub fn is_current_state(&self, region_instance: usize, state: usize) -> bool {
         self.current(region_instance) == state && self.is_region_active(region_instance)

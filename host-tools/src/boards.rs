@@ -4,6 +4,7 @@
 
 use rt_firmware::link::message::Capacities;
 
+use crate::bound::Costs;
 use crate::host_board;
 use crate::qemu::firmware;
 
@@ -19,6 +20,33 @@ pub struct Board {
     pub description: &'static str,
     /// What a mission may use on it: what its firmware compares a mission with.
     pub capacities: Capacities,
+    /// How fast its interpreter is, where that was measured.
+    pub interpreter: Option<InterpreterSpeed>,
+}
+
+/// How fast the interpreter of a board's firmware is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InterpreterSpeed {
+    /// Instructions of each construct of a macro step, as [`Costs::parse`] reads them: the board's `costs.txt`.
+    pub costs: &'static str,
+    /// Nanoseconds that an instruction takes at most: `instruction_ns` of its `board.toml`.
+    pub instruction_ns: u32,
+}
+
+impl InterpreterSpeed {
+    /// What so many instructions take, in microseconds, rounded up.
+    pub fn time_us(&self, instructions: u64) -> u64 {
+        instructions
+            .saturating_mul(u64::from(self.instruction_ns))
+            .div_ceil(1_000)
+    }
+}
+
+impl Board {
+    /// Instructions of each construct of a macro step, where they were measured on this board.
+    pub fn costs(&self) -> Option<Costs> {
+        Costs::parse(self.interpreter?.costs).ok()
+    }
 }
 
 /// The boards with a folder of their own, by name.
@@ -29,6 +57,7 @@ const HOST: Board = Board {
     name: host_board::BOARD,
     description: "this computer: the runtime as a part of the command",
     capacities: host_board::CAPACITIES,
+    interpreter: None,
 };
 
 /// All boards, the host last.
@@ -119,6 +148,11 @@ mod tests {
             ] {
                 assert_eq!(told(key), number.to_string(), "{}: {key}", board.name);
             }
+            let ns = board
+                .interpreter
+                .map(|speed| speed.instruction_ns.to_string());
+            assert_eq!(ns, Some(told("instruction_ns")));
+            assert!(board.costs().is_some(), "{}: costs.txt", board.name);
             found += 1;
         }
         assert_eq!(found, WITH_FOLDER.len());

@@ -1,21 +1,24 @@
-//! Whether a mission fits: into a blob, and onto a board (E012).
+//! Whether a mission fits: into a blob, onto a board (E012), and its macro steps into their slot (E010).
 //!
 //! What a mission needs of a board is worked out by the firmware's own code, on the blob that the board would be given. So what is said
-//! here before anything is uploaded is what the board says itself.
+//! here before anything is uploaded is what the board says itself. How long macro steps take is a [bound](crate::bound) with what was measured on the board.
 
 use esm_core::Verified;
-use esm_core::tables::Tables;
+use esm_core::tables::{Slot, Tables};
 use rt_firmware::check::{Need, needs};
 use rt_firmware::link::message::Capacity;
 
 use crate::boards::Board;
+use crate::bound::report::Report;
+use crate::bound::worst::Events;
+use crate::bound::{Machine, bound};
 use crate::compile::{self, CompileError, NameTable};
 use crate::lang::{Checked, Code, Diagnostic};
 use crate::model::{Model, PathEnd, Span, StateKind};
 use crate::schedule::Schedule;
 
 /// Compiles a checked set of files with a machine. What does not fit into a blob, or onto `board` where one is named, is added as
-/// E012, and then there is no blob; nor is there one where the files have errors.
+/// E012, macro steps that can last longer than their slot on that board as E010, and then there is no blob; nor is there one where the files have errors.
 ///
 /// # Errors
 /// The machine has nothing to run; or a defect of this program: the files are right, and no blob could be made of them.
@@ -59,8 +62,13 @@ pub fn compile_to_fit(
                 .collect()
         })
         .unwrap_or_default();
-    let fits = exceeded.is_empty();
-    for diagnostic in exceeded {
+    let too_long = board
+        .and_then(|board| Overlong::of(&verified, board))
+        .map(|overlong| overlong.diagnostic(model));
+    let wrong = exceeded.into_iter().chain(too_long);
+    let wrong: Vec<Diagnostic> = wrong.collect();
+    let fits = wrong.is_empty();
+    for diagnostic in wrong {
         checked.add(diagnostic);
     }
     Ok(fits.then_some(verified))
@@ -68,9 +76,74 @@ pub fn compile_to_fit(
 
 /// What of a board a mission exceeds, a sentence each: for those who do not ask for that board.
 pub fn shortages(verified: &Verified<Vec<u8>>, board: &Board) -> Vec<String> {
+    let too_long = Overlong::of(verified, board).map(|overlong| overlong.message());
     exceeded(verified, board)
         .map(|need| Shortage::of(need).message(board.name))
+        .chain(too_long)
         .collect()
+}
+
+/// A macro step that can take longer than the interpreter's slot lasts.
+struct Overlong<'b> {
+    board: &'b Board,
+    slot: Slot,
+    time_us: u64,
+    instruction_ns: u32,
+    report: Report,
+}
+
+impl<'b> Overlong<'b> {
+    /// Looks for one, where it is known how fast the board's interpreter is. Where events cause each other in a circle (W104) or are more than a macro step may have, that is what stops the machine,
+    /// and no slot is long enough for it.
+    fn of(verified: &Verified<Vec<u8>>, board: &'b Board) -> Option<Self> {
+        let (speed, costs) = (board.interpreter?, board.costs()?);
+        let tables = verified.tables();
+        let slot = tables.slot(tables.interpreter_slot())?;
+        let bound = bound(&Machine::of(&tables), &costs);
+        let time_us = speed.time_us(bound.instructions);
+        let is_overlong = bound.events == Events::Counted && time_us > u64::from(slot.duration_us);
+        is_overlong.then(|| Overlong {
+            board,
+            slot,
+            time_us,
+            instruction_ns: speed.instruction_ns,
+            report: Report::of(&bound, &tables),
+        })
+    }
+
+    fn message(&self) -> String {
+        format!(
+            "a macro step takes up to {} instructions, {} us at {} ns each on board `{}`; the interpreter's slot {} lasts {} us",
+            self.report.instructions,
+            self.time_us,
+            self.instruction_ns,
+            self.board.name,
+            self.slot.number,
+            self.slot.duration_us
+        )
+    }
+
+    fn diagnostic(&self, model: &Model) -> Diagnostic {
+        /// As many of the greatest parts are named.
+        const NAMED: usize = 3;
+        let slot = model
+            .interpreter_slot
+            .and_then(|slot| model.slots.get(slot));
+        let parts = self.report.parts.iter().take(NAMED);
+        let parts: Vec<String> = parts
+            .map(|part| format!("{} ({})", part.says(), part.instructions))
+            .collect();
+        Diagnostic::new(
+            Code::E010,
+            slot.map(|slot| slot.span).unwrap_or_default(),
+            self.message(),
+        )
+        .hint(format!(
+            "give the slot at least {} us; most of it takes {}, and `esm bound` shows the rest",
+            self.time_us,
+            parts.join(", ")
+        ))
+    }
 }
 
 fn exceeded(verified: &Verified<Vec<u8>>, board: &Board) -> impl Iterator<Item = Need> {

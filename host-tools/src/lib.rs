@@ -1,6 +1,7 @@
 //! The library behind the `esm` command.
 
 pub mod boards;
+pub mod bound;
 pub mod cli;
 pub mod compile;
 pub mod counters;

@@ -52,7 +52,18 @@ pub fn esm_binary() -> &'static Path {
 /// If it does not build; what `cargo xtask firmware` said is above.
 pub fn firmware(name: &str) -> PathBuf {
     static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--bin", "rover", "--bin", "faults"]));
+    BUILT.get_or_init(|| {
+        make(&[
+            "xtask",
+            "firmware",
+            "--bin",
+            "rover",
+            "--bin",
+            "faults",
+            "--bin",
+            "bench_bound",
+        ])
+    });
     root().join(format!("target/firmware/lm3s6965/{name}.elf"))
 }
 

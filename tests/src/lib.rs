@@ -8,12 +8,14 @@
 //! [`benchmark`] is what measures machines and tells it.
 
 pub mod benchmark;
+pub mod calibration;
 pub mod command;
 pub mod endurance;
 pub mod environment;
 pub mod exactness;
 pub mod fuzzing;
 pub mod huge;
+pub mod instructions;
 pub mod occasions;
 pub mod random;
 pub mod random_machine;

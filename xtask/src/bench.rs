@@ -65,7 +65,7 @@ enum Part {
 }
 
 /// What can be measured, in which package the program for it is, and what that needs.
-const BENCHES: [(&str, &str, Needs); 6] = [
+const BENCHES: [(&str, &str, Needs); 7] = [
     (REPORT, "esm-tests", Needs::Machines(Part::Machines)),
     (
         "interpreters",
@@ -76,6 +76,7 @@ const BENCHES: [(&str, &str, Needs); 6] = [
     ("dispatch", "esm-tests", Needs::Firmware("bench_dispatch")),
     ("day", "esm-tests", Needs::Nothing),
     ("idle", "esm-tests", Needs::Firmware("bench_idle")),
+    ("bound", "esm-tests", Needs::Firmware(firmware::BOUND_BIN)),
 ];
 
 /// The program that measures the report.

@@ -15,6 +15,9 @@ pub const DEFAULT_BIN: &str = "rover";
 /// The firmware with tasks that misbehave, for the tests.
 pub const FAULTS_BIN: &str = "faults";
 
+/// The firmware that counts instructions of macro steps, for a test and for `cargo xtask bench bound`.
+pub const BOUND_BIN: &str = "bench_bound";
+
 /// The example of a robot outside the workspace, and its firmware.
 pub const EXAMPLE_FOLDER: &str = "examples/my_robot";
 /// See [`EXAMPLE_FOLDER`].

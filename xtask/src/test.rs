@@ -8,7 +8,7 @@ use std::time::Instant;
 use crate::bench;
 use crate::demo;
 use crate::firmware::{
-    self, BOARD_FOLDER, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
+    self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
 };
 use crate::fuzz;
 use crate::process::{self, Failure, shown};
@@ -244,7 +244,7 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             root,
             toolchain,
             firmware::RELEASE,
-            &[DEFAULT_BIN, FAULTS_BIN].map(str::to_owned),
+            &[DEFAULT_BIN, FAULTS_BIN, BOUND_BIN].map(str::to_owned),
         )
         .map(drop)
     });

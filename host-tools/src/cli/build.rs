@@ -4,12 +4,14 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use serde::Serialize;
 
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use crate::boards;
+use crate::bound::{Machine, bound};
 use crate::compile::NameTable;
 use crate::fit;
 use crate::inspect::Counts;
@@ -27,7 +29,8 @@ Examples:
   esm build missions/patrol.esm -o patrol.blob --json | jq .bytes
   esm build missions/patrol.esm -o patrol.blob --strip
 
-With --json: bytes, states, transitions, containers, instances, events, flags, ram_bytes.")]
+With --json: bytes, states, transitions, containers, instances, events, flags, ram_bytes, and where the board's interpreter
+was measured macro_step_instructions and macro_step_events: the most that a macro step takes (`esm bound` says where from).")]
 pub struct BuildArgs {
     /// The mission
     #[arg(value_name = "FILE")]
@@ -48,6 +51,17 @@ pub struct BuildArgs {
     /// Leaves out all names but those of tasks: a smaller blob, of which traces and status cannot say what it does
     #[arg(long)]
     pub strip: bool,
+}
+
+/// What `--json` says.
+#[derive(Serialize)]
+struct Built<'c> {
+    #[serde(flatten)]
+    counts: &'c Counts,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    macro_step_instructions: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    macro_step_events: Option<u64>,
 }
 
 /// Runs the command.
@@ -77,8 +91,14 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
         }
     }
     let counts = Counts::of(&verified);
+    let costs = board.map_or_else(|| find(boards::DEFAULT), Ok)?.costs();
+    let bound = costs.map(|costs| bound(&Machine::of(&verified.tables()), &costs));
     if args.json {
-        return console.json_line(&counts);
+        return console.json_line(&Built {
+            counts: &counts,
+            macro_step_instructions: bound.as_ref().map(|bound| bound.instructions),
+            macro_step_events: bound.as_ref().map(|bound| bound.micro_steps),
+        });
     }
     let said = |count: usize, what| counted(count as u64, what);
     let (states, transitions) = (
@@ -107,5 +127,12 @@ pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandErr
         out,
         "  {events}, {flags}; runs in {ram_bytes} bytes of memory"
     )?;
+    if let Some(bound) = bound {
+        writeln!(
+            out,
+            "  a macro step takes at most {} instructions",
+            bound.instructions
+        )?;
+    }
     Ok(())
 }

@@ -16,6 +16,7 @@
 
 pub mod argument;
 pub mod board;
+pub mod bound;
 pub mod build;
 pub mod check;
 pub mod console;
@@ -89,6 +90,7 @@ pub enum Command {
     Fmt(fmt::FmtArgs),
     Lsp(lsp::LspArgs),
     Build(build::BuildArgs),
+    Bound(bound::BoundArgs),
     Draw(draw::DrawArgs),
     Inspect(inspect::InspectArgs),
     Schedule(schedule::ScheduleArgs),
@@ -162,6 +164,7 @@ pub fn execute(
         Command::Fmt(args) => fmt::execute(args, console),
         Command::Lsp(args) => lsp::execute(args),
         Command::Build(args) => build::execute(args, console),
+        Command::Bound(args) => bound::execute(args, console),
         Command::Draw(args) => draw::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),

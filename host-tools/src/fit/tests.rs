@@ -11,6 +11,7 @@ use rt_firmware::{
 };
 
 use super::*;
+use crate::boards;
 use crate::lang::load_text;
 
 // ─── A robot with little room ─────────────────────────────────────────────────────────────────────────────────────────
@@ -33,6 +34,7 @@ const SMALL: Board = Board {
         nets: NETS as u16,
         exclusive_groups: GROUPS as u16,
     },
+    interpreter: None,
 };
 
 struct Give;
@@ -397,4 +399,59 @@ fn files_with_other_errors_are_not_compared() {
     let blob = compile_to_fit(&mut checked, &schedule, Some(&SMALL), NameTable::Kept).unwrap();
     assert!(blob.is_none());
     assert_eq!(checked.diagnostics, before);
+}
+
+/// A chain of events through three regions, in an interpreter's slot of this duration; with `circle`, the last event causes the first.
+fn chain(duration_us: u32, circle: bool) -> String {
+    let last = if circle { " / send First" } else { "" };
+    format!(
+        "interpreter slot 1; slot 1 period 10 ms duration {duration_us} us;
+         machine M {{
+           event First, Second;
+           region a {{ state S; initial -> S; S -> S / send First; }}
+           region b {{ state S; initial -> S; S -> S on First / send Second; }}
+           region c {{ state S; initial -> S; S -> S on Second{last}; }}
+         }}"
+    )
+}
+
+#[test]
+fn a_macro_step_that_can_take_longer_than_its_slot_is_an_error_where_the_interpreter_was_measured()
+{
+    let default = boards::find(boards::DEFAULT).unwrap();
+    let host = boards::find("host").unwrap();
+    let cases = [
+        (chain(1_000, false), default, false),
+        (chain(5, false), default, true),
+        // Nobody measured it there.
+        (chain(5, false), host, false),
+        // What ends it is a limit, of which W104 warns.
+        (chain(5, true), default, false),
+    ];
+    for (text, board, is_wrong) in cases {
+        let mut checked = load_text("mission.esm", &text);
+        let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
+        let blob = compile_to_fit(&mut checked, &schedule, Some(board), NameTable::Kept).unwrap();
+        assert_eq!(blob.is_none(), is_wrong, "{text}");
+        let found = checked.diagnostics.iter().find(|it| it.code == Code::E010);
+        assert_eq!(found.is_some(), is_wrong, "{text}");
+        if let Some(found) = found {
+            assert_eq!(checked.position(found.span).line, 1);
+            let hint = found.hint.as_deref().unwrap();
+            assert!(
+                found.message.starts_with("a macro step takes up to "),
+                "{found:?}"
+            );
+            assert!(
+                found
+                    .message
+                    .ends_with("; the interpreter's slot 1 lasts 5 us"),
+                "{found:?}"
+            );
+            assert!(
+                hint.contains("most of it takes ") && hint.contains("a/S -> a/S"),
+                "{hint}"
+            );
+        }
+    }
 }

@@ -28,7 +28,7 @@ mod infeasibility;
 pub mod instances;
 mod orders;
 mod proof;
-mod random;
+pub(crate) mod random;
 mod search;
 mod snap;
 mod spread;
