@@ -42,6 +42,15 @@ impl Measured {
         self
     }
 
+    /// The measurements of the same rows at another time, beside those that are here.
+    pub fn again(&mut self, other: Self) {
+        for (row, took) in other.rows {
+            let all = self.rows.entry(row).or_default();
+            all.extend(took);
+            all.sort_by(f64::total_cmp);
+        }
+    }
+
     /// Reads what a program printed. `amounts` says what a row took, by its place among the rows and the numbers behind its events.
     ///
     /// # Errors
@@ -233,6 +242,17 @@ mod tests {
         let measured = places.unwrap();
         assert_eq!(measured.event("a"), Some(10.0));
         assert_eq!(measured.event("b"), Some(10.0));
+    }
+
+    #[test]
+    fn a_row_that_is_measured_again_has_all_measurements() {
+        let mut measured = Measured::timed("row a 1 2 5\n").unwrap();
+        measured.again(Measured::timed("row a 1 9 1\nrow b 1 3\n").unwrap());
+        assert_eq!(
+            [measured.event("a"), measured.most("a")],
+            [Some(1.0), Some(9.0)]
+        );
+        assert_eq!(measured.event("b"), Some(3.0));
     }
 
     #[test]

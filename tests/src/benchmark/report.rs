@@ -777,7 +777,7 @@ pub fn speed(time: &Measured, compiled: &[(&str, String)], interpreting: &[Inter
     Table {
         title: "On the host: CD player, events a second".to_owned(),
         note: format!(
-            "The harness included: of ten measurements the fastest, and the slowest to show how far they lie apart. The last column: how many times as long as ours. Ours does more with an event\n\
+            "The harness included: of ten measurements the fastest, and the slowest to show how far they lie apart; compiled machines and ours three times ten, at the beginning, in the middle and at the end of the run. The last column: how many times as long as ours. Ours does more with an event\n\
              than the others: it sets a flag, sends the event and takes two transitions. Engines that interpret have read the chart before they are measured.{remark}"
         ),
         head: [
