@@ -44,7 +44,8 @@
 //! event whose number leaves the remainder `n`. No other bit is set. A *shape* holds the kind of the state in its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time
 //! task, 4 slot-0 task, 5 superstate), in bit 12 whether it has a timeout, and below how many flag bits entering it resets. For a task state *a* is the task instance relative
 //! to the instance's first; for a superstate it is the container instance inside relative to the instance that holds it; otherwise it is 0. For a state with a timeout *b* is its
-//! record among the timers, otherwise 0.
+//! record among the timers. For others it is the length of the *row*: the number of its first transitions on the pulse whose guards are below 32 and each one more than the guard before, or 0 if that
+//! is 1.
 //!
 //! **Order.** Everything stands in one order, and the parts of a thing stand together: the regions of container 0, of container 1, …; the
 //! states of region 0, of region 1, … with `initial` first and `final` last; the transitions of state 0, of state 1, …; the code of transition 0, of transition 1, …, in each that of
@@ -82,7 +83,7 @@
 //!
 //! **Actions.** 0 is none; 32,768 + *c* one `send` on channel *c* of the instance; any other number 1 + the code record of the first of a row, in which operation 5 sends on a channel, 6 clears a flag and
 //! 7 sets one, and the low bit of the last is set. The *plain mark* stands at each transition that changes nothing but the current state: from `initial` or a simple state to a
-//! simple state without flags, without actions.
+//! simple state without flags, without actions; and at each one on the pulse from a real-time task state without timeout and with at most 25 flags to itself whose action is one `send`.
 //!
 //! **Channels.** An event that is sent in a container instance has a channel there, one for each pair of instance and sent event. It carries the event's number and the row of those who
 //! listen: a bit for each region instance in which the event is visible and whose template has a transition on it. Word *k* of the row is for the region instances from
@@ -143,6 +144,9 @@ pub const STATE_SUPER: u16 = 5;
 
 /// Set in the event of a transition that changes nothing but the current state.
 pub const TRANSITION_IS_PLAIN: u16 = 1 << 15;
+
+/// The most flags of a task state that enters itself anew by a plain transition.
+pub const PLAIN_FLAGS: u16 = 25;
 
 /// Flags in the window that guards see.
 pub const WINDOW_FLAGS: u16 = 15;

@@ -201,13 +201,12 @@ pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     steps: u64,
     /// Macro steps until a timer may have run out, that one included.
     steps_left: u32,
-    /// Events that were put into the queue, and taken out. The queue is a ring, as long as a power of two: the low bits say the place.
+    /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of two: the low bits say the
+    /// place.
     queued: u8,
     taken: u8,
     queue_mask: u8,
     queue_capacity: u8,
-    /// The micro step that is under way.
-    micro: u8,
     /// Whether a transition was taken in this macro step.
     changed: bool,
     /// Whether some region is awake. A machine that was stopped never sleeps.
@@ -241,8 +240,7 @@ const NOT_TAKEN: Resume = usize::MAX;
 #[derive(Clone, Copy)]
 struct Here<P> {
     region: usize,
-    /// Its word of those who are awake, and its bit there.
-    awake: usize,
+    /// Its bit in its words.
     bit: u32,
     /// The record of its current state.
     current: P,
@@ -265,6 +263,20 @@ impl Window {
         } else {
             bits
         })
+    }
+
+    /// The first that is true of guards that ask for one bit each, `count` of them, from this one on.
+    #[inline(always)]
+    fn first_of(self, guard: usize, count: usize) -> Option<usize> {
+        let (guard, count) = (guard as u32 % u32::BITS, count as u32 % u32::BITS);
+        let first = if Self::REVERSED {
+            let bits = (self.0 << guard) & !(u32::MAX >> count);
+            (bits != 0).then(|| bits.leading_zeros())
+        } else {
+            let bits = (self.0 >> guard) & ((1 << count) - 1);
+            (bits != 0).then(|| bits.trailing_zeros())
+        };
+        first.map(|first| first as usize)
     }
 
     /// Whether a guard that asks for one bit is true.
@@ -339,7 +351,6 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             taken: 0,
             queue_mask,
             queue_capacity,
-            micro: 0,
             changed: false,
             is_awake: false,
             fault: None,
@@ -392,7 +403,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         };
         if self.is_awake {
             self.walk(observer)?;
-            summary.micro_steps = self.micro + 1;
+            summary.micro_steps = self.taken + 1;
             summary.changed = self.changed;
         }
         summary.finished = self.is_finished();
@@ -720,9 +731,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn wake_if_on_pulse(&mut self, here: Here<R::Place>, state: R::Place) {
         if self.events(state) & 1 != 0 {
-            self.store(here.awake, self.load(here.awake) | here.bit);
-            self.is_awake = true;
+            self.wake_here(here);
         }
+    }
+
+    #[inline(always)]
+    fn wake_here(&mut self, here: Here<R::Place>) {
+        let awake = self.active_word(here.region) + 1;
+        self.store(awake, self.load(awake) | here.bit);
+        self.is_awake = true;
     }
 
     #[inline(always)]
@@ -745,15 +762,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         was_enabled
     }
 
+    /// Sets an enable bit and says whether it was set.
     #[inline(always)]
-    fn is_enabled_now(&self, task: usize) -> bool {
-        self.load(self.layout.enabled + task / WORD_BITS) >> (task % WORD_BITS) & 1 != 0
-    }
-
-    #[inline(always)]
-    fn enable(&mut self, task: usize) {
+    fn enable(&mut self, task: usize) -> bool {
         let place = self.layout.enabled + task / WORD_BITS;
-        self.store(place, self.load(place) | 1 << (task % WORD_BITS));
+        let bit = 1 << (task % WORD_BITS);
+        let word = self.load(place);
+        self.store(place, word | bit);
+        word & bit != 0
     }
 }
 
@@ -765,19 +781,19 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         if let Some(fault) = self.fault {
             return Err(fault);
         }
-        self.micro = 0;
+        self.queued = 0;
+        self.taken = 0;
         self.changed = false;
         self.is_awake = false;
         if self.pulse(observer) == NOT_TAKEN {
             return Err(self.stop(Fault::EventQueueOverflow, observer));
         }
         while self.taken != self.queued {
-            if self.micro == MAX_MICRO_STEPS - 1 {
+            if self.taken == MAX_MICRO_STEPS - 1 {
                 return Err(self.stop(Fault::MacroStepLimit, observer));
             }
-            self.micro += 1;
             let place = usize::from(self.taken & self.queue_mask);
-            self.taken = self.taken.wrapping_add(1);
+            self.taken += 1;
             let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
             if self.event(sent.into(), observer) == NOT_TAKEN {
                 return Err(self.stop(Fault::EventQueueOverflow, observer));
@@ -787,20 +803,20 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     /// Shows the pulse to those who are awake.
-    #[inline(never)]
+    #[inline(always)]
     fn pulse<O: Observer>(&mut self, observer: &mut O) -> Resume {
         let mut resume = ON;
-        let mut word = 0;
+        let mut base = 0;
         loop {
-            let pair = self.layout.active + 2 * word;
-            let awake = self.load(pair + 1);
-            let mut visit = self.load(pair) & awake;
+            let active = self.active_word(base);
+            let awake = self.load(active + 1);
+            let mut visit = self.load(active) & awake;
             if resume != ON {
-                visit &= not_before(resume, word);
+                visit &= not_before(resume, base / WORD_BITS);
             }
             // Who is shown the pulse sleeps until woken again.
-            self.store(pair + 1, awake & !visit);
-            let seen = self.visit::<true, O>(format::PULSE, visit, word, observer);
+            self.store(active + 1, awake & !visit);
+            let seen = self.visit_on_pulse(visit, base, observer);
             if seen != ON {
                 if seen == NOT_TAKEN {
                     return NOT_TAKEN;
@@ -809,30 +825,43 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 resume = seen;
                 continue;
             }
-            word += 1;
-            if WORD_BITS * word >= self.layout.regions {
+            base += WORD_BITS;
+            if base >= self.layout.regions {
                 return ON;
             }
         }
     }
 
     /// Shows an event to those who listen.
-    #[inline(never)]
+    #[inline(always)]
     fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Resume {
         let sent = self.record(Section::Channels, sent);
+        let mut words = self.field(sent, channel::REGION_WORDS);
+        if words == 0 {
+            return ON;
+        }
         let event = self.field(sent, channel::EVENT) as u16;
+        let waits = 1 << (u32::from(event) % u32::BITS);
         let row = self.field(sent, channel::FIRST_ROW_WORD);
         let mut row = self.record(Section::Listeners, row);
-        let bytes = record_bytes(Section::Listeners) * self.field(sent, channel::REGION_WORDS);
-        let end = R::ahead(row, bytes);
-        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
+        let mut base = WORD_BITS * self.field(sent, channel::FIRST_REGION_WORD);
         let mut resume = ON;
-        while row != end {
-            let mut visit = self.load(self.layout.active + 2 * word) & self.word_of(row);
+        loop {
+            let mut visit = self.load(self.active_word(base)) & self.word_of(row);
             if resume != ON {
-                visit &= not_before(resume, word);
+                visit &= not_before(resume, base / WORD_BITS);
             }
-            let seen = self.visit::<false, O>(event, visit, word, observer);
+            let seen = loop {
+                let Some(here) = self.next_who_waits(&mut visit, base, waits) else {
+                    break ON;
+                };
+                if let Some(at) = self.find_on_event(event, here) {
+                    let seen = self.take_and_tell(here, at, None, observer);
+                    if seen != ON {
+                        break seen;
+                    }
+                }
+            };
             if seen != ON {
                 if seen == NOT_TAKEN {
                     return NOT_TAKEN;
@@ -840,10 +869,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 resume = seen;
                 continue;
             }
+            words -= 1;
+            if words == 0 {
+                return ON;
+            }
+            base += WORD_BITS;
             row = R::ahead(row, record_bytes(Section::Listeners));
-            word += 1;
         }
-        ON
     }
 
     /// Ends all for good.
@@ -858,93 +890,131 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         fault
     }
 
-    /// Shows the pulse or another event to the region instances of one word that are set in `visit`.
+    /// Shows the pulse to the region instances of one word that are set in `visit`.
     ///
     /// If it is not [`ON`] that is returned, it ended with the transition that this is of.
     #[inline(always)]
-    fn visit<const PULSE: bool, O: Observer>(
+    fn visit_on_pulse<O: Observer>(
         &mut self,
-        event: u16,
         mut visit: u32,
-        word: usize,
+        base: usize,
         observer: &mut O,
     ) -> Resume {
         while visit != 0 {
             let offset = visit.leading_zeros();
             visit &= !(FIRST >> offset);
-            let region = WORD_BITS * word + offset as usize;
-            let current = self.current_record(region);
-            let here = Here {
-                region,
-                awake: self.layout.active + 2 * word + 1,
-                bit: FIRST >> offset,
-                current,
+            let here = self.here(base, offset);
+            let Some((at, flags)) = self.find_on_pulse(here) else {
+                continue;
             };
-            let found = if PULSE {
-                self.find_on_pulse(here)
-            } else {
-                self.find_on_event(event, here)
-            };
-            if let Some(at) = found {
-                let seen = self.take::<PULSE, O>(here, at, observer);
-                if seen != NOT_TAKEN {
-                    let first = self.record(Section::Transitions, 0);
-                    observer.transition(TransitionTaken {
-                        micro: self.micro,
-                        region_instance: region as u16,
-                        transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
-                    });
-                }
-                if seen != ON {
-                    if PULSE {
-                        // Those who were not shown it yet are awake as before.
-                        let awake = self.layout.active + 2 * word + 1;
-                        self.store(awake, self.load(awake) | visit);
-                    }
-                    return seen;
-                }
+            let seen = self.take_and_tell(here, at, Some(flags), observer);
+            if seen != ON {
+                // Those who were not shown it yet are awake as before.
+                let awake = self.active_word(base) + 1;
+                self.store(awake, self.load(awake) | visit);
+                return seen;
             }
         }
         ON
     }
 
-    /// Takes a transition. What is most frequent is done here.
+    /// The region instance at a place of the word that begins with `base`.
     #[inline(always)]
-    fn take<const PULSE: bool, O: Observer>(
-        &mut self,
-        here: Here<R::Place>,
-        at: R::Place,
-        observer: &mut O,
-    ) -> Resume {
-        let trigger = self.field(at, transition::EVENT) as u16;
-        let target = self.field(at, transition::TARGET);
-        if trigger & format::TRANSITION_IS_PLAIN != 0 {
-            self.changed = true;
-            R::store_half(self.arena, here.region, target as u16);
-            let entered = self.record(Section::States, target);
-            self.wake_if_on_pulse(here, entered);
-            ON
-        } else if PULSE && self.record(Section::States, target) == here.current {
-            self.take_again(here, at, observer)
-        } else {
-            self.take_any(here.region, at, observer)
+    fn here(&self, base: usize, offset: u32) -> Here<R::Place> {
+        let region = base + offset as usize;
+        Here {
+            region,
+            bit: FIRST >> offset,
+            current: self.current_record(region),
         }
     }
 
-    /// The first transition on the pulse whose guard is true, out of the current state of a region instance.
+    /// The next of the region instances in `visit` whose current state waits for one of these events; it and those before it are taken out.
     #[inline(always)]
-    fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<R::Place> {
+    fn next_who_waits(&self, visit: &mut u32, base: usize, waits: u32) -> Option<Here<R::Place>> {
+        while *visit != 0 {
+            let offset = visit.leading_zeros();
+            let here = self.here(base, offset);
+            *visit &= !here.bit;
+            if self.events(here.current) & waits != 0 {
+                return Some(here);
+            }
+        }
+        None
+    }
+
+    /// Takes a transition, and tells so.
+    #[inline(always)]
+    fn take_and_tell<O: Observer>(
+        &mut self,
+        here: Here<R::Place>,
+        at: R::Place,
+        flags: Option<usize>,
+        observer: &mut O,
+    ) -> Resume {
+        let seen = self.take(here, at, flags, observer);
+        if seen != NOT_TAKEN {
+            let first = self.record(Section::Transitions, 0);
+            observer.transition(TransitionTaken {
+                micro: self.taken,
+                region_instance: here.region as u16,
+                transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
+            });
+        }
+        seen
+    }
+
+    /// Takes a transition. What is most frequent is done here. Where the flags of the current state begin is known on the pulse.
+    #[inline(always)]
+    fn take<O: Observer>(
+        &mut self,
+        here: Here<R::Place>,
+        at: R::Place,
+        flags: Option<usize>,
+        observer: &mut O,
+    ) -> Resume {
+        let trigger = self.field(at, transition::EVENT) as u16;
+        if trigger & format::TRANSITION_IS_PLAIN == 0 {
+            return self.take_any(here.region, at, observer);
+        }
+        if let Some(flags) = flags {
+            let action = self.field(at, transition::ACTION) as u16;
+            if action != format::ACTION_NONE {
+                return self.take_again(here, flags, action, observer);
+            }
+        }
+        let target = self.field(at, transition::TARGET);
+        R::store_half(self.arena, here.region, target as u16);
+        let entered = self.record(Section::States, target);
+        self.changed = true;
+        self.wake_if_on_pulse(here, entered);
+        ON
+    }
+
+    /// The first transition on the pulse whose guard is true, out of the current state of a region instance; and where its flags begin in the arena.
+    #[inline(always)]
+    fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<(R::Place, usize)> {
         let Here {
             region, current, ..
         } = here;
+        let mut row = self.field(current, state::B);
         if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
             self.run_timer(region);
+            row = 0;
         }
         let first = self.field(current, state::FIRST_TRANSITION);
         let end = self.field(current, state::FIRST_EVENT_TRANSITION);
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
-        let window = Window::of(self.own_flags(region, current));
+        let flags = WORD_BITS * self.layout.flags + self.first_flag(region, current);
+        let window = Window::of(R::window(self.arena, flags));
+        if row != 0 {
+            let guard = self.field(at, transition::GUARD);
+            if let Some(first) = window.first_of(guard, row) {
+                return Some((R::ahead(at, TRANSITION_BYTES * first), flags));
+            }
+            at = R::ahead(at, TRANSITION_BYTES * row);
+        }
         while at != end {
             let guard = self.field(at, transition::GUARD);
             let holds = if guard < usize::from(format::GUARD_PROGRAM) {
@@ -953,7 +1023,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 self.is_true(guard, region, current)
             };
             if holds {
-                return Some(at);
+                return Some((at, flags));
             }
             at = R::ahead(at, TRANSITION_BYTES);
         }
@@ -966,9 +1036,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let Here {
             region, current, ..
         } = here;
-        if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
-            return None;
-        }
         let first = self.field(current, state::FIRST_EVENT_TRANSITION);
         // `final` has no transitions, so a state that has some is not the last.
         let after = R::ahead(current, record_bytes(Section::States));
@@ -1053,41 +1120,34 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         })
     }
 
-    /// Takes a transition that leads to where it came from. Most of them are those of real-time tasks that send one event.
+    /// Takes a plain transition on the pulse from a real-time task to itself, with its one `send`.
     #[inline(always)]
     fn take_again<O: Observer>(
         &mut self,
         here: Here<R::Place>,
-        at: R::Place,
+        flags: usize,
+        action: u16,
         observer: &mut O,
     ) -> Resume {
-        const UNTIMED_TASK: u16 = format::STATE_TASK << (format::STATE_KIND_SHIFT - 12);
         let Here {
             region, current, ..
         } = here;
-        let shape = self.field(current, state::SHAPE) as u16;
-        let flags = u32::from(shape & format::STATE_FLAGS_MASK);
-        let action = self.field(at, transition::ACTION) as u16;
-        if shape >> 12 != UNTIMED_TASK || flags > WINDOW_BITS || action & format::ACTION_SEND == 0 {
-            return self.take_any(region, at, observer);
-        }
-        self.changed = true;
         let record = self.record(Section::RegionInstances, region);
         let instance = self.field(record, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance);
         let task = self.field(instance, instance::FIRST_TASK) + self.field(current, state::A);
-        if self.is_enabled_now(task) {
-            observer.disabled(task as u16);
-        }
-        let first = self.field(record, region_instance::FIRST_FLAG)
-            + self.field(current, state::FIRST_FLAG);
-        R::clear_window(self.arena, WORD_BITS * self.layout.flags + first, flags);
         let first_channel = self.field(instance, instance::FIRST_CHANNEL);
+        let count = self.field(current, state::SHAPE) as u32 % u32::BITS;
+        R::clear_window(self.arena, flags, count);
         if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
             return NOT_TAKEN;
         }
-        self.wake_if_on_pulse(here, current);
-        self.enable(task);
+        // It is on the pulse.
+        self.wake_here(here);
+        self.changed = true;
+        if self.enable(task) {
+            observer.disabled(task as u16);
+        }
         observer.enabled(task as u16);
         ON
     }

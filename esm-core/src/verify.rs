@@ -610,7 +610,10 @@ impl Pass<'_> {
             );
         }
         let first = self.seen[Section::Transitions as usize];
-        let (events, first_on_event) = self.transitions(index, shape, end_transition);
+        let (events, first_on_event, row) = self.transitions(index, shape, end_transition);
+        if timed == 0 {
+            b = row;
+        }
         self.read(Section::States, index);
         self.ensure(shape == right_shape, Cause::Kind);
         let expected = [
@@ -626,12 +629,24 @@ impl Pass<'_> {
         self.expect(&expected, Cause::Order);
     }
 
-    /// Checks the next transitions up to `end`, all out of the state `source`. Returns what events they are on, and the first that is not on the pulse.
-    fn transitions(&mut self, source: usize, source_shape: usize, end: usize) -> (usize, usize) {
+    /// Checks the next transitions up to `end`, all out of the state `source`. Returns what events they are on, the first that is not on the pulse, and the length of the row.
+    fn transitions(
+        &mut self,
+        source: usize,
+        source_shape: usize,
+        end: usize,
+    ) -> (usize, usize, usize) {
         let kind = source_shape as u16 >> format::STATE_KIND_SHIFT;
         // Flags that guards have short forms for.
         let window = (source_shape & usize::from(format::STATE_FLAGS_MASK))
             .min(usize::from(format::WINDOW_FLAGS));
+        let may_be_again = source_shape >> 12 == usize::from(format::STATE_TASK << 1)
+            && source_shape & usize::from(format::STATE_FLAGS_MASK)
+                <= usize::from(format::PLAIN_FLAGS);
+        // Guards of the row at the head, and the bit behind the last of them.
+        let mut row = 0;
+        let mut row_end = None;
+        let first = self.seen[Section::Transitions as usize];
         let mut events = 0;
         let mut last = 0;
         let mut first_on_event = self.seen[Section::Transitions as usize];
@@ -643,7 +658,16 @@ impl Pass<'_> {
             let action = self.field(transition::ACTION);
             let event = trigger & usize::from(format::MAX_EVENT);
             events |= 1 << (event % 32);
-            first_on_event += usize::from(event == 0);
+            if event == usize::from(format::PULSE) {
+                let goes_on = row == first_on_event - first
+                    && guard < usize::from(format::GUARD_PROGRAM)
+                    && row_end.is_none_or(|end| end == guard);
+                if goes_on {
+                    row += 1;
+                    row_end = Some(guard + 1);
+                }
+                first_on_event += 1;
+            }
             self.ensure(event >= last, Cause::Order);
             last = event;
             let in_range = event <= self.events
@@ -656,7 +680,11 @@ impl Pass<'_> {
             let is_plain = kind <= format::STATE_SIMPLE
                 && target_shape == usize::from(format::STATE_SIMPLE << format::STATE_KIND_SHIFT)
                 && action == 0;
-            self.ensure((trigger != event) == is_plain, Cause::Kind);
+            let is_again = may_be_again
+                && event == usize::from(format::PULSE)
+                && target == source
+                && action >= usize::from(format::ACTION_SEND);
+            self.ensure((trigger != event) == (is_plain || is_again), Cause::Kind);
 
             if guard < usize::from(format::GUARD_PROGRAM) {
                 let right = guard == usize::from(format::GUARD_TRUE)
@@ -691,7 +719,7 @@ impl Pass<'_> {
                 );
             }
         }
-        (events, first_on_event)
+        (events, first_on_event, if row > 1 { row } else { 0 })
     }
 
     /// Checks a program of tests, or a row of actions.

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use esm_core::format::{
-    ACTION_NONE, NONE, PULSE, STATE_BACKGROUND_TASK, STATE_FINAL, STATE_HAS_TIMEOUT, STATE_INITIAL,
-    STATE_KIND_SHIFT, STATE_SIMPLE, STATE_SUPER, STATE_TASK, TRANSITION_IS_PLAIN,
+    ACTION_NONE, ACTION_SEND, GUARD_PROGRAM, NONE, PLAIN_FLAGS, PULSE, STATE_BACKGROUND_TASK,
+    STATE_FINAL, STATE_HAS_TIMEOUT, STATE_INITIAL, STATE_KIND_SHIFT, STATE_SIMPLE, STATE_SUPER,
+    STATE_TASK, TRANSITION_IS_PLAIN,
 };
 use esm_core::signature::fnv1a;
 
@@ -204,6 +205,10 @@ impl Templates {
         source: Option<Flags<'_>>,
         outgoing: &[Outgoing<'_>],
     ) -> Result<(), CompileError> {
+        // The guards at the head that ask for one bit each, one behind the other.
+        let mut row: Vec<u16> = Vec::new();
+        let mut on_pulse = 0;
+        let is_timed = source.is_some_and(|source| source.state.timeout_us.is_some());
         for Outgoing { event, transition } in outgoing {
             let (target, target_index) = match transition.target {
                 Target::Final => (None, region.last),
@@ -219,7 +224,25 @@ impl Templates {
             let is_plain = action == ACTION_NONE
                 && source.is_none_or(|source| source.is_simple())
                 && target.is_some_and(|target| target.is_simple() && target.layout.flags == 0);
-            let mark = if is_plain { TRANSITION_IS_PLAIN } else { 0 };
+            let is_again = *event == usize::from(PULSE)
+                && action >= ACTION_SEND
+                && source.zip(target).is_some_and(|(source, target)| {
+                    source.layout.index == target.layout.index && is_short_task(source)
+                });
+            let mark = if is_plain || is_again {
+                TRANSITION_IS_PLAIN
+            } else {
+                0
+            };
+            if *event == usize::from(PULSE) {
+                let is_next = guard < GUARD_PROGRAM
+                    && row.len() == on_pulse
+                    && row.last().is_none_or(|last| last + 1 == guard);
+                if is_next {
+                    row.push(guard);
+                }
+                on_pulse += 1;
+            }
             self.transitions.words([
                 event | usize::from(mark),
                 target_index,
@@ -227,6 +250,12 @@ impl Templates {
                 usize::from(action),
             ]);
             self.counts.transitions += 1;
+        }
+        if !is_timed && row.len() > 1 {
+            // The last field of the state's record, which is the last that was written.
+            if let Some(place) = self.states.bytes.last_chunk_mut() {
+                *place = (row.len() as u16).to_le_bytes();
+            }
         }
         Ok(())
     }
@@ -345,4 +374,16 @@ fn transitions_by_source(region: &model::Region) -> Vec<Vec<&model::Transition>>
         }
     }
     by_source
+}
+
+/// Whether a state is a real-time task without timeout, with few enough flags to enter itself by a plain transition.
+fn is_short_task(state: Flags<'_>) -> bool {
+    let in_slot = matches!(
+        state.state.kind,
+        StateKind::Task {
+            slot: SlotRef::Slot(_),
+            ..
+        }
+    );
+    in_slot && state.state.timeout_us.is_none() && state.layout.flags <= usize::from(PLAIN_FLAGS)
 }
