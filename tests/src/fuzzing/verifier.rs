@@ -1,6 +1,6 @@
 //! Any bytes as a blob.
 
-use esm_core::format::{GUARD_TRUE, NONE, WINDOW_FLAGS};
+use esm_core::format::{ACTION_SEND, GUARD_TRUE, NONE, PLAIN_FLAGS, PULSE, WINDOW_FLAGS};
 use esm_core::tables::{Code, Guard, State, StateKind, Tables};
 use esm_core::{Dispatcher, Refusal, Verified, texts};
 use host_tools::inspect::{self, refusal::Explained};
@@ -223,7 +223,22 @@ fn read_actions(tables: &Tables<'_>, transition: usize, source: &State) {
         && target.kind == StateKind::Simple
         && target.flags == 0
         && actions.is_empty();
-    assert_eq!(found.is_plain, is_plain);
+    let is_real_time = |state: &State| {
+        matches!(
+            state.kind,
+            StateKind::Task {
+                real_time: true,
+                ..
+            }
+        )
+    };
+    let is_again = is_real_time(source)
+        && source.timeout_us.is_none()
+        && source.flags <= usize::from(PLAIN_FLAGS)
+        && tables.source_of_transition(transition) == found.target
+        && found.event == PULSE
+        && found.action >= ACTION_SEND;
+    assert_eq!(found.is_plain, is_plain || is_again);
 }
 
 fn read_task_instance(tables: &Tables<'_>, index: usize) {
