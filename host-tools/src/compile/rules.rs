@@ -240,7 +240,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
         case(
             "no event too few",
             (States, has_both, 0),
-            |old| old & old - 1,
+            |old| old & (old - 1),
             (States, has_both, Order),
         ),
         case(
@@ -408,7 +408,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
         case(
             "a mask has two bits",
             (Code, mask, 0),
-            |old| old & old - 1,
+            |old| old & (old - 1),
             (Code, mask, Index),
         ),
         case(
