@@ -229,6 +229,7 @@ const REGIONS: usize = 2;
 const INSTANCES: usize = 3;
 
 /// The whole check.
+#[inline(never)]
 fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
     layout.read(bytes)?;
     let mut pass = Pass {
@@ -295,6 +296,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
+    #[inline(never)]
     fn check(&mut self) {
         for section in &Section::ALL {
             for index in 0..self.count(*section) {
