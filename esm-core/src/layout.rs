@@ -9,13 +9,13 @@ pub(crate) struct Field(u16);
 impl Field {
     const NUMBER_BITS: u16 = 4;
 
-    /// The first field of a section's records.
-    pub(crate) const fn first_of(section: Section) -> Self {
-        Self::new(section, 0)
-    }
-
     const fn new(section: Section, number: u16) -> Self {
         Self((section as u16) << Self::NUMBER_BITS | number)
+    }
+
+    /// The first field of the section with this number.
+    pub(crate) const fn first_at(section: u8) -> Self {
+        Self((section as u16) << Self::NUMBER_BITS)
     }
 
     /// The section, as an index into [`Section::ALL`].
@@ -63,7 +63,7 @@ fields! {
         0 FIRST_STATE 1 CONTAINER
     }
     state: States {
-        2 FIRST_TRANSITION 3 FIRST_EVENT_TRANSITION 4 FIRST_FLAG
+        0 EVENTS 1 EVENTS_HIGH 2 FIRST_TRANSITION 3 FIRST_EVENT_TRANSITION 4 FIRST_FLAG
         5 SHAPE 6 A 7 B
     }
     transition: Transitions {

@@ -45,6 +45,7 @@ pub mod format;
 mod interpreter;
 mod layout;
 pub mod reads;
+mod rules;
 pub mod signature;
 pub mod tables;
 pub mod texts;

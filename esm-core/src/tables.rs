@@ -291,6 +291,22 @@ pub(crate) const fn record_bytes(section: Section) -> usize {
     RECORD_BYTES[section as usize] as usize
 }
 
+/// Bytes of a record of the section with this number.
+#[inline(always)]
+pub(crate) fn record_bytes_at(section: usize) -> u32 {
+    RECORD_BYTES
+        .get(section)
+        .map_or(1, |bytes| u32::from(*bytes))
+}
+
+/// 16-bit words of a record of the section with this number.
+#[inline(always)]
+pub(crate) fn record_words(section: u8) -> u8 {
+    RECORD_BYTES
+        .get(usize::from(section))
+        .map_or(0, |bytes| bytes / 2)
+}
+
 /// First byte and number of records of each section of a blob.
 pub(crate) type Sections = [(u32, u32); Section::ALL.len()];
 

@@ -9,6 +9,9 @@
 //! no container can hold itself, and the machine's spans are what the tables hold: nothing is claimed twice, and nothing is left out. Other
 //! tables are checked a record at a time. Time grows with the number of state instances, which is bounded, and with the square of the number of slots; the depth of the stack is constant.
 //!
+//! Most of it stands in tables of rules, in `rules.rs`: what must be equal or below, where a record is, which list applies to which part. Here is what applies them, and the
+//! few steps that take numbers apart.
+//!
 //! # What stands when a blob has passed
 //!
 //! Reads that check nothing again name the one of these that they rely on.
@@ -42,13 +45,10 @@ use serde::{Deserialize, Serialize};
 use crate::format::{self, Section};
 use crate::interpreter::ArenaLayout;
 use crate::layout::{
-    Field, channel, code, connection, container, instance, listener, mask, mission, region,
-    region_instance, slot, state, task, task_instance, task_state, timer, transition,
+    Field, channel, code, container, listener, mask, slot, state, timer, transition,
 };
+use crate::rules::{self, List, Rule, Step, Value};
 use crate::tables::{self, Slot, Tables};
-
-/// No index, as a field reads it.
-const NONE: usize = format::NONE as usize;
 
 /// Why a blob is refused. It must be built again, or sent again; none of these can be put right on the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -102,6 +102,21 @@ pub enum Cause {
     Type,
     /// Two slots overlap, or have the same number.
     Overlap,
+}
+
+impl Cause {
+    /// All causes in the order of their numbers.
+    const ALL: [Self; 9] = [
+        Self::Index,
+        Self::Order,
+        Self::Range,
+        Self::Kind,
+        Self::Direction,
+        Self::Template,
+        Self::Text,
+        Self::Type,
+        Self::Overlap,
+    ];
 }
 
 /// Where the sections of a blob are, and what was worked out on the way.
@@ -196,15 +211,15 @@ impl Layout {
             return Err(Refusal::Checksum { stored, computed });
         }
         self.crc = stored;
-        for (section, place) in Section::ALL.iter().zip(&mut self.sections) {
+        for (section, place) in self.sections.iter_mut().enumerate() {
             let (length, content) = format::read_varint(rest).ok_or(Refusal::Cut)?;
             rest = content.get(length as usize..).ok_or(Refusal::Cut)?;
-            let record_bytes = tables::record_bytes(*section) as u32;
+            let record_bytes = tables::record_bytes_at(section);
             let records = length / record_bytes;
             *place = ((body.len() - content.len()) as u32, records);
-            let too_many = record_bytes > 1 && records >= NONE as u32;
+            let too_many = record_bytes > 1 && records >= u32::from(format::NONE);
             if records * record_bytes != length || too_many {
-                return Err(Refusal::SectionLength(*section));
+                return Err(Refusal::SectionLength(section_at(section)));
             }
         }
         if !rest.is_empty() {
@@ -214,84 +229,46 @@ impl Layout {
     }
 }
 
-/// A number of records of each section.
-type Counts = [usize; Section::ALL.len()];
-
-/// What an instance takes, in the order in which a container tells it.
-type Spans = [usize; 4];
-/// Place of the flags in [`Spans`].
-const FLAGS: usize = 0;
-/// Place of the task instances.
-const TASKS: usize = 1;
-/// Place of the region instances.
-const REGIONS: usize = 2;
-/// Place of the container instances.
-const INSTANCES: usize = 3;
-
 /// The whole check.
 #[inline(never)]
 fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
     layout.read(bytes)?;
     let mut pass = Pass {
-        words: [0; _],
-        section: Section::Mission,
-        wrong: None,
-        is_model: false,
+        section: Section::Mission as u8,
         index: 0,
-        state_instances: 0,
-        base: [0; _],
-        taken: [0; _],
-        model: 0,
-        head: 0,
-        channels: 0,
-        region: 0,
-        first_state: 0,
-        end_state: 0,
-        events: 0,
-        seen: [0; _],
+        wrong: 0,
+        values: [0; _],
         tables: layout.tables(bytes),
     };
     pass.check();
-    match pass.wrong {
-        None => Ok(()),
+    match Cause::ALL.get(usize::from(pass.wrong).wrapping_sub(1)) {
         Some(cause) => Err(Refusal::Record {
-            section: pass.section,
+            section: section_at(usize::from(pass.section)),
             index: pass.index as u16,
-            cause,
+            cause: *cause,
         }),
+        None => Ok(()),
     }
+}
+
+/// The section with a number.
+#[inline(always)]
+fn section_at(number: usize) -> Section {
+    Section::ALL
+        .get(number)
+        .copied()
+        .unwrap_or(Section::Mission)
 }
 
 /// The pass. The record under test is the one that was read last. After the first thing that is wrong nothing is read, and the pass goes on as far as the next
 /// loop: so most checks need no way out.
 struct Pass<'a> {
-    /// The 16-bit words of the record under test and some of those behind it, [`NONE`] where the table has ended. More than a record has: with one length for
-    /// all tables one function reads them all, and where a record is short it tells where the parts of the next one begin.
-    words: [usize; 11],
-    section: Section,
-    index: usize,
-    wrong: Option<Cause>,
-
-    /// Whether the instance under test is the first one of its container, which then is under test itself.
-    is_model: bool,
-    /// Number of the first instance of its container.
-    model: usize,
-    /// Where its parts begin, and which of them were come to.
-    base: Spans,
-    taken: Spans,
-    /// Flags at the head of its block.
-    head: usize,
-    channels: usize,
-
-    /// The region under test, and its states.
-    region: usize,
-    first_state: usize,
-    end_state: usize,
-
-    state_instances: usize,
-    events: usize,
-    /// Records that were come to: what comes next begins there.
-    seen: Counts,
+    /// What the [rules] speak of.
+    values: [u32; rules::VALUES],
+    section: u8,
+    index: u32,
+    /// Number of the [`Cause`]; 0 as long as nothing is wrong.
+    wrong: u8,
     tables: Tables<'a>,
 }
 
@@ -299,21 +276,30 @@ impl Pass<'_> {
     #[inline(never)]
     fn check(&mut self) {
         for section in &Section::ALL {
+            self.set(rules::count(*section), self.count(*section));
+        }
+        self.set(
+            rules::MAX_STATE_INSTANCES,
+            format::MAX_STATE_INSTANCES as u32,
+        );
+        let regions = self.count(Section::RegionInstances);
+        self.set(rules::REGION_WORDS, regions.div_ceil(u32::BITS));
+        for section in &Section::ALL {
+            let list = match section {
+                Section::Mission => List::Mission,
+                Section::Slots => List::Slot,
+                Section::Instances => List::Instance,
+                Section::Channels => List::Channel,
+                Section::Tasks => List::Task,
+                Section::TaskInstances => List::TaskInstance,
+                Section::Connections => List::Connection,
+                // Come to from the instances, or free.
+                _ => continue,
+            };
             for index in 0..self.count(*section) {
-                self.read(*section, index);
-                match section {
-                    Section::Mission => self.mission(),
-                    Section::Slots => self.slot(index),
-                    Section::Instances => self.instance(index),
-                    Section::Channels => self.channel(),
-                    Section::Tasks => self.task(),
-                    Section::TaskStates => self.task_state(),
-                    Section::TaskInstances => self.task_instance(),
-                    Section::Connections => self.connection(),
-                    // Come to from the instances, or free.
-                    _ => break,
-                }
-                if self.wrong.is_some() {
+                self.set(rules::NUMBER, index);
+                self.apply(list as u8);
+                if self.wrong != 0 {
                     return;
                 }
             }
@@ -322,60 +308,122 @@ impl Pass<'_> {
     }
 
     #[inline(always)]
-    fn count(&self, section: Section) -> usize {
-        self.tables.count(section)
+    fn count(&self, section: Section) -> u32 {
+        self.tables.count(section) as u32
     }
 
-    /// Puts a record under test.
+    #[inline(always)]
+    fn get(&self, value: Value) -> u32 {
+        self.values[usize::from(value) % rules::VALUES]
+    }
+
+    #[inline(always)]
+    fn set(&mut self, value: Value, to: u32) {
+        self.values[usize::from(value) % rules::VALUES] = to;
+    }
+
+    /// Applies the rules of a list one after another, up to the first that is not kept.
     #[inline(never)]
-    fn read(&mut self, section: Section, index: usize) {
-        if self.wrong.is_some() {
+    fn apply(&mut self, list: u8) {
+        let rules = rules::LISTS.get(usize::from(list)).copied().unwrap_or(&[]);
+        let mut at = 0;
+        while self.wrong == 0
+            && let Some(rule) = rules.get(at)
+        {
+            at += 1;
+            let left = self.get(rule.left);
+            let a = self.get(rule.a);
+            let sum = a.wrapping_add(self.get(rule.b));
+            let is_kept = match rule.what() {
+                Rule::IS => left == sum,
+                Rule::BELOW => left < sum,
+                Rule::NONE_OR_BELOW => left < sum || left == u32::from(format::NONE),
+                other => {
+                    match other {
+                        Rule::LET => self.set(rule.left, sum),
+                        Rule::NUMBER => {
+                            let number = u16::from_le_bytes([rule.a, rule.b]);
+                            self.set(rule.left, u32::from(number));
+                        }
+                        Rule::READ => self.read(rule.left, a, rule.b),
+                        Rule::GIVEN => {
+                            if left != a {
+                                at += usize::from(rule.b);
+                            }
+                        }
+                        Rule::WHILE => {
+                            if left < a {
+                                at -= 1;
+                                self.apply(rule.b);
+                            }
+                        }
+                        Rule::APPLY => self.apply(rule.b),
+                        _ => self.step(rule.b),
+                    }
+                    true
+                }
+            };
+            if !is_kept {
+                self.wrong = rule.cause();
+            }
+        }
+    }
+
+    // Apart, so that lists that apply one another take little of the stack.
+    #[inline(never)]
+    fn step(&mut self, step: u8) {
+        match Step::ALL.get(usize::from(step)) {
+            Some(Step::Slot) => self.slot(),
+            Some(Step::LastWord) => self.last_word(),
+            Some(Step::Shape) => self.shape(),
+            Some(Step::Timer) => {
+                let in_range = self.long(timer::TIMEOUT) <= format::MAX_TIME_US;
+                self.ensure(in_range, Cause::Range);
+            }
+            Some(Step::Event) => self.event(),
+            Some(Step::Transition) => self.transition(),
+            None => {}
+        }
+    }
+
+    /// Puts a record under test; its words are the values from `to` on, and outside the table those that stand for none.
+    #[inline(never)]
+    fn read(&mut self, section: u8, index: u32, to: Value) {
+        if self.wrong != 0 {
             return;
         }
         self.section = section;
         self.index = index;
-        let found = self.tables.words_from(Field::first_of(section), index);
-        for (number, word) in self.words.iter_mut().enumerate() {
-            *word = match found.get(number) {
-                Some(found) => usize::from(u16::from_le_bytes(*found)),
-                None => NONE,
-            };
+        let found = self
+            .tables
+            .words_from(Field::first_at(section), index as usize);
+        for number in 0..tables::record_words(section) {
+            let word = found
+                .get(usize::from(number))
+                .map_or(format::NONE, |word| u16::from_le_bytes(*word));
+            self.set(to + number, u32::from(word));
         }
     }
 
-    /// Puts the next record of a section under test.
+    /// Puts the next record of code under test.
     #[inline(never)]
-    fn read_next(&mut self, section: Section) {
-        let index = self.take(section, 1);
-        self.read(section, index);
+    fn next_code(&mut self) {
+        let next = self.get(rules::seen(Section::Code));
+        self.set(rules::seen(Section::Code), next + 1);
+        self.read(Section::Code as u8, next, rules::HERE);
     }
 
-    /// A field of the record under test.
+    /// A field of the record that was read to [`rules::HERE`].
     #[inline(always)]
-    fn field(&self, field: Field) -> usize {
-        self.words[field.number()]
+    fn here(&self, field: Field) -> u32 {
+        self.get(rules::HERE + field.number() as Value)
     }
 
-    /// The same field of the record behind it.
-    #[inline(always)]
-    fn field_behind(&self, field: Field) -> usize {
-        let section = Section::ALL[field.section()];
-        self.words[tables::record_bytes(section) / 2 + field.number()]
-    }
-
-    /// A 32-bit field of the record under test, by its low half.
+    /// A 32-bit one, by its low half.
     #[inline(always)]
     fn long(&self, low_half: Field) -> u32 {
-        let low = low_half.number();
-        (self.words[low] | self.words[low + 1] << 16) as u32
-    }
-
-    /// Goes on by some records; returns the first of them.
-    #[inline(always)]
-    fn take(&mut self, section: Section, records: usize) -> usize {
-        let index = self.seen[section as usize];
-        self.seen[section as usize] += records;
-        index
+        let low = rules::HERE + low_half.number() as Value;
+        self.get(low) | self.get(low + 1) << 16
     }
 
     #[inline(always)]
@@ -387,65 +435,35 @@ impl Pass<'_> {
 
     #[inline(never)]
     fn refuse(&mut self, cause: Cause) {
-        if self.wrong.is_none() {
-            self.wrong = Some(cause);
+        if self.wrong == 0 {
+            self.wrong = cause as u8;
         }
-    }
-
-    /// The record under test begins with these words.
-    #[inline(never)]
-    fn expect(&mut self, expected: &[usize], cause: Cause) {
-        if !self.words.starts_with(expected) {
-            self.refuse(cause);
-        }
-    }
-
-    /// Where the parts of the record behind the one under test begin, which is where its own end: at the end of their table where there is no record behind.
-    #[inline(always)]
-    fn first_behind(&self, first: Field, of: Section) -> usize {
-        self.field_behind(first).min(self.count(of))
-    }
-
-    fn mission(&mut self) {
-        let queue = self.field(mission::QUEUE);
-        let flags = self.field(mission::FLAGS);
-        self.events = self.field(mission::EVENTS);
-        let in_range = queue.wrapping_sub(1) < format::MAX_QUEUE
-            && self.events <= usize::from(format::MAX_EVENT);
-        self.ensure(in_range, Cause::Range);
-        let slot = self.field(mission::INTERPRETER_SLOT);
-        self.ensure(slot < self.count(Section::Slots), Cause::Index);
-        // What the machine takes is all there is.
-        self.read(Section::Containers, 0);
-        self.seen[Section::TaskInstances as usize] = self.field(container::TASK_SPAN);
-        self.seen[Section::RegionInstances as usize] = self.field(container::REGION_SPAN);
-        self.seen[Section::Instances as usize] = self.field(container::INSTANCE_SPAN);
-        self.ensure(flags == self.field(container::FLAG_SPAN), Cause::Template);
     }
 
     /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
     /// their periods (Korst, Aarts, Lenstra 1996).
     ///
     /// The interpreter's slot starts at 0, for the time of a machine is that of its slots.
-    fn slot(&mut self, index: usize) {
+    fn slot(&mut self) {
+        let index = self.get(rules::NUMBER);
         let slot = self.slot_at(index);
         let in_range = slot.number >= 1
             && slot.period_us <= format::MAX_TIME_US
             && slot.duration_us <= slot.period_us
             && slot.start_us < slot.period_us
-            && (slot.start_us == 0 || index != self.tables.interpreter_slot());
+            && (slot.start_us == 0 || index as usize != self.tables.interpreter_slot());
         self.ensure(in_range, Cause::Range);
         for earlier in 0..index {
             let earlier = self.slot_at(earlier);
             let apart = do_not_overlap(&earlier, &slot) && slot.number != earlier.number;
-            self.read(Section::Slots, index);
+            self.read(Section::Slots as u8, index, rules::HERE);
             self.ensure(apart, Cause::Overlap);
         }
     }
 
     #[inline(never)]
-    fn slot_at(&mut self, index: usize) -> Slot {
-        self.read(Section::Slots, index);
+    fn slot_at(&mut self, index: u32) -> Slot {
+        self.read(Section::Slots as u8, index, rules::HERE);
         Slot {
             number: self.long(slot::NUMBER),
             period_us: self.long(slot::PERIOD),
@@ -454,296 +472,111 @@ impl Pass<'_> {
         }
     }
 
-    fn task(&mut self) {
-        let text = self.take(Section::Signatures, self.field(task::TEXT_LENGTH));
-        self.ensure(self.field(task::TEXT_START) == text, Cause::Order);
-        let group = self.field(task::EXCLUSIVE);
-        let in_range = group < self.tables.exclusive_group_count() || group == NONE;
-        self.ensure(in_range, Cause::Range);
+    /// Takes the shape of the state apart.
+    fn shape(&mut self) {
+        let shape = self.get(rules::of_state(state::SHAPE));
+        let flags = shape & u32::from(format::STATE_FLAGS_MASK);
+        self.set(rules::KIND, shape >> format::STATE_KIND_SHIFT);
+        self.set(rules::FLAGS, flags);
+        self.set(rules::SHAPE_WITHOUT_FLAGS, shape - flags);
+        let is_timed = shape & u32::from(format::STATE_HAS_TIMEOUT) != 0;
+        self.set(rules::TIMED, u32::from(is_timed));
     }
 
-    /// Checks an instance's regions and what is inside them, and its container where this is the first instance of it.
-    fn instance(&mut self, index: usize) {
-        let number = self.field(instance::CONTAINER);
-        let first_region = self.field(instance::FIRST_REGION);
-        let first_flag = self.field(instance::FIRST_FLAG);
-        let first_task = self.field(instance::FIRST_TASK);
-        let around = self.field(instance::AROUND);
-        let channel = self.seen[Section::Channels as usize];
-        let is_model = number == self.seen[Section::Containers as usize];
-        self.seen[Section::Containers as usize] += usize::from(is_model);
-        let in_order = self.field(instance::FIRST_CHANNEL) == channel
-            && number < self.seen[Section::Containers as usize];
-        self.ensure(in_order, Cause::Order);
-        let mut behind = self.tables.word(region_instance::NEXT, around);
-        if index == 0 {
-            // Nothing is around the machine.
-            behind = self.count(Section::RegionInstances);
-            let is_root = number | first_region | first_flag | first_task | around == 0;
-            self.ensure(is_root, Cause::Template);
-        }
-
-        self.read(Section::Containers, number);
-        let mut template = self.field(container::FIRST_REGION);
-        self.is_model = is_model;
-        self.model = self.field(container::FIRST_INSTANCE);
-        self.channels = self.field(container::CHANNELS);
-        self.head = format::CONTAINER_CONTROL_FLAGS + self.field(container::FLAGS);
-        self.base = [first_flag, first_task, first_region, index];
-        self.taken = [self.head, 0, 0, 1];
-        self.take(Section::Channels, self.channels);
-        if is_model {
-            let in_order = template == self.seen[Section::Regions as usize] && self.model == index;
-            self.ensure(in_order, Cause::Order);
-        }
-        loop {
-            self.read(Section::Regions, template);
-            template += 1;
-            let first = self.field(region::FIRST_STATE);
-            let is_last = self.field_behind(region::CONTAINER) != number;
-            self.first_state = first;
-            self.end_state = self.first_behind(region::FIRST_STATE, Section::States);
-            self.region = first_region + self.taken[REGIONS];
-            self.taken[REGIONS] += 1;
-            if is_model {
-                self.take(Section::Regions, 1);
-                let in_order = first == self.seen[Section::States as usize]
-                    && first + 1 < self.end_state
-                    && self.field(region::CONTAINER) == number;
-                self.ensure(in_order, Cause::Order);
-            }
-            let mut state = first;
-            loop {
-                self.state(state);
-                state += 1;
-                if state >= self.end_state {
-                    break;
-                }
-                if self.wrong.is_some() {
-                    return;
-                }
-            }
-            self.read(Section::RegionInstances, self.region);
-            let mut next = first_region + self.taken[REGIONS];
-            if is_last {
-                next = behind;
-            }
-            self.expect(&[next, first_flag, first, index], Cause::Template);
-            if is_last || self.wrong.is_some() {
-                break;
-            }
-        }
-        self.read(Section::Containers, number);
-        let [_, _, _, _, spans @ .., _, _, _] = self.words;
-        self.ensure(spans == self.taken, Cause::Template);
-    }
-
-    /// Checks what a state of a region instance stands for: a task instance, or an instance of a container. In the first instance of its container it
-    /// checks the state, too.
-    fn state(&mut self, index: usize) {
-        // Templates that are used often could make this pass much longer than the blob.
-        self.state_instances += 1;
-        self.read(Section::States, index);
-        let in_range = self.state_instances <= format::MAX_STATE_INSTANCES;
-        self.ensure(in_range, Cause::Range);
-        let shape = self.field(state::SHAPE);
-        let end_transition = self.first_behind(state::FIRST_TRANSITION, Section::Transitions);
-        let kind = shape as u16 >> format::STATE_KIND_SHIFT;
-        let flags = shape & usize::from(format::STATE_FLAGS_MASK);
-        let timed = shape & usize::from(format::STATE_HAS_TIMEOUT);
-        let own_flag = self.taken[FLAGS];
-        let [flag, task_instance, region, instance] =
-            core::array::from_fn(|part| self.base[part] + self.taken[part]);
-        let mut right_shape = shape - flags;
-        let mut a = 0;
-        match kind {
-            format::STATE_SIMPLE => {
-                self.taken[FLAGS] += flags;
-                right_shape += usize::from(timed != 0 || flags != 0);
-            }
-            format::STATE_TASK | format::STATE_BACKGROUND_TASK => {
-                a = self.taken[TASKS];
-                self.taken[FLAGS] += flags;
-                self.taken[TASKS] += 1;
-                right_shape = shape;
-                self.read(Section::TaskInstances, task_instance);
-                let connection = self.field(task_instance::FIRST_CONNECTION);
-                let task_state = self.field(task_instance::TASK_STATE);
-                let expected = [index, self.region, connection, flag, task_state];
-                self.expect(&expected, Cause::Template);
-                let right = self.tables.word(task_state::STATE, task_state) == index;
-                self.ensure(right, Cause::Template);
-                if self.is_model {
-                    self.take(Section::TaskStates, 1);
-                }
-            }
-            format::STATE_SUPER => {
-                a = self.taken[INSTANCES];
-                // What the first instance of the container around makes of this state holds for all of them.
-                let number = self.tables.word(instance::CONTAINER, self.model + a);
-                self.read(Section::Instances, instance);
-                let channel = self.field(instance::FIRST_CHANNEL);
-                let expected = [number, region, flag, channel, task_instance, self.region];
-                self.expect(&expected, Cause::Template);
-                self.read(Section::Containers, number);
-                right_shape += format::CONTAINER_CONTROL_FLAGS + self.field(container::FLAGS);
-                for (part, taken) in self.taken.iter_mut().enumerate() {
-                    *taken += self.words[container::FLAG_SPAN.number() + part];
-                }
-            }
-            _ => right_shape = usize::MAX,
-        }
-        if !self.is_model {
+    /// Takes the event of the transition from its mark, and adds it to those of the state, and its guard to the row.
+    fn event(&mut self) {
+        let trigger = self.get(rules::of_transition(transition::EVENT));
+        let event = trigger & u32::from(format::MAX_EVENT);
+        self.set(rules::EVENT, event);
+        let bit = 1 << (event % u32::BITS);
+        self.set(
+            rules::EVENTS_LOW,
+            self.get(rules::EVENTS_LOW) | bit & 0xFFFF,
+        );
+        self.set(rules::EVENTS_HIGH, self.get(rules::EVENTS_HIGH) | bit >> 16);
+        if event != u32::from(format::PULSE) {
             return;
         }
-        self.take(Section::States, 1);
-        if index == self.first_state {
-            right_shape = usize::from(format::STATE_INITIAL << format::STATE_KIND_SHIFT);
-        } else if index + 1 == self.end_state {
-            right_shape = usize::from(format::STATE_FINAL << format::STATE_KIND_SHIFT);
+        let guard = self.get(rules::of_transition(transition::GUARD));
+        let row = self.get(rules::ROW);
+        let on_pulse = self.get(rules::FIRST_ON_EVENT);
+        self.set(rules::FIRST_ON_EVENT, on_pulse + 1);
+        let goes_on = row + self.get(rules::of_state(state::FIRST_TRANSITION)) == on_pulse
+            && guard < u32::from(format::GUARD_PROGRAM)
+            && (row == 0 || guard == self.get(rules::ROW_GUARD));
+        if goes_on {
+            self.set(rules::ROW, row + 1);
+            self.set(rules::ROW_GUARD, guard + 1);
         }
-        let mut b = 0;
-        if timed != 0 {
-            b = self.seen[Section::Timers as usize];
-            self.read_next(Section::Timers);
-            self.ensure(
-                self.long(timer::TIMEOUT) <= format::MAX_TIME_US,
-                Cause::Range,
-            );
-        }
-        let first = self.seen[Section::Transitions as usize];
-        let (events, first_on_event, row) = self.transitions(index, shape, end_transition);
-        if timed == 0 {
-            b = row;
-        }
-        self.read(Section::States, index);
-        self.ensure(shape == right_shape, Cause::Kind);
-        let expected = [
-            events & 0xFFFF,
-            events >> 16,
-            first,
-            first_on_event,
-            own_flag,
-            shape,
-            a,
-            b,
-        ];
-        self.expect(&expected, Cause::Order);
     }
 
-    /// Checks the next transitions up to `end`, all out of the state `source`. Returns what events they are on, the first that is not on the pulse, and the length of the row.
-    fn transitions(
-        &mut self,
-        source: usize,
-        source_shape: usize,
-        end: usize,
-    ) -> (usize, usize, usize) {
-        let kind = source_shape as u16 >> format::STATE_KIND_SHIFT;
+    /// Checks the plain mark, the guard and the actions of the transition.
+    fn transition(&mut self) {
+        let kind = self.get(rules::KIND) as u16;
+        let target = self.get(rules::of_transition(transition::TARGET));
+        let guard = self.get(rules::of_transition(transition::GUARD)) as u16;
+        let action = self.get(rules::of_transition(transition::ACTION)) as u16;
+        let target_shape = self.tables.word(state::SHAPE, target as usize) as u16;
+        let is_plain = kind <= format::STATE_SIMPLE
+            && target_shape == format::STATE_SIMPLE << format::STATE_KIND_SHIFT
+            && action == format::ACTION_NONE;
+        let is_marked = self.get(rules::of_transition(transition::EVENT)) != self.get(rules::EVENT);
+        let flags = self.get(rules::FLAGS);
+        let is_again = kind == format::STATE_TASK
+            && self.get(rules::TIMED) == 0
+            && flags <= u32::from(format::PLAIN_FLAGS)
+            && self.get(rules::EVENT) == u32::from(format::PULSE)
+            && target == self.get(rules::STATE)
+            && action >= format::ACTION_SEND;
+        self.ensure(is_marked == (is_plain || is_again), Cause::Kind);
         // Flags that guards have short forms for.
-        let window = (source_shape & usize::from(format::STATE_FLAGS_MASK))
-            .min(usize::from(format::WINDOW_FLAGS));
-        let may_be_again = source_shape >> 12 == usize::from(format::STATE_TASK << 1)
-            && source_shape & usize::from(format::STATE_FLAGS_MASK)
-                <= usize::from(format::PLAIN_FLAGS);
-        // Guards of the row at the head, and the bit behind the last of them.
-        let mut row = 0;
-        let mut row_end = None;
-        let first = self.seen[Section::Transitions as usize];
-        let mut events = 0;
-        let mut last = 0;
-        let mut first_on_event = self.seen[Section::Transitions as usize];
-        while self.seen[Section::Transitions as usize] < end && self.wrong.is_none() {
-            self.read_next(Section::Transitions);
-            let trigger = self.field(transition::EVENT);
-            let target = self.field(transition::TARGET);
-            let guard = self.field(transition::GUARD);
-            let action = self.field(transition::ACTION);
-            let event = trigger & usize::from(format::MAX_EVENT);
-            events |= 1 << (event % 32);
-            if event == usize::from(format::PULSE) {
-                let goes_on = row == first_on_event - first
-                    && guard < usize::from(format::GUARD_PROGRAM)
-                    && row_end.is_none_or(|end| end == guard);
-                if goes_on {
-                    row += 1;
-                    row_end = Some(guard + 1);
-                }
-                first_on_event += 1;
-            }
-            self.ensure(event >= last, Cause::Order);
-            last = event;
-            let in_range = event <= self.events
-                && target > self.first_state
-                && target < self.end_state
-                && kind != format::STATE_FINAL
-                && action < usize::from(format::ACTION_SEND) + self.channels;
-            self.ensure(in_range, Cause::Index);
-            let target_shape = self.tables.word(state::SHAPE, target);
-            let is_plain = kind <= format::STATE_SIMPLE
-                && target_shape == usize::from(format::STATE_SIMPLE << format::STATE_KIND_SHIFT)
-                && action == 0;
-            let is_again = may_be_again
-                && event == usize::from(format::PULSE)
-                && target == source
-                && action >= usize::from(format::ACTION_SEND);
-            self.ensure((trigger != event) == (is_plain || is_again), Cause::Kind);
-
-            if guard < usize::from(format::GUARD_PROGRAM) {
-                let right = guard == usize::from(format::GUARD_TRUE)
-                    || guard % usize::from(format::GUARD_IF_CLEAR) < window;
-                self.ensure(right, Cause::Index);
-            } else if guard < usize::from(format::GUARD_MASK) {
-                let operations = if kind == format::STATE_SUPER {
-                    0b11111
-                } else {
-                    0b111
-                };
-                self.code(
-                    guard - usize::from(format::GUARD_PROGRAM),
-                    source,
-                    operations,
-                );
+        let window = flags.min(u32::from(format::WINDOW_FLAGS));
+        if guard < format::GUARD_PROGRAM {
+            let right =
+                guard == format::GUARD_TRUE || u32::from(guard % format::GUARD_IF_CLEAR) < window;
+            self.ensure(right, Cause::Index);
+        } else if guard < format::GUARD_MASK {
+            let operations = if kind == format::STATE_SUPER {
+                0b11111
             } else {
-                let at = self.seen[Section::Code as usize];
-                self.read_next(Section::Code);
-                let in_order = at == guard - usize::from(format::GUARD_MASK);
-                self.ensure(in_order, Cause::Order);
-                let (mask, value) = (self.field(mask::MASK), self.field(mask::VALUE));
-                let right =
-                    mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
-                self.ensure(right, Cause::Index);
-            }
-            if action != 0 && action < usize::from(format::ACTION_SEND) {
-                self.code(
-                    action - usize::from(format::ACTION_ROW),
-                    target,
-                    0b1110_0000,
-                );
-            }
+                0b111
+            };
+            let first = guard - format::GUARD_PROGRAM;
+            self.code(first, self.get(rules::STATE), operations);
+        } else {
+            self.next_code();
+            let in_order = self.index == u32::from(guard - format::GUARD_MASK);
+            self.ensure(in_order, Cause::Order);
+            let (mask, value) = (self.here(mask::MASK), self.here(mask::VALUE));
+            let right =
+                mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
+            self.ensure(right, Cause::Index);
         }
-        (events, first_on_event, if row > 1 { row } else { 0 })
+        if action != format::ACTION_NONE && action < format::ACTION_SEND {
+            self.code(action - format::ACTION_ROW, target, 0b1110_0000);
+        }
     }
 
     /// Checks a program of tests, or a row of actions.
     #[inline(never)]
-    fn code(&mut self, first: usize, state: usize, operations: usize) {
-        self.read(Section::States, state);
-        let first_flag = self.field(state::FIRST_FLAG);
-        let flags = self.field(state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
-        let mut at = first;
+    fn code(&mut self, first: u16, state: u32, operations: u32) {
+        self.read(Section::States as u8, state, rules::HERE);
+        let first_flag = self.here(state::FIRST_FLAG);
+        let flags = self.here(state::SHAPE) & u32::from(format::STATE_FLAGS_MASK);
+        let mut at = u32::from(first);
         let mut farthest = 0;
         loop {
-            self.read_next(Section::Code);
+            self.next_code();
             self.ensure(self.index == at, Cause::Order);
-            let operand = self.field(code::OPERAND);
-            let control = self.field(code::CONTROL);
-            let low = control & usize::from(format::CODE_LOW_MASK);
+            let operand = self.here(code::OPERAND);
+            let control = self.here(code::CONTROL);
+            let low = control & u32::from(format::CODE_LOW_MASK);
             let operation = control as u16 >> format::CODE_OPERATION_SHIFT;
             self.ensure(operations >> operation & 1 != 0, Cause::Kind);
             let right = if operation == format::CODE_SEND {
-                operand < self.channels
+                operand < self.get(rules::of_container(container::CHANNELS))
             } else {
-                operand < self.head || operand.wrapping_sub(first_flag) < flags
+                operand < self.get(rules::HEAD) || operand.wrapping_sub(first_flag) < flags
             };
             self.ensure(right, Cause::Index);
             let is_end = if operation < format::CODE_SEND {
@@ -751,7 +584,7 @@ impl Pass<'_> {
             } else {
                 low != 0
             };
-            if is_end || self.wrong.is_some() {
+            if is_end || self.wrong != 0 {
                 self.ensure(farthest <= at, Cause::Direction);
                 return;
             }
@@ -760,63 +593,16 @@ impl Pass<'_> {
         }
     }
 
-    fn channel(&mut self) {
+    /// No bit of a row stands for what is behind the last region instance.
+    fn last_word(&mut self) {
         let regions = self.count(Section::RegionInstances);
-        let words = self.field(channel::REGION_WORDS);
-        let end = self.field(channel::FIRST_REGION_WORD) + words;
-        let row_end = self.field(channel::FIRST_ROW_WORD) + words;
-        let right = self.field(channel::EVENT).wrapping_sub(1) < self.events
-            && end <= regions.div_ceil(32)
-            && row_end <= self.count(Section::Listeners);
-        self.ensure(right, Cause::Index);
-        if words != 0 && end > regions / 32 {
-            // Bits behind the last region instance.
-            self.read(Section::Listeners, row_end - 1);
-            self.ensure(
-                self.long(listener::REGIONS) << (regions % 32) == 0,
-                Cause::Range,
-            );
+        if self.here(channel::REGION_WORDS) != 0 && self.get(rules::END_WORD) > regions / u32::BITS
+        {
+            let last = self.get(rules::END_ROW).wrapping_sub(1);
+            self.read(Section::Listeners as u8, last, rules::HERE);
+            let bits = self.long(listener::REGIONS) << (regions % u32::BITS);
+            self.ensure(bits == 0, Cause::Range);
         }
-    }
-
-    /// Checks what is told of a task state beside its state.
-    fn task_state(&mut self) {
-        let task = self.field(task_state::TASK);
-        let slot = self.field(task_state::SLOT);
-        let state = self.field(task_state::STATE);
-        let shape = self.tables.word(state::SHAPE, state);
-        let kind = shape as u16 >> format::STATE_KIND_SHIFT;
-        let right_slot = if kind == format::STATE_BACKGROUND_TASK {
-            slot == NONE
-        } else {
-            kind == format::STATE_TASK && slot < self.count(Section::Slots)
-        };
-        self.ensure(right_slot, Cause::Index);
-        let flags = format::TASK_CONTROL_FLAGS + self.tables.word(task::FLAGS, task);
-        let params = self.tables.word(task::PARAMS, task);
-        let end = self.field(task_state::FIRST_PARAM) + params;
-        self.take(Section::Params, params);
-        let in_order = shape & usize::from(format::STATE_FLAGS_MASK) == flags
-            && state < self.field_behind(task_state::STATE)
-            && end == self.first_behind(task_state::FIRST_PARAM, Section::Params);
-        self.ensure(in_order, Cause::Order);
-    }
-
-    /// Checks where the data ports of a task instance stand.
-    fn task_instance(&mut self) {
-        let task_state = self.field(task_instance::TASK_STATE);
-        let task = self.tables.word(task_state::TASK, task_state);
-        let ports = self.tables.word(task::DATA, task);
-        let end = self.field(task_instance::FIRST_CONNECTION) + ports;
-        self.take(Section::Connections, ports);
-        let behind = self.first_behind(task_instance::FIRST_CONNECTION, Section::Connections);
-        self.ensure(end == behind, Cause::Order);
-    }
-
-    fn connection(&mut self) {
-        let net = self.field(connection::NET);
-        let right = net == NONE || net < self.count(Section::Nets);
-        self.ensure(right, Cause::Index);
     }
 
     /// Nothing is missing or left over.
@@ -827,11 +613,12 @@ impl Pass<'_> {
             | 1 << Section::Tasks as u8
             | 1 << Section::Nets as u8
             | 1 << Section::Names as u8;
-        self.seen[Section::Mission as usize] = 1;
+        self.set(rules::seen(Section::Mission), 1);
         for section in &Section::ALL {
-            let seen = self.seen[*section as usize];
-            if FREE >> *section as u8 & 1 == 0 {
-                self.read(*section, seen);
+            let seen = self.get(rules::seen(*section));
+            if FREE >> *section as u8 & 1 == 0 && self.wrong == 0 {
+                self.section = *section as u8;
+                self.index = seen;
                 self.ensure(seen == self.count(*section), Cause::Order);
             }
         }

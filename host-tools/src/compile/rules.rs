@@ -283,7 +283,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "flags of a task",
             (States, quiet_task, 5),
             more,
-            (TaskInstances, task, Template),
+            (States, quiet_task, Kind),
         ),
         case(
             "flags of a superstate",
@@ -589,7 +589,7 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "connections of a task",
             (TaskInstances, task, 2),
             more,
-            (TaskInstances, task - 1, Order),
+            (TaskInstances, task, Order),
         ),
         case(
             "first connection",
@@ -631,13 +631,13 @@ fn each_rule_is_kept_and_what_breaks_it_is_told() {
             "parameters in order",
             (TaskStates, 1, 2),
             more,
-            (TaskStates, 0, Order),
+            (TaskStates, 1, Order),
         ),
         case(
             "state of a task state",
             (TaskStates, 1, 3),
             more,
-            (TaskInstances, task, Template),
+            (TaskStates, 1, Template),
         ),
         case(
             "no channel of the pulse",

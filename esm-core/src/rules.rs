@@ -1,0 +1,708 @@
+//! The rules of the format that compare one number with another, as tables: four bytes a line, where code would take four times as many.
+//!
+//! A line speaks of *values*, each known by a small number: the fields of the records that were read last, how many records of each section there are and how many were
+//! come to, and what the [verifier](mod@crate::verify) keeps beside them. It compares two values, of which the second may be a sum; or it gives a value, or
+//! reads a record. The verifier applies the tables at each thing that it walks over.
+
+use crate::format::{self, Section};
+use crate::layout::{
+    Field, channel, connection, container, instance, mission, region, region_instance, state, task,
+    task_instance, task_state, transition,
+};
+use crate::verify::Cause;
+use Cause::{Index, Kind, Order, Range, Template};
+use Section::{
+    Channels, Connections, Containers, Instances, Listeners, Mission, Nets, Params,
+    RegionInstances, Regions, Signatures, Slots, States, TaskInstances, TaskStates, Tasks, Timers,
+    Transitions,
+};
+
+/// Number of a value.
+pub(crate) type Value = u8;
+
+/// Values there are, and some more: so that any number that is masked is that of a value.
+pub(crate) const VALUES: usize = 128;
+
+macro_rules! values {
+    ($(#[$doc:meta])* $first:ident = $number:expr; $( $(#[$docs:meta])* $name:ident after $before:ident, )*) => {
+        $(#[$doc])*
+        pub(crate) const $first: Value = $number;
+        $( $(#[$docs])* pub(crate) const $name: Value = $before + 1; )*
+    };
+}
+
+// Those that the verifier itself works with stand first: there loads are shorter.
+values! {
+    /** Always 0. */ ZERO = 0;
+    /** Whether the region under test is the last of its instance, 0 or 1. */ IS_LAST after ZERO,
+    /** Kind of the state. */ KIND after IS_LAST,
+    /** The flags in its shape. */ FLAGS after KIND,
+    /** The rest of its shape. */ SHAPE_WITHOUT_FLAGS after FLAGS,
+    /** Whether it has a timeout, 0 or 1. */ TIMED after SHAPE_WITHOUT_FLAGS,
+    /** The state under test. */ STATE after TIMED,
+    /** The one behind. */ NEXT_STATE after STATE,
+    /** One past the last state of its region. */ END_STATE after NEXT_STATE,
+    /** One past its last transition. */ END_TRANSITION after END_STATE,
+    /** Number of events. */ EVENTS after END_TRANSITION,
+    /** Number of the record under test of the table that is walked through. */ NUMBER after EVENTS,
+    /** Event of the transition. */ EVENT after NUMBER,
+    /** Event of the one before. */ LAST_EVENT after EVENT,
+    /** Events of the state's transitions: low half. */ EVENTS_LOW after LAST_EVENT,
+    /** High half. */ EVENTS_HIGH after EVENTS_LOW,
+    /** First transition that is not on the pulse. */ FIRST_ON_EVENT after EVENTS_HIGH,
+    /** Guards of the row at its head. */ ROW after FIRST_ON_EVENT,
+    /** The guard with which the row goes on. */ ROW_GUARD after ROW,
+    /** Flags at the head of the instance's block. */ HEAD after ROW_GUARD,
+    /** One past the last word of regions of a channel. */ END_WORD after HEAD,
+    /** One past the last word of its row. */ END_ROW after END_WORD,
+}
+
+/// The record of the transition under test.
+pub(crate) const OF_TRANSITION: Value = END_ROW + 1;
+/// A record that is looked at beside them.
+pub(crate) const HERE: Value = OF_TRANSITION + 4;
+/// The record of the instance under test.
+const OF_INSTANCE: Value = HERE + 10;
+/// That of its container.
+const OF_CONTAINER: Value = OF_INSTANCE + 6;
+/// That of the region template under test.
+const OF_REGION: Value = OF_CONTAINER + 8;
+/// That of the one behind.
+const OF_NEXT_REGION: Value = OF_REGION + 2;
+/// That of the state under test.
+const OF_STATE: Value = OF_NEXT_REGION + 2;
+const SEEN: Value = OF_STATE + 8;
+const COUNT: Value = SEEN + Section::ALL.len() as Value;
+
+values! {
+    /** Always 1. */ ONE = COUNT + Section::ALL.len() as Value;
+    /** Always the number of a container's own flags: exit, timeout. */ OWN_FLAGS after ONE,
+    /** Always that of a task's: exit, timeout, busy. */ TASK_FLAGS after OWN_FLAGS,
+    /** Always the kind of task states with a slot. */ KIND_TASK after TASK_FLAGS,
+    /** Always that of task states in slot 0. */ KIND_BACKGROUND after KIND_TASK,
+    /** Always that of simple states. */ KIND_SIMPLE after KIND_BACKGROUND,
+    /** Always that of superstates. */ KIND_SUPER after KIND_SIMPLE,
+    /** Always what stands for none. */ NONE after KIND_SUPER,
+    /** Always the most state instances. */ MAX_STATE_INSTANCES after NONE,
+    /** Always the first action that sends. */ ACTION_SEND after MAX_STATE_INSTANCES,
+    /** Number of exclusive groups. */ GROUPS after ACTION_SEND,
+    /** State instances that were come to. */ STATE_INSTANCES after GROUPS,
+    /** Words of a row with all region instances. */ REGION_WORDS after STATE_INSTANCES,
+    /** The region template under test, and then the one behind. */ TEMPLATE after REGION_WORDS,
+    /** The region instance under test. */ REGION after TEMPLATE,
+    /** What comes behind the last region of the instance. */ BEHIND after REGION,
+    /** Parts of the instance that were come to: flags. */ TAKEN_FLAGS after BEHIND,
+    /** Task instances. */ TAKEN_TASKS after TAKEN_FLAGS,
+    /** Region instances. */ TAKEN_REGIONS after TAKEN_TASKS,
+    /** Container instances. */ TAKEN_INSTANCES after TAKEN_REGIONS,
+    /** First flag of the state, relative to the instance's. */ FIRST_FLAG after TAKEN_INSTANCES,
+    /** *a* and *b* that the state must have. */ A after FIRST_FLAG,
+    /** See [`A`]. */ B after A,
+    /** Flags, and then shape, that it must have. */ RIGHT after B,
+    /** What is needed for some lines only. */ SCRATCH after RIGHT,
+}
+const _: () = assert!((SCRATCH as usize) < VALUES);
+
+/// Records of a section that were come to: what comes next begins there.
+pub(crate) const fn seen(section: Section) -> Value {
+    SEEN + section as Value
+}
+
+/// Records of a section.
+pub(crate) const fn count(section: Section) -> Value {
+    COUNT + section as Value
+}
+
+/// A field of the record at `place`.
+const fn at(place: Value, field: Field) -> Value {
+    place + field.number() as Value
+}
+
+/// A field of [`HERE`].
+const fn here(field: Field) -> Value {
+    at(HERE, field)
+}
+
+/// A field of the instance under test.
+pub(crate) const fn of_instance(field: Field) -> Value {
+    at(OF_INSTANCE, field)
+}
+
+/// A field of its container.
+pub(crate) const fn of_container(field: Field) -> Value {
+    at(OF_CONTAINER, field)
+}
+
+/// A field of the region template under test.
+pub(crate) const fn of_region(field: Field) -> Value {
+    at(OF_REGION, field)
+}
+
+/// A field of the one behind.
+pub(crate) const fn of_next_region(field: Field) -> Value {
+    at(OF_NEXT_REGION, field)
+}
+
+/// A field of the state under test.
+pub(crate) const fn of_state(field: Field) -> Value {
+    at(OF_STATE, field)
+}
+
+/// A field of the transition under test.
+pub(crate) const fn of_transition(field: Field) -> Value {
+    at(OF_TRANSITION, field)
+}
+
+/// One line.
+#[derive(Clone, Copy)]
+pub(crate) struct Rule {
+    /// One of the constants below; for comparisons with the [`Cause`] above, in the bits from [`Self::CAUSE_SHIFT`] on.
+    what: u8,
+    pub(crate) left: Value,
+    pub(crate) a: Value,
+    pub(crate) b: Value,
+}
+
+impl Rule {
+    /// Right if `left` is the sum of `a` and `b`.
+    pub(crate) const IS: u8 = 0;
+    /// Right if it is below it.
+    pub(crate) const BELOW: u8 = 1;
+    /// Right if it is below it, or none.
+    pub(crate) const NONE_OR_BELOW: u8 = 2;
+    /// Makes `left` that sum.
+    pub(crate) const LET: u8 = 3;
+    /// Makes `left` the number with the low byte `a` and the high byte `b`.
+    pub(crate) const NUMBER: u8 = 4;
+    /// Reads the record `a` of the section `left` to the values from `b` on.
+    pub(crate) const READ: u8 = 5;
+    /// Passes over the next `b` lines, but not if `left` is `a`.
+    pub(crate) const GIVEN: u8 = 6;
+    /// Applies list `b` as long as `left` is below `a`.
+    pub(crate) const WHILE: u8 = 7;
+    /// Applies list `b`.
+    pub(crate) const APPLY: u8 = 8;
+    /// Does what no line can say: the step `b` of the verifier.
+    pub(crate) const STEP: u8 = 9;
+
+    const CAUSE_SHIFT: u32 = 4;
+
+    const fn new(what: u8, left: Value, a: Value, b: Value) -> Self {
+        Self { what, left, a, b }
+    }
+
+    #[inline(always)]
+    pub(crate) const fn what(self) -> u8 {
+        self.what & ((1 << Self::CAUSE_SHIFT) - 1)
+    }
+
+    /// Number of the [`Cause`] for which is refused what does not keep this rule.
+    #[inline(always)]
+    pub(crate) fn cause(self) -> u8 {
+        self.what >> Self::CAUSE_SHIFT
+    }
+}
+
+const fn compare(what: u8, left: Value, a: Value, b: Value, cause: Cause) -> Rule {
+    Rule::new(what | (cause as u8) << Rule::CAUSE_SHIFT, left, a, b)
+}
+
+const fn is(left: Value, right: Value, cause: Cause) -> Rule {
+    compare(Rule::IS, left, right, ZERO, cause)
+}
+
+const fn is_sum(left: Value, a: Value, b: Value, cause: Cause) -> Rule {
+    compare(Rule::IS, left, a, b, cause)
+}
+
+const fn below(left: Value, right: Value, cause: Cause) -> Rule {
+    compare(Rule::BELOW, left, right, ZERO, cause)
+}
+
+const fn at_most(left: Value, right: Value, cause: Cause) -> Rule {
+    compare(Rule::BELOW, left, right, ONE, cause)
+}
+
+const fn none_or_below(left: Value, right: Value, cause: Cause) -> Rule {
+    compare(Rule::NONE_OR_BELOW, left, right, ZERO, cause)
+}
+
+const fn let_be(left: Value, right: Value) -> Rule {
+    Rule::new(Rule::LET, left, right, ZERO)
+}
+
+const fn let_sum(left: Value, a: Value, b: Value) -> Rule {
+    Rule::new(Rule::LET, left, a, b)
+}
+
+const fn add(left: Value, more: Value) -> Rule {
+    let_sum(left, left, more)
+}
+
+const fn number(left: Value, number: u16) -> Rule {
+    let [low, high] = number.to_le_bytes();
+    Rule::new(Rule::NUMBER, left, low, high)
+}
+
+const fn read(section: Section, index: Value, to: Value) -> Rule {
+    Rule::new(Rule::READ, section as u8, index, to)
+}
+
+/// The next `lines` apply only if two values are equal.
+const fn given(left: Value, right: Value, lines: u8) -> Rule {
+    Rule::new(Rule::GIVEN, left, right, lines)
+}
+
+/// Applies a list as long as `left` is below `right`.
+const fn while_below(left: Value, right: Value, list: List) -> Rule {
+    Rule::new(Rule::WHILE, left, right, list as u8)
+}
+
+const fn apply(list: List) -> Rule {
+    Rule::new(Rule::APPLY, ZERO, ZERO, list as u8)
+}
+
+const fn step(step: Step) -> Rule {
+    Rule::new(Rule::STEP, ZERO, ZERO, step as u8)
+}
+
+/// What a line cannot say.
+#[derive(Clone, Copy)]
+#[repr(u8)]
+pub(crate) enum Step {
+    /// A slot, with those before it.
+    Slot,
+    /// The bits of a channel's last word.
+    LastWord,
+    /// The shape of a state, taken apart.
+    Shape,
+    /// The range of its timer.
+    Timer,
+    /// The event of a transition, taken apart.
+    Event,
+    /// Its mark, guard and actions.
+    Transition,
+}
+
+impl Step {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::Slot,
+        Self::LastWord,
+        Self::Shape,
+        Self::Timer,
+        Self::Event,
+        Self::Transition,
+    ];
+}
+
+/// Lists of rules. A list applies only such as stand behind it, so the depth to which they apply one another is bounded.
+#[derive(Clone, Copy)]
+#[repr(u8)]
+pub(crate) enum List {
+    Mission,
+    Slot,
+    Instance,
+    Channel,
+    Task,
+    TaskInstance,
+    Connection,
+    Region,
+    State,
+    SimpleState,
+    TaskState,
+    Superstate,
+    TemplateState,
+    Transition,
+}
+
+/// The lists in the order of [`List`].
+pub(crate) const LISTS: [&[Rule]; 14] = [
+    MISSION,
+    &[step(Step::Slot)],
+    INSTANCE,
+    CHANNEL,
+    TASK_RECORD,
+    TASK_INSTANCE,
+    CONNECTION,
+    REGION_OF_INSTANCE,
+    STATE_OF_INSTANCE,
+    SIMPLE,
+    TASK,
+    SUPER,
+    TEMPLATE_STATE,
+    TRANSITION,
+];
+
+const _: () = {
+    let mut list = 0;
+    while list < LISTS.len() {
+        let mut at = 0;
+        while at < LISTS[list].len() {
+            let rule = LISTS[list][at];
+            let applies = rule.what() == Rule::WHILE || rule.what() == Rule::APPLY;
+            assert!(!applies || rule.b as usize > list, "lists apply later ones");
+            at += 1;
+        }
+        list += 1;
+    }
+};
+
+/// The mission.
+const MISSION: &[Rule] = &[
+    number(ONE, 1),
+    number(OWN_FLAGS, format::CONTAINER_CONTROL_FLAGS as u16),
+    number(TASK_FLAGS, format::TASK_CONTROL_FLAGS as u16),
+    number(KIND_TASK, format::STATE_TASK),
+    number(KIND_BACKGROUND, format::STATE_BACKGROUND_TASK),
+    number(KIND_SIMPLE, format::STATE_SIMPLE),
+    number(KIND_SUPER, format::STATE_SUPER),
+    number(NONE, format::NONE),
+    number(ACTION_SEND, format::ACTION_SEND),
+    // The queue holds an event at least, and the interpreter has its slot.
+    read(Mission, NUMBER, HERE),
+    below(ZERO, here(mission::QUEUE), Range),
+    number(SCRATCH, format::MAX_QUEUE as u16),
+    at_most(here(mission::QUEUE), SCRATCH, Range),
+    number(SCRATCH, format::MAX_EVENT),
+    at_most(here(mission::EVENTS), SCRATCH, Range),
+    below(here(mission::INTERPRETER_SLOT), count(Slots), Index),
+    let_be(EVENTS, here(mission::EVENTS)),
+    let_be(GROUPS, here(mission::EXCLUSIVE_GROUPS)),
+    let_be(SCRATCH, here(mission::FLAGS)),
+    // What the machine takes is all there is.
+    read(Containers, ZERO, HERE),
+    is(SCRATCH, here(container::FLAG_SPAN), Template),
+    let_be(seen(TaskInstances), here(container::TASK_SPAN)),
+    let_be(seen(RegionInstances), here(container::REGION_SPAN)),
+    let_be(seen(Instances), here(container::INSTANCE_SPAN)),
+];
+
+/// An instance, and before its regions its container.
+const INSTANCE: &[Rule] = &[
+    read(Instances, NUMBER, OF_INSTANCE),
+    // Its channels stand behind those of the instance before, and no container is passed over.
+    is(of_instance(instance::FIRST_CHANNEL), seen(Channels), Order),
+    at_most(of_instance(instance::CONTAINER), seen(Containers), Order),
+    // The machine begins everywhere.
+    given(NUMBER, ZERO, 4),
+    is(of_instance(instance::FIRST_REGION), ZERO, Template),
+    is(of_instance(instance::FIRST_FLAG), ZERO, Template),
+    is(of_instance(instance::FIRST_TASK), ZERO, Template),
+    is(of_instance(instance::AROUND), ZERO, Template),
+    // Behind its last region comes what comes behind the region around; around the machine there is none.
+    read(RegionInstances, of_instance(instance::AROUND), HERE),
+    let_be(BEHIND, here(region_instance::NEXT)),
+    given(NUMBER, ZERO, 1),
+    let_be(BEHIND, count(RegionInstances)),
+    // The first instance of a container says so, and its regions are the next.
+    read(Containers, of_instance(instance::CONTAINER), OF_CONTAINER),
+    given(of_instance(instance::CONTAINER), seen(Containers), 3),
+    is(of_container(container::FIRST_REGION), seen(Regions), Order),
+    is(of_container(container::FIRST_INSTANCE), NUMBER, Order),
+    add(seen(Containers), ONE),
+    let_be(TEMPLATE, of_container(container::FIRST_REGION)),
+    add(seen(Channels), of_container(container::CHANNELS)),
+    // It takes the flags at its head and itself, and what its states take.
+    let_sum(HEAD, OWN_FLAGS, of_container(container::FLAGS)),
+    let_be(TAKEN_FLAGS, HEAD),
+    let_be(TAKEN_TASKS, ZERO),
+    let_be(TAKEN_REGIONS, ZERO),
+    let_be(TAKEN_INSTANCES, ONE),
+    let_be(IS_LAST, ZERO),
+    while_below(IS_LAST, ONE, List::Region),
+    // It took what its container says.
+    read(Containers, of_instance(instance::CONTAINER), OF_CONTAINER),
+    is(of_container(container::FLAG_SPAN), TAKEN_FLAGS, Template),
+    is(of_container(container::TASK_SPAN), TAKEN_TASKS, Template),
+    is(
+        of_container(container::REGION_SPAN),
+        TAKEN_REGIONS,
+        Template,
+    ),
+    is(
+        of_container(container::INSTANCE_SPAN),
+        TAKEN_INSTANCES,
+        Template,
+    ),
+];
+
+/// A region of an instance, and its states.
+const REGION_OF_INSTANCE: &[Rule] = &[
+    let_sum(SCRATCH, TEMPLATE, ONE),
+    read(Regions, SCRATCH, OF_NEXT_REGION),
+    read(Regions, TEMPLATE, OF_REGION),
+    let_be(TEMPLATE, SCRATCH),
+    let_sum(REGION, of_instance(instance::FIRST_REGION), TAKEN_REGIONS),
+    add(TAKEN_REGIONS, ONE),
+    let_be(NEXT_STATE, of_region(region::FIRST_STATE)),
+    let_be(END_STATE, at(OF_NEXT_REGION, region::FIRST_STATE)),
+    given(END_STATE, NONE, 1),
+    let_be(END_STATE, count(States)),
+    // In a container's first instance its template is under test, too: two states at least, behind those of the region before.
+    given(of_container(container::FIRST_INSTANCE), NUMBER, 5),
+    add(seen(Regions), ONE),
+    is(NEXT_STATE, seen(States), Order),
+    is(
+        of_region(region::CONTAINER),
+        of_instance(instance::CONTAINER),
+        Order,
+    ),
+    let_sum(SCRATCH, NEXT_STATE, ONE),
+    below(SCRATCH, END_STATE, Order),
+    while_below(NEXT_STATE, END_STATE, List::State),
+    // Its record is what the template makes of it. Behind the last region stands what is behind the region around.
+    read(RegionInstances, REGION, HERE),
+    let_be(SCRATCH, BEHIND),
+    let_be(IS_LAST, ONE),
+    given(
+        of_next_region(region::CONTAINER),
+        of_instance(instance::CONTAINER),
+        2,
+    ),
+    let_be(IS_LAST, ZERO),
+    let_sum(SCRATCH, of_instance(instance::FIRST_REGION), TAKEN_REGIONS),
+    is(here(region_instance::NEXT), SCRATCH, Template),
+    is(
+        here(region_instance::FIRST_FLAG),
+        of_instance(instance::FIRST_FLAG),
+        Template,
+    ),
+    is(
+        here(region_instance::INITIAL),
+        of_region(region::FIRST_STATE),
+        Template,
+    ),
+    is(here(region_instance::INSTANCE), NUMBER, Template),
+];
+
+/// A state of an instance.
+const STATE_OF_INSTANCE: &[Rule] = &[
+    let_be(STATE, NEXT_STATE),
+    add(NEXT_STATE, ONE),
+    read(States, NEXT_STATE, HERE),
+    let_be(END_TRANSITION, here(state::FIRST_TRANSITION)),
+    given(END_TRANSITION, NONE, 1),
+    let_be(END_TRANSITION, count(Transitions)),
+    // Templates that are used often could make the pass much longer than the blob.
+    read(States, STATE, OF_STATE),
+    add(STATE_INSTANCES, ONE),
+    at_most(STATE_INSTANCES, MAX_STATE_INSTANCES, Range),
+    let_be(FIRST_FLAG, TAKEN_FLAGS),
+    let_be(A, ZERO),
+    let_be(RIGHT, NONE),
+    step(Step::Shape),
+    given(KIND, KIND_SIMPLE, 1),
+    apply(List::SimpleState),
+    given(KIND, KIND_TASK, 1),
+    apply(List::TaskState),
+    given(KIND, KIND_BACKGROUND, 1),
+    apply(List::TaskState),
+    given(KIND, KIND_SUPER, 1),
+    apply(List::Superstate),
+    given(of_container(container::FIRST_INSTANCE), NUMBER, 1),
+    apply(List::TemplateState),
+];
+
+/// A simple state: it has a flag, its timeout, or nothing at all.
+const SIMPLE: &[Rule] = &[
+    add(TAKEN_FLAGS, FLAGS),
+    let_be(RIGHT, ONE),
+    number(SCRATCH, format::STATE_SIMPLE << format::STATE_KIND_SHIFT),
+    given(of_state(state::SHAPE), SCRATCH, 1),
+    let_be(RIGHT, ZERO),
+];
+
+/// A task state: the record of its task instance, and the template of that.
+const TASK: &[Rule] = &[
+    let_sum(SCRATCH, of_instance(instance::FIRST_TASK), TAKEN_TASKS),
+    read(TaskInstances, SCRATCH, HERE),
+    is(here(task_instance::STATE), STATE, Template),
+    is(here(task_instance::REGION), REGION, Template),
+    is_sum(
+        here(task_instance::FIRST_FLAG),
+        of_instance(instance::FIRST_FLAG),
+        TAKEN_FLAGS,
+        Template,
+    ),
+    let_be(SCRATCH, here(task_instance::TASK_STATE)),
+    let_be(A, TAKEN_TASKS),
+    add(TAKEN_TASKS, ONE),
+    add(TAKEN_FLAGS, FLAGS),
+    // No other task state has this state: each one's is tested here once, in its turn.
+    given(of_container(container::FIRST_INSTANCE), NUMBER, 2),
+    is(SCRATCH, seen(TaskStates), Template),
+    add(seen(TaskStates), ONE),
+    read(TaskStates, SCRATCH, HERE),
+    is(here(task_state::STATE), STATE, Template),
+    given(of_container(container::FIRST_INSTANCE), NUMBER, 8),
+    // Its slot exists; in slot 0 there is none.
+    given(KIND, KIND_BACKGROUND, 1),
+    is(here(task_state::SLOT), NONE, Index),
+    given(KIND, KIND_TASK, 1),
+    below(here(task_state::SLOT), count(Slots), Index),
+    is(here(task_state::FIRST_PARAM), seen(Params), Order),
+    read(Tasks, here(task_state::TASK), HERE),
+    add(seen(Params), here(task::PARAMS)),
+    let_sum(RIGHT, TASK_FLAGS, here(task::FLAGS)),
+];
+
+/// A superstate: the record of the instance inside. What the first instance of the container around makes of this state holds for all of them.
+const SUPER: &[Rule] = &[
+    let_sum(
+        SCRATCH,
+        of_container(container::FIRST_INSTANCE),
+        TAKEN_INSTANCES,
+    ),
+    read(Instances, SCRATCH, HERE),
+    let_be(RIGHT, here(instance::CONTAINER)),
+    let_sum(SCRATCH, NUMBER, TAKEN_INSTANCES),
+    read(Instances, SCRATCH, HERE),
+    is(here(instance::CONTAINER), RIGHT, Template),
+    is_sum(
+        here(instance::FIRST_REGION),
+        of_instance(instance::FIRST_REGION),
+        TAKEN_REGIONS,
+        Template,
+    ),
+    is_sum(
+        here(instance::FIRST_FLAG),
+        of_instance(instance::FIRST_FLAG),
+        TAKEN_FLAGS,
+        Template,
+    ),
+    is_sum(
+        here(instance::FIRST_TASK),
+        of_instance(instance::FIRST_TASK),
+        TAKEN_TASKS,
+        Template,
+    ),
+    is(here(instance::AROUND), REGION, Template),
+    let_be(A, TAKEN_INSTANCES),
+    // It takes what its container does.
+    read(Containers, RIGHT, HERE),
+    let_sum(RIGHT, OWN_FLAGS, here(container::FLAGS)),
+    add(TAKEN_FLAGS, here(container::FLAG_SPAN)),
+    add(TAKEN_TASKS, here(container::TASK_SPAN)),
+    add(TAKEN_REGIONS, here(container::REGION_SPAN)),
+    add(TAKEN_INSTANCES, here(container::INSTANCE_SPAN)),
+];
+
+/// A state of a template.
+const TEMPLATE_STATE: &[Rule] = &[
+    read(States, STATE, OF_STATE),
+    // The first of its region is `initial` and the last is `final`, without anything; between them are others.
+    add(RIGHT, SHAPE_WITHOUT_FLAGS),
+    given(STATE, of_region(region::FIRST_STATE), 1),
+    let_be(RIGHT, ZERO),
+    given(NEXT_STATE, END_STATE, 2),
+    number(RIGHT, format::STATE_FINAL << format::STATE_KIND_SHIFT),
+    is(END_TRANSITION, seen(Transitions), Index),
+    is(of_state(state::SHAPE), RIGHT, Kind),
+    // Its parts begin where those of the state before end.
+    is(of_state(state::FIRST_TRANSITION), seen(Transitions), Order),
+    is(of_state(state::FIRST_FLAG), FIRST_FLAG, Order),
+    is(of_state(state::A), A, Order),
+    let_be(B, ZERO),
+    given(TIMED, ONE, 2),
+    let_be(B, seen(Timers)),
+    add(seen(Timers), ONE),
+    add(seen(States), ONE),
+    given(TIMED, ONE, 2),
+    read(Timers, B, HERE),
+    step(Step::Timer),
+    // Its transitions, and what it says of their events.
+    let_be(LAST_EVENT, ZERO),
+    let_be(EVENTS_LOW, ZERO),
+    let_be(EVENTS_HIGH, ZERO),
+    let_be(ROW, ZERO),
+    let_be(FIRST_ON_EVENT, seen(Transitions)),
+    while_below(seen(Transitions), END_TRANSITION, List::Transition),
+    read(States, STATE, OF_STATE),
+    is(of_state(state::EVENTS), EVENTS_LOW, Order),
+    is(of_state(state::EVENTS_HIGH), EVENTS_HIGH, Order),
+    is(
+        of_state(state::FIRST_EVENT_TRANSITION),
+        FIRST_ON_EVENT,
+        Order,
+    ),
+    // Without a timeout it tells the length of its row, where that is not 1.
+    given(TIMED, ZERO, 3),
+    let_be(B, ROW),
+    given(ROW, ONE, 1),
+    let_be(B, ZERO),
+    is(of_state(state::B), B, Order),
+];
+
+/// The next transition.
+const TRANSITION: &[Rule] = &[
+    read(Transitions, seen(Transitions), OF_TRANSITION),
+    add(seen(Transitions), ONE),
+    step(Step::Event),
+    // They are sorted, and so the pulse comes first.
+    at_most(LAST_EVENT, EVENT, Order),
+    let_be(LAST_EVENT, EVENT),
+    at_most(EVENT, EVENTS, Index),
+    // It leads to a state of its region, but not to `initial`.
+    below(
+        of_region(region::FIRST_STATE),
+        of_transition(transition::TARGET),
+        Index,
+    ),
+    below(of_transition(transition::TARGET), END_STATE, Index),
+    // The channel that a single `send` names exists.
+    compare(
+        Rule::BELOW,
+        of_transition(transition::ACTION),
+        ACTION_SEND,
+        of_container(container::CHANNELS),
+        Index,
+    ),
+    step(Step::Transition),
+];
+
+/// A channel: an event that exists, and words that do.
+const CHANNEL: &[Rule] = &[
+    read(Channels, NUMBER, HERE),
+    below(ZERO, here(channel::EVENT), Index),
+    at_most(here(channel::EVENT), EVENTS, Index),
+    let_sum(
+        END_WORD,
+        here(channel::FIRST_REGION_WORD),
+        here(channel::REGION_WORDS),
+    ),
+    at_most(END_WORD, REGION_WORDS, Index),
+    let_sum(
+        END_ROW,
+        here(channel::FIRST_ROW_WORD),
+        here(channel::REGION_WORDS),
+    ),
+    at_most(END_ROW, count(Listeners), Index),
+    step(Step::LastWord),
+];
+
+/// A task: its text is the next, and its group exists.
+const TASK_RECORD: &[Rule] = &[
+    read(Tasks, NUMBER, HERE),
+    is(here(task::TEXT_START), seen(Signatures), Order),
+    add(seen(Signatures), here(task::TEXT_LENGTH)),
+    none_or_below(here(task::EXCLUSIVE), GROUPS, Range),
+];
+
+/// A task instance: its connections are the next, as many as its task has data ports.
+const TASK_INSTANCE: &[Rule] = &[
+    read(TaskInstances, NUMBER, HERE),
+    is(
+        here(task_instance::FIRST_CONNECTION),
+        seen(Connections),
+        Order,
+    ),
+    read(TaskStates, here(task_instance::TASK_STATE), HERE),
+    read(Tasks, here(task_state::TASK), HERE),
+    add(seen(Connections), here(task::DATA)),
+];
+
+/// A connection: to a net, or none.
+const CONNECTION: &[Rule] = &[
+    read(Connections, NUMBER, HERE),
+    none_or_below(here(connection::NET), count(Nets), Index),
+];
