@@ -988,7 +988,7 @@ fn a_mission_that_does_not_fit_is_refused_and_the_robot_drives_on() {
             many_regions,
             LinkError::CapacityExceeded {
                 what: Capacity::ArenaWords,
-                needed: 83,
+                needed: 67,
                 available: 64,
             },
         ),
