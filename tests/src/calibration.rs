@@ -46,7 +46,7 @@ pub fn examples() -> Vec<Example> {
 /// What stands before the machine, and what is in it beside the region `drive`.
 type Maker = fn(usize) -> (String, String);
 
-const MAKERS: [(&str, Maker); 29] = [
+const MAKERS: [(&str, Maker); 30] = [
     ("idle regions", |size| {
         repeated(size, |it| {
             format!("region r{it} {{ state S; initial -> S; S -> S on H; }}")
@@ -68,6 +68,19 @@ const MAKERS: [(&str, Maker); 29] = [
             format!("region r {{ task S: Do; initial -> S; {tests} }}"),
         )
     }),
+    (
+        "guards that stand in a row, and the other way round",
+        |size| {
+            let flags = |it: usize| format!("S -> S [.a{it}] / send F; ");
+            let (row, reversed) = (lines(size, flags), lines(size, |it| flags(size - 1 - it)));
+            (
+                String::new(),
+                format!(
+                    "region r {{ task S: Wide; initial -> S; {row} }} region q {{ task S: Wide; initial -> S; {reversed} }}"
+                ),
+            )
+        },
+    ),
     ("terms of a conjunction", |size| {
         let terms = vec![".a and not .b"; size].join(" and .c and ");
         (

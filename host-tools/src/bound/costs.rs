@@ -53,7 +53,9 @@ constructs! {
     PulseVisit "pulse_visit",
     /// A state with a timeout that is visited on the pulse.
     PulseTimer "pulse_timer",
-    /// A transition that is looked at on the pulse, with its guard of one flag.
+    /// A row of guards that is looked at together on the pulse.
+    PulseRow "pulse_row",
+    /// A transition behind the row that is looked at on the pulse, with its guard of one flag.
     PulseTransition "pulse_transition",
     /// An event that is taken from the queue.
     Event "event",

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use esm_core::format::GUARD_PROGRAM;
 use esm_core::tables::{self, Code, StateKind, Tables};
 
 use super::costs::{Construct, Ledger};
@@ -73,6 +74,8 @@ pub(super) struct State {
     pub(super) flags: Range<usize>,
     /// Transitions on the pulse.
     pub(super) on_pulse: Range<usize>,
+    /// The first of them, whose guards are looked at together; none where each is looked at alone.
+    pub(super) row: Range<usize>,
     /// Transitions on events.
     pub(super) on_events: Range<usize>,
     /// Whether transitions lead to it from `initial`, whatever their guards say.
@@ -84,9 +87,7 @@ pub(super) enum Kind {
     Initial,
     Final,
     Simple,
-    Task {
-        is_real_time: bool,
-    },
+    Task,
     /// The container instance inside, relative to the one that holds it.
     Super {
         instance_offset: usize,
@@ -98,6 +99,8 @@ pub(super) enum Kind {
 pub(super) struct Transition {
     pub(super) event: u16,
     pub(super) is_plain: bool,
+    /// Whether it is one of the [`State::row`] of the state that it leaves.
+    pub(super) is_in_row: bool,
     pub(super) target: usize,
     pub(super) guard: Guard,
     pub(super) actions: Vec<Action>,
@@ -154,9 +157,13 @@ impl Machine {
         let mut states: Vec<State> = (0..tables.state_count())
             .map_while(|index| state(tables, index))
             .collect();
-        let transitions: Vec<Transition> = (0..tables.transition_count())
+        let mut transitions: Vec<Transition> = (0..tables.transition_count())
             .map_while(|index| transition(tables, &states, index))
             .collect();
+        for state in &states {
+            let row = transitions.get_mut(state.row.clone()).unwrap_or_default();
+            row.iter_mut().for_each(|it| it.is_in_row = true);
+        }
         mark_reachable(&mut states, &transitions);
         let regions: Vec<Region> = (0..tables.region_instance_count())
             .map_while(|index| {
@@ -278,6 +285,7 @@ impl Machine {
                     Construct::PulseTimer,
                     usize::from(state.timeout_us.is_some()),
                 );
+                ledger.add(Construct::PulseRow, usize::from(!state.row.is_empty()));
             }
             Trigger::Channel(_) | Trigger::Any => {
                 ledger.add(Construct::Listener, 1);
@@ -295,6 +303,10 @@ impl Machine {
         transition: &Transition,
         trigger: Trigger,
     ) {
+        if trigger == Trigger::Pulse && transition.is_in_row {
+            // That is in the visit.
+            return;
+        }
         ledger.add(
             match trigger {
                 Trigger::Pulse => Construct::PulseTransition,
@@ -333,15 +345,17 @@ impl Machine {
         index: usize,
         left: &State,
         transition: &Transition,
-        trigger: Trigger,
         disabled: Option<usize>,
     ) {
         if transition.is_plain {
-            ledger.add(Construct::Plain, 1);
-            return;
-        }
-        if trigger == Trigger::Pulse && self.is_again(left, transition) {
-            ledger.add(Construct::Again, 1);
+            // Of those that are plain, only a task state that is entered anew sends.
+            let is_again = !transition.actions.is_empty();
+            let construct = if is_again {
+                Construct::Again
+            } else {
+                Construct::Plain
+            };
+            ledger.add(construct, 1);
             return;
         }
         ledger.add(Construct::Taken, 1);
@@ -351,7 +365,7 @@ impl Machine {
             return;
         };
         match left.kind {
-            Kind::Task { .. } => ledger.add(Construct::LeaveTask, 1),
+            Kind::Task => ledger.add(Construct::LeaveTask, 1),
             Kind::Super { instance_offset } => {
                 ledger.add(Construct::LeaveSuper, 1);
                 ledger.add(Construct::LeaveWord, words(index + 1..region.next));
@@ -384,7 +398,7 @@ impl Machine {
         let is_timed = entered.timeout_us.is_some();
         ledger.add(Construct::EnterTimed, usize::from(is_timed));
         match entered.kind {
-            Kind::Task { .. } => ledger.add(Construct::EnterTask, 1),
+            Kind::Task => ledger.add(Construct::EnterTask, 1),
             Kind::Final => {
                 ledger.add(Construct::EnterFinal, 1);
                 let woken = words(self.woken_with(region.instance));
@@ -397,20 +411,6 @@ impl Machine {
             }
             Kind::Initial | Kind::Simple => {}
         }
-    }
-
-    /// Whether a transition on the pulse goes the short way of real-time task states that are entered anew and send an event.
-    fn is_again(&self, left: &State, transition: &Transition) -> bool {
-        // A state is told by its transitions on the pulse, of which this is one.
-        let Some(entered) = self.states.get(transition.target) else {
-            return false;
-        };
-        left.kind == Kind::Task { is_real_time: true }
-            && left.timeout_us.is_none()
-            && left.flags.len() <= RESET_BITS
-            && left.on_pulse == entered.on_pulse
-            && !transition.has_row
-            && !transition.actions.is_empty()
     }
 
     // ─── How it is connected ──────────────────────────────────────────────────────────────────────────────────────────
@@ -522,18 +522,36 @@ fn state(tables: &Tables<'_>, index: usize) -> Option<State> {
             StateKind::Initial => Kind::Initial,
             StateKind::Final => Kind::Final,
             StateKind::Simple => Kind::Simple,
-            StateKind::Task { real_time, .. } => Kind::Task {
-                is_real_time: real_time,
-            },
+            StateKind::Task { .. } => Kind::Task,
             StateKind::Super { instance_offset } => Kind::Super { instance_offset },
         },
         timeout_us: state.timeout_us,
         events: state.events,
         flags: state.first_flag..state.first_flag + state.flags,
         on_pulse: all.start..state.first_event_transition,
+        row: row(
+            tables,
+            all.start..state.first_event_transition,
+            state.timeout_us.is_some(),
+        ),
         on_events: state.first_event_transition..all.end,
         is_reachable: false,
     })
+}
+
+/// Of the transitions of a state on the pulse those at the beginning whose guards ask for one bit each, one behind the other. One alone is no row, and a state with a timeout
+/// has none: the interpreter does without.
+fn row(tables: &Tables<'_>, on_pulse: Range<usize>, is_timed: bool) -> Range<usize> {
+    let start = on_pulse.start;
+    let guards = on_pulse.map_while(|index| Some(tables.transition(index)?.guard));
+    let first = guards.clone().next().unwrap_or_default();
+    let length = (first..GUARD_PROGRAM)
+        .zip(guards)
+        .take_while(|(next, guard)| next == guard);
+    match length.count() {
+        length if length > 1 && !is_timed => start..start + length,
+        _ => start..start,
+    }
 }
 
 fn transition(tables: &Tables<'_>, states: &[State], index: usize) -> Option<Transition> {
@@ -562,6 +580,7 @@ fn transition(tables: &Tables<'_>, states: &[State], index: usize) -> Option<Tra
     Some(Transition {
         event: transition.event,
         is_plain: transition.is_plain,
+        is_in_row: false,
         target: transition.target,
         guard,
         actions: actions.collect(),
@@ -635,7 +654,7 @@ fn count_tasks_together(instances: &mut [Instance], regions: &[Region], states: 
     // What is inside a region has higher numbers than it, so it is added up before.
     for region in regions.iter().rev() {
         let of_state = |state: &State| match state.kind {
-            Kind::Task { .. } => 1,
+            Kind::Task => 1,
             Kind::Super { instance_offset } => instances
                 .get(region.instance + instance_offset)
                 .map_or(0, |inside| inside.tasks_together),

@@ -237,22 +237,15 @@ impl Walk<'_> {
         let (Some(transition), Some(&(_, disabled))) = (transition, here) else {
             return at + 1;
         };
-        self.take(at, state, transition, trigger, disabled);
+        self.take(at, state, transition, disabled);
         region.next
     }
 
-    fn take(
-        &mut self,
-        at: usize,
-        left: &State,
-        transition: &Transition,
-        trigger: Trigger,
-        disabled: usize,
-    ) {
+    fn take(&mut self, at: usize, left: &State, transition: &Transition, disabled: usize) {
         let machine = self.machine;
         // Of a task state that is left, its own is one of them.
         let inside = matches!(left.kind, Kind::Super { .. }).then_some(disabled);
-        machine.take(&mut self.counts, at, left, transition, trigger, inside);
+        machine.take(&mut self.counts, at, left, transition, inside);
         self.queue.extend(machine.sent(at, transition));
         let (Some(region), Some(entered)) = (
             machine.regions.get(at),

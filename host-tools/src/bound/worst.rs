@@ -390,7 +390,7 @@ impl Search<'_> {
                         continue;
                     }
                     let mut taken = looked.clone();
-                    machine.take(&mut taken, index, state, transition, trigger, None);
+                    machine.take(&mut taken, index, state, transition, None);
                     let sent = machine.sent(index, transition);
                     let follow = sent.filter_map(|channel| follows.get(channel).copied());
                     // What is inside is not visited, but its timers were looked at before.
