@@ -203,10 +203,10 @@ pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     steps_left: u32,
     /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of two: the low bits say the
     /// place.
-    queued: u8,
-    taken: u8,
-    queue_mask: u8,
-    queue_capacity: u8,
+    queued: u32,
+    taken: u32,
+    queue_mask: u32,
+    queue_capacity: u32,
     /// Whether a transition was taken in this macro step.
     changed: bool,
     /// Whether some region is awake. A machine that was stopped never sleeps.
@@ -240,8 +240,6 @@ const NOT_TAKEN: Resume = usize::MAX;
 #[derive(Clone, Copy)]
 struct Here<P> {
     region: usize,
-    /// Its bit in its words.
-    bit: u32,
     /// The record of its current state.
     current: P,
 }
@@ -324,8 +322,8 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     ) -> Result<Self, ArenaTooSmall<'m, B>> {
         let tables = verified.tables();
         let layout = ArenaLayout::of(&tables);
-        let queue_capacity = tables.queue_capacity() as u8;
-        let queue_mask = (queue_places(&tables) - 1) as u8;
+        let queue_capacity = tables.queue_capacity() as u32;
+        let queue_mask = (queue_places(&tables) - 1) as u32;
         let period_us = tables
             .slot(tables.interpreter_slot())
             .map_or(0, |slot| slot.period_us);
@@ -403,7 +401,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         };
         if self.is_awake {
             self.walk(observer)?;
-            summary.micro_steps = self.taken + 1;
+            summary.micro_steps = self.taken as u8 + 1;
             summary.changed = self.changed;
         }
         summary.finished = self.is_finished();
@@ -738,7 +736,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn wake_here(&mut self, here: Here<R::Place>) {
         let awake = self.active_word(here.region) + 1;
-        self.store(awake, self.load(awake) | here.bit);
+        self.store(awake, self.load(awake) | bit_of(here.region));
         self.is_awake = true;
     }
 
@@ -789,10 +787,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             return Err(self.stop(Fault::EventQueueOverflow, observer));
         }
         while self.taken != self.queued {
-            if self.taken == MAX_MICRO_STEPS - 1 {
+            if self.taken == u32::from(MAX_MICRO_STEPS - 1) {
                 return Err(self.stop(Fault::MacroStepLimit, observer));
             }
-            let place = usize::from(self.taken & self.queue_mask);
+            let place = (self.taken & self.queue_mask) as usize;
             self.taken += 1;
             let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
             if self.event(sent.into(), observer) == NOT_TAKEN {
@@ -806,17 +804,17 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn pulse<O: Observer>(&mut self, observer: &mut O) -> Resume {
         let mut resume = ON;
-        let mut base = 0;
+        let mut word = 0;
         loop {
-            let active = self.active_word(base);
+            let active = self.layout.active + 2 * word;
             let awake = self.load(active + 1);
             let mut visit = self.load(active) & awake;
             if resume != ON {
-                visit &= not_before(resume, base / WORD_BITS);
+                visit &= not_before(resume, word);
             }
             // Who is shown the pulse sleeps until woken again.
             self.store(active + 1, awake & !visit);
-            let seen = self.visit_on_pulse(visit, base, observer);
+            let seen = self.visit_on_pulse(visit, word, observer);
             if seen != ON {
                 if seen == NOT_TAKEN {
                     return NOT_TAKEN;
@@ -825,8 +823,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 resume = seen;
                 continue;
             }
-            base += WORD_BITS;
-            if base >= self.layout.regions {
+            word += 1;
+            if WORD_BITS * word >= self.layout.regions {
                 return ON;
             }
         }
@@ -844,22 +842,31 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let waits = 1 << (u32::from(event) % u32::BITS);
         let row = self.field(sent, channel::FIRST_ROW_WORD);
         let mut row = self.record(Section::Listeners, row);
-        let mut base = WORD_BITS * self.field(sent, channel::FIRST_REGION_WORD);
+        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
         let mut resume = ON;
         loop {
-            let mut visit = self.load(self.active_word(base)) & self.word_of(row);
+            let mut visit = self.load(self.layout.active + 2 * word) & self.word_of(row);
             if resume != ON {
-                visit &= not_before(resume, base / WORD_BITS);
+                visit &= not_before(resume, word);
             }
             let seen = loop {
-                let Some(here) = self.next_who_waits(&mut visit, base, waits) else {
+                let Some(here) = self.next_who_waits(&mut visit, word, waits) else {
                     break ON;
                 };
-                if let Some(at) = self.find_on_event(event, here) {
-                    let seen = self.take_and_tell(here, at, None, observer);
-                    if seen != ON {
-                        break seen;
-                    }
+                let Some((at, is_plain)) = self.find_on_event(event, here) else {
+                    continue;
+                };
+                if is_plain {
+                    self.take_plain(here, at);
+                    self.tell(here, at, observer);
+                    continue;
+                }
+                let seen = self.take_any(here.region, at, observer);
+                if seen != NOT_TAKEN {
+                    self.tell(here, at, observer);
+                }
+                if seen != ON {
+                    break seen;
                 }
             };
             if seen != ON {
@@ -873,7 +880,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if words == 0 {
                 return ON;
             }
-            base += WORD_BITS;
+            word += 1;
             row = R::ahead(row, record_bytes(Section::Listeners));
         }
     }
@@ -897,20 +904,23 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     fn visit_on_pulse<O: Observer>(
         &mut self,
         mut visit: u32,
-        base: usize,
+        word: usize,
         observer: &mut O,
     ) -> Resume {
         while visit != 0 {
             let offset = visit.leading_zeros();
             visit &= !(FIRST >> offset);
-            let here = self.here(base, offset);
+            let here = self.here(word, offset);
             let Some((at, flags)) = self.find_on_pulse(here) else {
                 continue;
             };
-            let seen = self.take_and_tell(here, at, Some(flags), observer);
+            let seen = self.take_on_pulse(here, at, flags, observer);
+            if seen != NOT_TAKEN {
+                self.tell(here, at, observer);
+            }
             if seen != ON {
                 // Those who were not shown it yet are awake as before.
-                let awake = self.active_word(base) + 1;
+                let awake = self.layout.active + 2 * word + 1;
                 self.store(awake, self.load(awake) | visit);
                 return seen;
             }
@@ -918,24 +928,23 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         ON
     }
 
-    /// The region instance at a place of the word that begins with `base`.
+    /// The region instance at a place of a word.
     #[inline(always)]
-    fn here(&self, base: usize, offset: u32) -> Here<R::Place> {
-        let region = base + offset as usize;
+    fn here(&self, word: usize, offset: u32) -> Here<R::Place> {
+        let region = WORD_BITS * word + offset as usize;
         Here {
             region,
-            bit: FIRST >> offset,
             current: self.current_record(region),
         }
     }
 
     /// The next of the region instances in `visit` whose current state waits for one of these events; it and those before it are taken out.
     #[inline(always)]
-    fn next_who_waits(&self, visit: &mut u32, base: usize, waits: u32) -> Option<Here<R::Place>> {
+    fn next_who_waits(&self, visit: &mut u32, word: usize, waits: u32) -> Option<Here<R::Place>> {
         while *visit != 0 {
             let offset = visit.leading_zeros();
-            let here = self.here(base, offset);
-            *visit &= !here.bit;
+            let here = self.here(word, offset);
+            *visit &= !(FIRST >> offset);
             if self.events(here.current) & waits != 0 {
                 return Some(here);
             }
@@ -943,51 +952,45 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         None
     }
 
-    /// Takes a transition, and tells so.
+    /// Tells of a transition that was taken.
     #[inline(always)]
-    fn take_and_tell<O: Observer>(
-        &mut self,
-        here: Here<R::Place>,
-        at: R::Place,
-        flags: Option<usize>,
-        observer: &mut O,
-    ) -> Resume {
-        let seen = self.take(here, at, flags, observer);
-        if seen != NOT_TAKEN {
-            let first = self.record(Section::Transitions, 0);
-            observer.transition(TransitionTaken {
-                micro: self.taken,
-                region_instance: here.region as u16,
-                transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
-            });
-        }
-        seen
+    fn tell<O: Observer>(&self, here: Here<R::Place>, at: R::Place, observer: &mut O) {
+        let first = self.record(Section::Transitions, 0);
+        observer.transition(TransitionTaken {
+            micro: self.taken as u8,
+            region_instance: here.region as u16,
+            transition: (R::distance(first, at) / TRANSITION_BYTES) as u16,
+        });
     }
 
-    /// Takes a transition. What is most frequent is done here. Where the flags of the current state begin is known on the pulse.
+    /// Takes a plain transition to a simple state.
     #[inline(always)]
-    fn take<O: Observer>(
+    fn take_plain(&mut self, here: Here<R::Place>, at: R::Place) {
+        let target = self.field(at, transition::TARGET);
+        R::store_half(self.arena, here.region, target as u16);
+        let entered = self.record(Section::States, target);
+        self.changed = true;
+        self.wake_if_on_pulse(here, entered);
+    }
+
+    /// Takes a transition on the pulse. What is most frequent is done here. `flags` is where those of the current state begin.
+    #[inline(always)]
+    fn take_on_pulse<O: Observer>(
         &mut self,
         here: Here<R::Place>,
         at: R::Place,
-        flags: Option<usize>,
+        flags: usize,
         observer: &mut O,
     ) -> Resume {
         let trigger = self.field(at, transition::EVENT) as u16;
         if trigger & format::TRANSITION_IS_PLAIN == 0 {
             return self.take_any(here.region, at, observer);
         }
-        if let Some(flags) = flags {
-            let action = self.field(at, transition::ACTION) as u16;
-            if action != format::ACTION_NONE {
-                return self.take_again(here, flags, action, observer);
-            }
+        let action = self.field(at, transition::ACTION) as u16;
+        if action != format::ACTION_NONE {
+            return self.take_again(here, flags, action, observer);
         }
-        let target = self.field(at, transition::TARGET);
-        R::store_half(self.arena, here.region, target as u16);
-        let entered = self.record(Section::States, target);
-        self.changed = true;
-        self.wake_if_on_pulse(here, entered);
+        self.take_plain(here, at);
         ON
     }
 
@@ -1030,9 +1033,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         None
     }
 
-    /// The same on another event.
+    /// The same on another event; and whether it is plain.
     #[inline(always)]
-    fn find_on_event(&mut self, event: u16, here: Here<R::Place>) -> Option<R::Place> {
+    fn find_on_event(&mut self, event: u16, here: Here<R::Place>) -> Option<(R::Place, bool)> {
         let Here {
             region, current, ..
         } = here;
@@ -1044,11 +1047,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let end = self.record(Section::Transitions, end);
         while at != end {
             // Without the mark, which is in the highest bit.
-            if (self.field(at, transition::EVENT) as u16 ^ event) << 1 == 0 {
+            let differs = self.field(at, transition::EVENT) as u16 ^ event;
+            if differs << 1 == 0 {
                 let guard = self.field(at, transition::GUARD);
                 if guard == usize::from(format::GUARD_TRUE) || self.is_true(guard, region, current)
                 {
-                    return Some(at);
+                    return Some((at, differs != 0));
                 }
             }
             at = R::ahead(at, TRANSITION_BYTES);
@@ -1282,12 +1286,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Appends an event to the queue. False if there is no room.
     #[inline(always)]
     fn send(&mut self, channel: usize) -> bool {
-        if self.queued.wrapping_sub(self.taken) == self.queue_capacity {
+        if self.queued - self.taken == self.queue_capacity {
             return false;
         }
-        let place = usize::from(self.queued & self.queue_mask);
+        let place = (self.queued & self.queue_mask) as usize;
         R::store_half(self.arena, 2 * self.layout.queue + place, channel as u16);
-        self.queued = self.queued.wrapping_add(1);
+        self.queued += 1;
         true
     }
 
