@@ -82,7 +82,7 @@
 //! or own flags of the state that is left: nothing else can make a guard of a state true, and a machine in which none of them changes can rest.
 //!
 //! **Actions.** 0 is none; 32,768 + *c* one `send` on channel *c* of the instance; any other number 1 + the code record of the first of a row, in which operation 5 sends on a channel, 6 clears a flag and
-//! 7 sets one, and the low bit of the last is set. The *plain mark* stands at each transition that changes nothing but the current state: from `initial` or a simple state to a
+//! 7 sets one, and the low bit of the last is set. Operands count as in a program, with own flags those of the state that is entered; `exit` and `timeout` are not for actions to write. The *plain mark* stands at each transition that changes nothing but the current state: from `initial` or a simple state to a
 //! simple state without flags, without actions; and at each one on the pulse from a real-time task state without timeout and with at most 25 flags to itself whose action is one `send`.
 //!
 //! **Channels.** An event that is sent in a container instance has a channel there, one for each pair of instance and sent event. It carries the event's number and the row of those who

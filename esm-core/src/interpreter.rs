@@ -244,30 +244,24 @@ struct Here<P> {
     current: P,
 }
 
-/// What guards see: in the low half the first own flags of a state, in the high half their complement.
+/// What guards see: in the low half the first own flags of a state, in the high half their complement. Cores that test the highest bit of a shifted word at no cost have it the other way
+/// round.
 #[derive(Clone, Copy)]
-struct Window(u32);
+struct Window<const REVERSED: bool = { cfg!(target_arch = "arm") }>(u32);
 
-impl Window {
-    /// Cores that test the highest bit of a shifted word at no cost have it the other way round.
-    const REVERSED: bool = cfg!(target_arch = "arm");
-
+impl<const REVERSED: bool> Window<REVERSED> {
     #[inline(always)]
     fn of(flags: u32) -> Self {
         let flags = flags & ((1 << format::WINDOW_FLAGS) - 1);
         let bits = flags | !flags << format::GUARD_IF_CLEAR;
-        Self(if Self::REVERSED {
-            bits.reverse_bits()
-        } else {
-            bits
-        })
+        Self(if REVERSED { bits.reverse_bits() } else { bits })
     }
 
     /// The first that is true of guards that ask for one bit each, `count` of them, from this one on.
     #[inline(always)]
     fn first_of(self, guard: usize, count: usize) -> Option<usize> {
         let (guard, count) = (guard as u32 % u32::BITS, count as u32 % u32::BITS);
-        let first = if Self::REVERSED {
+        let first = if REVERSED {
             let bits = (self.0 << guard) & !(u32::MAX >> count);
             (bits != 0).then(|| bits.leading_zeros())
         } else {
@@ -281,7 +275,7 @@ impl Window {
     #[inline(always)]
     fn holds(self, guard: usize) -> bool {
         let guard = guard as u32 % u32::BITS;
-        if Self::REVERSED {
+        if REVERSED {
             (self.0 << guard) >> (u32::BITS - 1) != 0
         } else {
             self.0 >> guard & 1 != 0
@@ -1010,7 +1004,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
         let flags = WORD_BITS * self.layout.flags + self.first_flag(region, current);
-        let window = Window::of(R::window(self.arena, flags));
+        let window: Window = Window::of(R::window(self.arena, flags));
         if row != 0 {
             let guard = self.field(at, transition::GUARD);
             if let Some(first) = window.first_of(guard, row) {
@@ -1076,7 +1070,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
         let flags = self.own_flags(region, current);
         if guard < usize::from(format::GUARD_PROGRAM) {
-            return Window::of(flags).holds(guard);
+            let window: Window = Window::of(flags);
+            return window.holds(guard);
         }
         if guard >= usize::from(format::GUARD_MASK) {
             let at = self.record(Section::Code, guard - usize::from(format::GUARD_MASK));
@@ -1465,4 +1460,51 @@ fn bit(words: &[u32], index: usize) -> bool {
     words
         .get(index / WORD_BITS)
         .is_some_and(|word| word >> (index % WORD_BITS) & 1 != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Holds each guard that asks for one bit, and each row of them, against the meaning of its number.
+    fn assert_guards_mean_what_they_say<const REVERSED: bool>() {
+        let one_flag = (0..format::WINDOW_FLAGS).map(|flag| 1u32 << flag);
+        // What is above the window is of other states.
+        let patterns = [0, u32::MAX, 0x7FFF, 0xFFFF_8000, 0x5555_5555, 0xDEAD_BEEF];
+        for flags in one_flag
+            .clone()
+            .chain(one_flag.map(|it| !it))
+            .chain(patterns)
+        {
+            let holds = |guard: u32| match guard {
+                0..15 => flags >> guard & 1 != 0,
+                15 => false,
+                16..31 => flags >> (guard - 16) & 1 == 0,
+                _ => guard == u32::from(format::GUARD_TRUE),
+            };
+            let window = Window::<REVERSED>::of(flags);
+            for guard in 0..u32::from(format::GUARD_PROGRAM) {
+                assert_eq!(
+                    window.holds(guard as usize),
+                    holds(guard),
+                    "{flags:#x} {guard}"
+                );
+                for count in 2..=(u32::from(format::GUARD_PROGRAM) - guard).min(16) {
+                    let first = (0..count).find(|ahead| holds(guard + ahead));
+                    let found = window.first_of(guard as usize, count as usize);
+                    assert_eq!(
+                        found,
+                        first.map(|it| it as usize),
+                        "{flags:#x} {guard} {count}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn guards_mean_the_same_whichever_way_round_a_core_has_them() {
+        assert_guards_mean_what_they_say::<false>();
+        assert_guards_mean_what_they_say::<true>();
+    }
 }

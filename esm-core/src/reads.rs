@@ -198,10 +198,13 @@ mod unchecked {
     /// `T` at a byte of the blob, which need not lie as a `T` of its own would.
     #[inline(always)]
     fn in_blob<T: Copy>(bytes: &[u8], Byte(at): Byte) -> T {
-        let from = at.addr().wrapping_sub(bytes.as_ptr().addr());
+        // The owner of the bytes may have been moved since the place was made, and one that alone may use them, as a `&mut` does, then ends what was borrowed from it before. So it is
+        // from the bytes as they are borrowed now that they are read. It costs nothing: the address is the same.
+        let from = at.addr().wrapping_sub(bytes.as_ptr().expose_provenance());
         debug_assert!(from + size_of::<T>() <= bytes.len(), "invariant 1: {from}");
+        let at = core::ptr::with_exposed_provenance::<T>(at.addr());
         // SAFETY: invariant 1: a record that the verified tables speak of is inside. `T` is a number, which any bytes are.
-        unsafe { at.cast::<T>().read_unaligned() }
+        unsafe { at.read_unaligned() }
     }
 
     /// The place of `T` at a byte of the arena.

@@ -26,11 +26,13 @@
 //!   state's block. Tests name flags at the head of the block of their instance, or own ones of the state that is left; actions the same of the state that is entered.
 //! * **transitions**: those of a state are a range in the table, as long as the next state's begin behind. Those on the pulse come first, up to *first not on the pulse*; the others are
 //!   sorted by their events. `events` has a bit for each, and no other. `final` has none.
-//! * **plain**: the mark is set on every transition from `initial` or a simple state to a simple state without flags that has no action, and on no other.
+//! * **plain**: the mark is set on every transition from `initial` or a simple state to a simple state without flags that has no action; on every one on the pulse from a real-time task state
+//!   without timeout and with at most [`format::PLAIN_FLAGS`] flags to itself whose action is one `send`; and on no other.
 //! * **guards**: a bit is one of the state's own flags; a mask has two bits at least, all own flags, its value no others; a program ends, its jumps lead ahead and to its end at most, it
-//!   looks inside superstates only. All code records that they need exist.
-//! * **actions**: a row ends. The channels of an instance exist: its first plus the one that is named.
-//! * **timers**: a state with a timeout has a flag for it and a record among the timers, of at most [`format::MAX_TIME_US`].
+//!   looks inside superstates only. All code records that they need exist. Where *b* of a state without timeout is not 0, that many of its first transitions are on the pulse, with guards that
+//!   are bits, each one more than the guard before.
+//! * **actions**: a row ends. The channels of an instance exist: its first plus the one that is named. No action writes `exit` or `timeout` of a state or superstate.
+//! * **timers**: a state with a timeout has a flag for it and a record among the timers, of at most [`format::MAX_TIME_US`]. So nothing but entering its state resets a timeout flag.
 //! * **rows**: a channel's words are in the table of listeners, and those of its region words that exist; a bit is that of a region instance. Its event is not the pulse.
 //! * **tasks**: a task instance exists for each task state of each instance; its state, region instance, first flag, task state are right. The task of a task state, its slot, its parameters
 //!   and the connections of a task instance exist, as many as the task has; the state has as many flags as the task.
@@ -576,7 +578,11 @@ impl Pass<'_> {
             let right = if operation == format::CODE_SEND {
                 operand < self.get(rules::of_container(container::CHANNELS))
             } else {
-                operand < self.get(rules::HEAD) || operand.wrapping_sub(first_flag) < flags
+                // What is not for actions to write stands first in the block of an instance as in that of a state.
+                let from = u32::from(operation > format::CODE_SEND)
+                    * format::CONTAINER_CONTROL_FLAGS as u32;
+                operand.wrapping_sub(from) < self.get(rules::HEAD) - from
+                    || operand.wrapping_sub(first_flag + from) < flags.saturating_sub(from)
             };
             self.ensure(right, Cause::Index);
             let is_end = if operation < format::CODE_SEND {
