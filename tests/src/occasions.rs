@@ -4,7 +4,9 @@
 
 use std::collections::HashMap;
 
-use host_tools::model::{Action, Guard, Model, Source, State, StateKind, Trigger};
+use host_tools::model::{
+    Action, Guard, Model, Source, State, StateKind, Target, Transition, Trigger,
+};
 
 use crate::reference::Taken;
 
@@ -33,6 +35,13 @@ pub struct Occasions {
     events_beyond_a_word: usize,
     events_that_collide: usize,
     regions_beyond_a_word: usize,
+    in_rows: usize,
+    in_rows_of_clear: usize,
+    at_ends_of_rows: usize,
+    far_in_rows: usize,
+    behind_rows: usize,
+    in_timed_rows: usize,
+    entered_again: usize,
     superstates_left_across_words: usize,
     superstates_entered_across_words: usize,
     deep: usize,
@@ -50,6 +59,7 @@ impl Occasions {
             self.add_guard(taken, &writers);
             self.add_event(&numbers, taken);
             self.add_place(taken);
+            self.add_row(taken);
             for action in &taken.transition.actions {
                 if let Action::Parent(flag, _) = action {
                     writers.insert(
@@ -150,6 +160,48 @@ impl Occasions {
         self.deep += usize::from(taken.depth > DEEP);
     }
 
+    /// Transitions on the pulse of one source that ask for one flag each, in the order of the flags: they can be looked at together.
+    fn add_row(&mut self, taken: &Taken<'_>) {
+        let Source::State(source) = taken.transition.source else {
+            return;
+        };
+        let state = &taken.region.states[source];
+        let on_pulse = |it: &&Transition| {
+            it.source == taken.transition.source
+                && matches!(it.trigger, Trigger::Pulse | Trigger::Star)
+        };
+        let on_pulse: Vec<_> = taken.region.transitions.iter().filter(on_pulse).collect();
+        let Some(own) = on_pulse
+            .iter()
+            .position(|it| std::ptr::eq(*it, taken.transition))
+        else {
+            return;
+        };
+        let bits: Vec<usize> = on_pulse
+            .iter()
+            .map_while(|it| place_of_bit(it, state))
+            .collect();
+        let goes_on = |pair: &&[usize]| pair[0] + 1 == pair[1];
+        let row = 1 + bits.windows(2).take_while(goes_on).count();
+        if bits.len() > 1 && row > 1 {
+            if state.timeout_us.is_some() {
+                self.in_timed_rows += usize::from(own < row);
+            } else if own < row {
+                self.in_rows += 1;
+                self.in_rows_of_clear += usize::from(bits[own] >= IF_CLEAR);
+                self.at_ends_of_rows += usize::from(own + 1 == row);
+                self.far_in_rows += usize::from(own >= 2);
+            } else {
+                self.behind_rows += 1;
+            }
+        }
+        let is_task = matches!(state.kind, StateKind::Task { .. });
+        let sends = matches!(taken.transition.actions[..], [Action::Send(_)]);
+        let is_again = taken.transition.target == Target::State(source);
+        self.entered_again +=
+            usize::from(is_task && sends && is_again && state.timeout_us.is_none());
+    }
+
     /// Fails where something happened too rarely.
     ///
     /// # Panics
@@ -201,6 +253,13 @@ impl Occasions {
                 self.regions_beyond_a_word,
                 1_000,
             ),
+            ("transitions in a row of bits", self.in_rows, 200),
+            ("in a row of cleared bits", self.in_rows_of_clear, 50),
+            ("at the end of a row", self.at_ends_of_rows, 50),
+            ("from the third of a row on", self.far_in_rows, 5),
+            ("behind a row", self.behind_rows, 20),
+            ("in a row of a state with timeout", self.in_timed_rows, 50),
+            ("of a task to itself that send", self.entered_again, 100),
             (
                 "superstates left whose regions span words",
                 self.superstates_left_across_words,
@@ -250,6 +309,25 @@ fn place(flag: &Guard, state: &State) -> Option<usize> {
         (Guard::Own(flag), StateKind::Super { .. }) => Some(2 + flag),
         _ => None,
     }
+}
+
+/// Added to the place of a flag that is wanted reset. Places up to it are all taken: what is always wanted stands behind the last of them.
+const IF_CLEAR: usize = WINDOW_FLAGS + 1;
+
+/// The bit that a guard asks for, if it asks for one alone.
+fn place_of_bit(transition: &Transition, state: &State) -> Option<usize> {
+    let guard = match (transition.trigger, &transition.guard) {
+        (Trigger::Star, _) => &Guard::Exit,
+        (_, Some(guard)) => guard,
+        (_, None) => return Some(IF_CLEAR + WINDOW_FLAGS),
+    };
+    let mut flags = Vec::new();
+    literals(guard, true, &mut flags);
+    let [(flag, value)] = flags[..] else {
+        return None;
+    };
+    let place = place(flag, state).filter(|&place| place < WINDOW_FLAGS)?;
+    Some(if value { place } else { IF_CLEAR + place })
 }
 
 /// The number of each event in a blob: that of its first mention in the instance tree, from 1.

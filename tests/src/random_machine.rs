@@ -100,6 +100,7 @@ struct Offer {
     /// The flags of a task state or superstate.
     flags: Option<Vec<Flag>>,
     has_timeout: bool,
+    is_task: bool,
 }
 
 /// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
@@ -332,13 +333,12 @@ impl Writer<'_> {
         for region in 0..regions {
             self.line(format_args!("  region r{region} {{"));
             let states = self.write_states(deep, region, &mut instances);
-            for (state, (_, is_task)) in states.iter().enumerate() {
-                if *is_task {
+            for (state, offer) in states.iter().enumerate() {
+                if offer.is_task {
                     task_states.push(format!("r{region}.s{state}.value"));
                 }
             }
-            let offers: Vec<Offer> = states.into_iter().map(|(offer, _)| offer).collect();
-            self.write_transitions(&offers, &events, &flags, deep && region == 0);
+            self.write_transitions(&states, &events, &flags, deep && region == 0);
             self.line(format_args!("  }}"));
         }
         if self.with_data {
@@ -361,13 +361,13 @@ impl Writer<'_> {
         });
     }
 
-    /// Writes the states of a region. Each comes back with whether it is a task state.
-    fn write_states(
-        &mut self,
-        deep: bool,
-        region: usize,
-        instances: &mut usize,
-    ) -> Vec<(Offer, bool)> {
+    /// Writes the states of a region.
+    fn write_states(&mut self, deep: bool, region: usize, instances: &mut usize) -> Vec<Offer> {
+        let offer = |flags, has_timeout, is_task| Offer {
+            flags,
+            has_timeout,
+            is_task,
+        };
         let mut states = Vec::new();
         for state in 0..self.random.between(1, self.size.states) {
             let timeout = match self.random.below(10) {
@@ -403,7 +403,7 @@ impl Writer<'_> {
                 let flags = Some(inside.flags.clone());
                 let name = inside.name.clone();
                 self.line(format_args!("    super s{state}: {name}{timeout};"));
-                states.push((Offer { flags, has_timeout }, false));
+                states.push(offer(flags, has_timeout, false));
             } else if self.random.chance(60) {
                 let index = self.random.below(self.tasks.len());
                 let task = &self.tasks[index];
@@ -424,11 +424,10 @@ impl Writer<'_> {
                 self.line(format_args!(
                     "    task s{state}: {name}{slot}{timeout}{with};"
                 ));
-                states.push((Offer { flags, has_timeout }, true));
+                states.push(offer(flags, has_timeout, true));
             } else {
                 self.line(format_args!("    state s{state}{timeout};"));
-                let flags = None;
-                states.push((Offer { flags, has_timeout }, false));
+                states.push(offer(None, has_timeout, false));
             }
         }
         states
@@ -459,6 +458,9 @@ impl Writer<'_> {
         };
         self.line(format_args!("    initial -> s{first}{actions};"));
         for source in 0..states.len() {
+            if self.random.chance(15) {
+                self.write_row(source, states, events, parent_flags);
+            }
             let most = if events.len() > EVENT_NAMES.len() {
                 7
             } else {
@@ -467,6 +469,45 @@ impl Writer<'_> {
             for _ in 0..self.random.below(most) {
                 self.write_transition(Some(source), states, events, parent_flags);
             }
+        }
+    }
+
+    /// Writes transitions on the pulse that ask for one flag each, in the order of the flags: an interpreter may look at all of them at once. Some stay in their state and send.
+    fn write_row(
+        &mut self,
+        source: usize,
+        states: &[Offer],
+        events: &[String],
+        parent_flags: &[Flag],
+    ) {
+        let block = own_block(&states[source]);
+        let first = match self.random.chance(40) {
+            true => 0,
+            false => self.random.below(block.len() + 1),
+        };
+        let not = if self.random.chance(40) { "not " } else { "" };
+        let most = match self.random.chance(50) {
+            true => block.len(),
+            false => 3,
+        };
+        let readable = block.iter().skip(first).map_while(Option::as_ref);
+        let mut guards: Vec<String> = readable
+            .take(most)
+            .map(|flag| format!(" [{not}{flag}]"))
+            .collect();
+        if self.random.chance(30) {
+            guards.push(String::new());
+        }
+        for guard in guards {
+            let (target, actions) = match self.event(events) {
+                Some(event) if self.random.chance(50) => (source, format!(" / send {event}")),
+                _ => {
+                    let target = self.random.below(states.len());
+                    let actions = self.actions(Some(&states[target]), events, parent_flags);
+                    (target, actions)
+                }
+            };
+            self.line(format_args!("    s{source} -> s{target}{guard}{actions};"));
         }
     }
 
@@ -647,6 +688,22 @@ fn own_flags(offer: &Offer) -> Vec<String> {
         flags.extend(outs.map(|flag| format!(".{}", flag.name)));
     }
     flags
+}
+
+/// The flags of a state in the order of its block; none where transitions from it cannot read one.
+fn own_block(offer: &Offer) -> Vec<Option<String>> {
+    let Some(own) = &offer.flags else {
+        return vec![Some("timeout".to_owned())];
+    };
+    let mut block = vec![Some("exit".to_owned()), Some("timeout".to_owned())];
+    if offer.is_task {
+        block.push(Some("busy".to_owned()));
+    }
+    block.extend(
+        own.iter()
+            .map(|flag| flag.out.then(|| format!(".{}", flag.name))),
+    );
+    block
 }
 
 /// A random scenario for a machine: some macro steps, changes at and between them, in no order of time.

@@ -1,6 +1,8 @@
 //! Any bytes as a blob.
 
-use esm_core::format::{ACTION_SEND, GUARD_TRUE, NONE, PLAIN_FLAGS, PULSE, WINDOW_FLAGS};
+use esm_core::format::{
+    ACTION_SEND, FLAG_EXIT, FLAG_TIMEOUT, GUARD_TRUE, NONE, PLAIN_FLAGS, PULSE, WINDOW_FLAGS,
+};
 use esm_core::tables::{Code, Guard, State, StateKind, Tables};
 use esm_core::{Dispatcher, Refusal, Verified, texts};
 use host_tools::inspect::{self, refusal::Explained};
@@ -216,6 +218,11 @@ fn read_actions(tables: &Tables<'_>, transition: usize, source: &State) {
                 assert_eq!(last, index + 1 == actions.len());
             }
             Code::Test { .. } | Code::TestBusyInside { .. } | Code::End => panic!("no action"),
+        }
+        if let Code::Write { flag, .. } = *code {
+            let not_for_actions = [FLAG_EXIT, FLAG_TIMEOUT];
+            assert!(!not_for_actions.contains(&flag));
+            assert!(!not_for_actions.contains(&flag.wrapping_sub(target.first_flag)));
         }
     }
     let is_small = |state: &State| matches!(state.kind, StateKind::Initial | StateKind::Simple);
