@@ -201,8 +201,8 @@ pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     steps: u64,
     /// Macro steps until a timer may have run out, that one included.
     steps_left: u32,
-    /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of two: the low bits say the
-    /// place.
+    /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of
+    /// two: the low bits say the place.
     queued: u32,
     taken: u32,
     queue_mask: u32,
@@ -226,6 +226,16 @@ fn not_before(region: usize, word: usize) -> u32 {
         offset @ 0..WORD_BITS => u32::MAX >> offset,
         _ => 0,
     }
+}
+
+/// The words that some region instances have bits in, each with their bits there.
+#[inline]
+fn words_of(regions: Range<usize>) -> impl Iterator<Item = (usize, u32)> {
+    let words = regions.start / WORD_BITS..regions.end.div_ceil(WORD_BITS);
+    words.map(move |word| {
+        let those = not_before(regions.start, word) & !not_before(regions.end, word);
+        (word, those)
+    })
 }
 
 /// Where the visit of a micro step goes on after a transition of one region instance.
@@ -699,11 +709,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
     }
 
-    /// The own flags of a state, the first in the lowest bit.
+    /// The bit of the arena at which the own flags of a state begin.
     #[inline(always)]
-    fn own_flags(&self, region: usize, state: R::Place) -> u32 {
-        let first = WORD_BITS * self.layout.flags + self.first_flag(region, state);
-        R::window(self.arena, first)
+    fn own_flags(&self, region: usize, state: R::Place) -> usize {
+        WORD_BITS * self.layout.flags + self.first_flag(region, state)
     }
 
     #[inline(always)]
@@ -717,21 +726,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let bit = 1 << (flag % WORD_BITS);
         let word = self.load(place);
         self.store(place, if value { word | bit } else { word & !bit });
-    }
-
-    /// Wakes a region instance if its state, of which this is the record, has transitions on the pulse.
-    #[inline(always)]
-    fn wake_if_on_pulse(&mut self, here: Here<R::Place>, state: R::Place) {
-        if self.events(state) & 1 != 0 {
-            self.wake_here(here);
-        }
-    }
-
-    #[inline(always)]
-    fn wake_here(&mut self, here: Here<R::Place>) {
-        let awake = self.active_word(here.region) + 1;
-        self.store(awake, self.load(awake) | bit_of(here.region));
-        self.is_awake = true;
     }
 
     #[inline(always)]
@@ -960,11 +954,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Takes a plain transition to a simple state.
     #[inline(always)]
     fn take_plain(&mut self, here: Here<R::Place>, at: R::Place) {
-        let target = self.field(at, transition::TARGET);
-        R::store_half(self.arena, here.region, target as u16);
-        let entered = self.record(Section::States, target);
         self.changed = true;
-        self.wake_if_on_pulse(here, entered);
+        self.make_current(here.region, self.field(at, transition::TARGET));
     }
 
     /// Takes a transition on the pulse. What is most frequent is done here. `flags` is where those of the current state begin.
@@ -991,9 +982,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// The first transition on the pulse whose guard is true, out of the current state of a region instance; and where its flags begin in the arena.
     #[inline(always)]
     fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<(R::Place, usize)> {
-        let Here {
-            region, current, ..
-        } = here;
+        let Here { region, current } = here;
         let mut row = self.field(current, state::B);
         if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
             self.run_timer(region);
@@ -1003,7 +992,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let end = self.field(current, state::FIRST_EVENT_TRANSITION);
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
-        let flags = WORD_BITS * self.layout.flags + self.first_flag(region, current);
+        let flags = self.own_flags(region, current);
         let window: Window = Window::of(R::window(self.arena, flags));
         if row != 0 {
             let guard = self.field(at, transition::GUARD);
@@ -1030,9 +1019,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// The same on another event; and whether it is plain.
     #[inline(always)]
     fn find_on_event(&mut self, event: u16, here: Here<R::Place>) -> Option<(R::Place, bool)> {
-        let Here {
-            region, current, ..
-        } = here;
+        let Here { region, current } = here;
         let first = self.field(current, state::FIRST_EVENT_TRANSITION);
         // `final` has no transitions, so a state that has some is not the last.
         let after = R::ahead(current, record_bytes(Section::States));
@@ -1054,21 +1041,19 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         None
     }
 
-    /// Enters a state without flags or content; returns its record.
+    /// Makes a state the current one of its region instance, which wakes if the state has transitions on the pulse.
     #[inline(always)]
-    fn make_current(&mut self, region: usize, target: usize) -> R::Place {
+    fn make_current(&mut self, region: usize, target: usize) {
         R::store_half(self.arena, region, target as u16);
-        let entered = self.record(Section::States, target);
-        if self.events(entered) & 1 != 0 {
+        if self.events(self.record(Section::States, target)) & 1 != 0 {
             self.wake(region);
         }
-        entered
     }
 
     /// A guard of any form.
     #[inline(never)]
     fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
-        let flags = self.own_flags(region, current);
+        let flags = R::window(self.arena, self.own_flags(region, current));
         if guard < usize::from(format::GUARD_PROGRAM) {
             let window: Window = Window::of(flags);
             return window.holds(guard);
@@ -1128,9 +1113,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         action: u16,
         observer: &mut O,
     ) -> Resume {
-        let Here {
-            region, current, ..
-        } = here;
+        let Here { region, current } = here;
         let record = self.record(Section::RegionInstances, region);
         let instance = self.field(record, region_instance::INSTANCE);
         let instance = self.record(Section::Instances, instance);
@@ -1142,7 +1125,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             return NOT_TAKEN;
         }
         // It is on the pulse.
-        self.wake_here(here);
+        self.wake(region);
         self.changed = true;
         if self.enable(task) {
             observer.disabled(task as u16);
@@ -1305,12 +1288,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     #[inline(never)]
     fn wake_all(&mut self, regions: Range<usize>) {
-        let mut word = regions.start / WORD_BITS;
-        while WORD_BITS * word < regions.end {
+        for (word, those) in words_of(regions) {
             let awake = self.layout.active + 2 * word + 1;
-            let those = not_before(regions.start, word) & !not_before(regions.end, word);
             self.store(awake, self.load(awake) | those);
-            word += 1;
         }
         self.is_awake = true;
     }
@@ -1324,13 +1304,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let first_task = self.field(instance, instance::FIRST_TASK);
         let tasks = self.field(content, container::TASK_SPAN);
         self.disable_real_time(first_task..first_task + tasks, observer);
-        let end = self.next(region);
-        let mut word = (region + 1) / WORD_BITS;
-        while WORD_BITS * word < end {
+        for (word, those) in words_of(region + 1..self.next(region)) {
             let active = self.layout.active + 2 * word;
-            let those = not_before(region + 1, word) & !not_before(end, word);
             self.store(active, self.load(active) & !those);
-            word += 1;
         }
     }
 
