@@ -5,12 +5,14 @@
 use std::error::Error;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use host_tools::bound::search::{Change, Input};
-use host_tools::qemu::QEMU;
+use host_tools::qemu::MACHINE;
+
+use crate::benchmark::emulated::emulator;
 
 /// A mission and its macro steps.
 pub struct Run<'r> {
@@ -40,13 +42,8 @@ pub fn count(firmware: &Path, runs: &[Run<'_>]) -> Result<Vec<Vec<u64>>, Box<dyn
     let firmware = firmware.canonicalize()?;
     let folder = tempfile::tempdir()?;
     fs::write(folder.path().join("plan"), plan(runs))?;
-    let mut emulator = Command::new(QEMU)
-        .args(["-machine", "lm3s6965evb", "-icount"])
-        .arg(format!("shift={SHIFT},sleep=off"))
-        .args(["-nographic", "-monitor", "none", "-serial", "null"])
-        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
-        .arg(firmware)
-        .current_dir(folder.path())
+    let mut emulator = emulator(MACHINE, SHIFT, &firmware, folder.path())
+        .args(["-serial", "null"])
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())

@@ -15,8 +15,8 @@ pub use crate::settings::TICKS_PER_US;
 
 /// Bits that SysTick counts.
 const SYS_TICK_BITS: u32 = 24;
-/// Where SysTick begins.
-const SYS_TICK_MAX: u32 = (1 << SYS_TICK_BITS) - 1;
+/// Where SysTick begins, and the mask of a difference of two of its counts.
+pub const SYS_TICK_MAX: u32 = (1 << SYS_TICK_BITS) - 1;
 
 static CLOCK: Clock<SYS_TICK_BITS> = Clock::new();
 

@@ -30,6 +30,7 @@
 #![no_std]
 
 pub mod clock;
+pub mod console;
 pub mod critical;
 pub mod line;
 pub mod log;

@@ -24,7 +24,7 @@ use pipes::PipeServer;
 pub const QEMU: &str = "qemu-system-arm";
 
 /// QEMU's name of the board.
-const MACHINE: &str = "lm3s6965evb";
+pub const MACHINE: &str = "lm3s6965evb";
 
 /// One instruction takes 2^6 ns of virtual time, and idle time passes at once: two runs are equal to the tick.
 const INSTRUCTION_COUNTING: &str = "shift=6,sleep=off";

@@ -15,6 +15,19 @@ const UART_SOCKET: &str = "uart0";
 /// What the firmware prints, in the emulator's folder.
 const CONSOLE: &str = "console";
 
+/// QEMU with a firmware, without anything to see: `machine` is its name for the board, an instruction takes two to the power of `shift` nanoseconds, and the firmware's files are in `folder`.
+pub fn emulator(machine: &str, shift: u32, firmware: &Path, folder: &Path) -> Command {
+    let mut command = Command::new(host_tools::qemu::QEMU);
+    command
+        .args(["-machine", machine, "-icount"])
+        .arg(format!("shift={shift},sleep=off"))
+        .args(["-nographic", "-monitor", "none"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(firmware)
+        .current_dir(folder);
+    command
+}
+
 /// A board that runs as long as this value is there.
 pub struct Emulated {
     emulator: Child,
@@ -39,15 +52,10 @@ impl Emulated {
         let listener = UnixListener::bind(folder.join(UART_SOCKET)).map_err(told)?;
         let console = folder.join(CONSOLE);
         let printed = fs::File::create(&console).map_err(told)?;
-        let emulator = Command::new(host_tools::qemu::QEMU)
-            .args(["-machine", "lm3s6965evb", "-icount"])
-            .arg(format!("shift={SHIFT},sleep=off"))
-            .args(["-nographic", "-monitor", "none"])
-            .args(["-semihosting-config", "enable=on,target=native", "-chardev"])
+        let emulator = emulator(host_tools::qemu::MACHINE, SHIFT, &program, folder)
+            .arg("-chardev")
             .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
-            .args(["-serial", "chardev:uart0", "-kernel"])
-            .arg(program)
-            .current_dir(folder)
+            .args(["-serial", "chardev:uart0"])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             // Where the emulator puts what the firmware prints.

@@ -5,6 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use super::emulated::emulator;
+
 /// What one program told.
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
@@ -179,15 +181,7 @@ const TICK_NS: u64 = 40;
 /// What the program or the system says.
 pub fn board_instructions(program: &Path, folder: &Path) -> Result<Measured, String> {
     let program = program.canonicalize().map_err(|error| error.to_string())?;
-    let output = output(
-        Command::new(host_tools::qemu::QEMU)
-            .args(["-machine", "mps2-an386", "-icount"])
-            .arg(format!("shift={SHIFT},sleep=off"))
-            .args(["-nographic", "-monitor", "none", "-serial", "null"])
-            .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
-            .arg(program)
-            .current_dir(folder),
-    )?;
+    let output = output(emulator("mps2-an386", SHIFT, &program, folder).args(["-serial", "null"]))?;
     // Where the emulator puts what the firmware prints.
     let text = String::from_utf8_lossy(&output.stderr);
     let instruction_ns = 1_u64 << SHIFT;

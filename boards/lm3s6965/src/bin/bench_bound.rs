@@ -20,7 +20,7 @@ use core::hint::black_box;
 use core::ptr;
 
 use esm_core::{Interpreter, Observer, TransitionTaken, verify};
-use lm3s6965::clock;
+use lm3s6965::clock::{self, SYS_TICK_MAX};
 use lm3s6965::registers::sys_tick;
 use semihosting::fd::{AsFd, OwnedFd};
 use semihosting::process::exit;
@@ -30,8 +30,6 @@ use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_
 const BLOB_BYTES: usize = 24 * 1024;
 /// Room for its machine.
 const ARENA_WORDS: usize = 4 * 1024;
-/// Bits that SysTick counts.
-const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
 
 /// Exit status where the plan cannot be read.
 const BAD_PLAN: i32 = 2;
@@ -112,7 +110,7 @@ fn macro_step(interpreter: &mut Interpreter<'_, &[u8]>, told: &mut Told) -> u32 
     let ended = interpreter.macro_step(told);
     let after = sys_tick::CVR.read();
     let _ = black_box(ended);
-    before.wrapping_sub(after) & SYS_TICK_MASK
+    before.wrapping_sub(after) & SYS_TICK_MAX
 }
 
 /// What reading the clock takes.
@@ -120,7 +118,7 @@ fn macro_step(interpreter: &mut Interpreter<'_, &[u8]>, told: &mut Told) -> u32 
 fn nothing() -> u32 {
     let before = sys_tick::CVR.read();
     let after = sys_tick::CVR.read();
-    before.wrapping_sub(after) & SYS_TICK_MASK
+    before.wrapping_sub(after) & SYS_TICK_MAX
 }
 
 /// Runs one mission, up to a record that is none of its own; returns that.

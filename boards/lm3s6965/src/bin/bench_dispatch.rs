@@ -11,12 +11,13 @@
 
 use core::array;
 use core::ffi::CStr;
-use core::fmt::{self, Write};
+use core::fmt::Write;
 use core::hint::black_box;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use esm_core::verify;
-use lm3s6965::clock::{TICKS_PER_US, now_ticks};
+use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US, now_ticks};
+use lm3s6965::console::Console;
 use lm3s6965::cortex_m::{self, peripheral::NVIC};
 use lm3s6965::registers::sys_tick;
 use lm3s6965::slots::SlotBoard;
@@ -25,7 +26,7 @@ use rt_firmware::body::Parts;
 use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Bank, Board, Io, Memory, OccurrenceStart, PortType, Step, Task, registry, task};
 use semihosting::fd::AsFd;
-use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_writec};
+use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig};
 
 /// Slots that a mission may have: the interpreter's and 200 others.
 const SLOTS: usize = 201;
@@ -41,8 +42,6 @@ const NETS: usize = 4 * PORTED;
 const INSTRUCTION_NS: u32 = 1 << 8;
 /// Nanoseconds that a tick takes.
 const TICK_NS: u32 = 1_000 / TICKS_PER_US;
-/// Bits that SysTick counts.
-const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
 
 /// Time for the interpreter in each period, in microseconds; as the host has it.
 const INTERPRETER_US: u32 = 30_000;
@@ -130,16 +129,6 @@ fn tenths(ticks: u32) -> u32 {
     ticks.saturating_mul(10 * TICK_NS) / INSTRUCTION_NS
 }
 
-/// What the emulator prints.
-struct Console;
-
-impl Write for Console {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        text.bytes().for_each(sys_writec);
-        Ok(())
-    }
-}
-
 /// The board without a plant.
 struct BenchBoard(SlotBoard);
 
@@ -178,15 +167,15 @@ fn measured(io: &mut Io<'_>, noted: bool, work: impl FnOnce(&mut Io<'_>)) -> Ste
     let count = sys_tick::CVR.read();
     if noted && LOUD.load(Relaxed) {
         // SysTick counts down, and has done so since the clock's ticks were 0.
-        let now = SYS_TICK_MASK.wrapping_sub(count);
+        let now = SYS_TICK_MAX.wrapping_sub(count);
         let since_ticks = (io.now_us() as u32).wrapping_mul(TICKS_PER_US);
         let nominal = ORIGIN.load(Relaxed).wrapping_add(since_ticks);
-        START.note(now.wrapping_sub(nominal) & SYS_TICK_MASK);
+        START.note(now.wrapping_sub(nominal) & SYS_TICK_MAX);
     }
     work(io);
     PERIOD_US.store(io.period_us(), Relaxed);
     let after = sys_tick::CVR.read();
-    OWN.store(count.wrapping_sub(after) & SYS_TICK_MASK, Relaxed);
+    OWN.store(count.wrapping_sub(after) & SYS_TICK_MAX, Relaxed);
     Step::Run
 }
 
@@ -350,7 +339,7 @@ fn measure_check(name: &str, file: &CStr) {
         let before = sys_tick::CVR.read();
         let passed = verify(black_box(blob)).is_ok();
         (
-            before.wrapping_sub(sys_tick::CVR.read()) & SYS_TICK_MASK,
+            before.wrapping_sub(sys_tick::CVR.read()) & SYS_TICK_MAX,
             passed,
         )
     });
@@ -381,7 +370,7 @@ impl Task for Spin {
         let mut usual = 0;
         for _ in 0..ROUNDS {
             let now = sys_tick::CVR.read();
-            let gap = last.wrapping_sub(now) & SYS_TICK_MASK;
+            let gap = last.wrapping_sub(now) & SYS_TICK_MAX;
             last = now;
             if gap < SHORTEST_HANDLER_TICKS {
                 usual = usual.max(gap);

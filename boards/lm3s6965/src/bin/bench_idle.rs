@@ -9,7 +9,7 @@
 use core::array;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use lm3s6965::clock::TICKS_PER_US;
+use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
 use lm3s6965::cortex_m::peripheral::NVIC;
 use lm3s6965::pac::Interrupt;
 use lm3s6965::registers::sys_tick;
@@ -25,8 +25,6 @@ use rt_firmware::tasks::{
 };
 use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, registry, task};
 
-/// Bits that SysTick counts.
-const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
 /// Rounds of looks at the clock in one step of the task.
 const ROUNDS: u32 = 200;
 /// Looks in a round. The emulator's clock is read in steps that differ, so that only several looks tell how long one takes.
@@ -112,7 +110,7 @@ impl Busy {
     fn look(&mut self) -> u32 {
         let now = sys_tick::CVR.read();
         // SysTick counts down.
-        let gap = self.last.wrapping_sub(now) & SYS_TICK_MASK;
+        let gap = self.last.wrapping_sub(now) & SYS_TICK_MAX;
         self.last = now;
         let own = self.look_ticks.unwrap_or_default();
         if gap <= own * INTERRUPTION {

@@ -9,10 +9,11 @@
 #![no_main]
 
 use core::array;
-use core::fmt::{self, Write};
+use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use lm3s6965::clock::TICKS_PER_US;
+use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
+use lm3s6965::console::Console;
 use lm3s6965::registers::sys_tick;
 use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
@@ -25,27 +26,14 @@ use rt_firmware::tasks::{
     SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, registry, task};
-use semihosting::sys::arm_compat::sys_writec;
 
 /// Nanoseconds that an instruction takes.
 const INSTRUCTION_NS: u32 = 1 << 8;
 /// Nanoseconds that a tick takes.
 const TICK_NS: u32 = 1_000 / TICKS_PER_US;
-/// Bits that SysTick counts.
-const SYS_TICK_MASK: u32 = 0x00FF_FFFF;
 
 /// The longest time between two looks at the clock since a mission began, in ticks.
 static LONGEST_GAP: AtomicU32 = AtomicU32::new(0);
-
-/// What the emulator prints.
-struct Console;
-
-impl Write for Console {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        text.bytes().for_each(sys_writec);
-        Ok(())
-    }
-}
 
 /// Instructions.
 fn instructions(ticks: u32) -> u32 {
@@ -126,7 +114,7 @@ impl Task for Watch {
         for _ in 0..ROUNDS {
             let now = sys_tick::CVR.read();
             if let Some(last) = self.last.replace(now) {
-                let gap = last.wrapping_sub(now) & SYS_TICK_MASK;
+                let gap = last.wrapping_sub(now) & SYS_TICK_MAX;
                 LONGEST_GAP.store(LONGEST_GAP.load(Relaxed).max(gap), Relaxed);
             }
         }
