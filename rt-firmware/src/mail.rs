@@ -7,7 +7,7 @@
 use esm_core::Verified;
 use heapless::spsc::Queue;
 
-use crate::link::message::{LinkError, MAX_CHUNK, SlotCounters, TaskCounters};
+use crate::link::message::{LinkError, MAX_PART, SlotCounters, TaskCounters};
 use crate::ports::Job;
 use esm_core::BlobBuffer;
 
@@ -114,21 +114,21 @@ pub enum Letter<'m> {
 
 /// As many bytes as one answer carries.
 pub struct Bytes {
-    bytes: [u8; MAX_CHUNK],
+    bytes: [u8; MAX_PART],
     len: usize,
 }
 
 impl Bytes {
     /// No bytes.
     pub(crate) const EMPTY: Bytes = Bytes {
-        bytes: [0; MAX_CHUNK],
+        bytes: [0; MAX_PART],
         len: 0,
     };
 
     /// The first bytes of these, as many as fit.
     pub(crate) fn first_of(source: &[u8]) -> Self {
         let mut bytes = Self::EMPTY;
-        bytes.len = source.len().min(MAX_CHUNK);
+        bytes.len = source.len().min(MAX_PART);
         for (place, byte) in bytes.bytes.iter_mut().zip(source) {
             *place = *byte;
         }

@@ -11,8 +11,8 @@ use crate::{log, stack, uart};
 
 /// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
 pub const RECEIVE_BYTES: usize = 128;
-/// Room for bytes to be transmitted: a few milliseconds of the wire; the link keeps the rest of its frame.
-pub const TRANSMIT_BYTES: usize = 64;
+/// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.
+pub const TRANSMIT_BYTES: usize = 32;
 
 /// Makes the two ends of a line of its queues.
 pub fn split(

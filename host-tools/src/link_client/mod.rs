@@ -9,13 +9,14 @@ pub mod error;
 pub mod log_lines;
 mod streams;
 mod timing;
+mod upload;
 
 use std::time::{Duration, Instant};
 
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, PROTOCOL_VERSION, Request,
-    ResetReason, Response, SlotCounters, Status, TaskCounters, ToDevice,
+    Capacities, Channel, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
+    Response, SlotCounters, Status, TaskCounters, ToDevice, Uploads, version_in_hello,
 };
 
 use crate::serial::ByteLink;
@@ -23,22 +24,13 @@ use crate::serial::ByteLink;
 pub use error::ClientError;
 use streams::Assembler;
 pub use streams::StreamEvent;
-use timing::ReplyTime;
-
-/// How long a request may take in all, repetitions included.
-const REQUEST_DEADLINE: Duration = Duration::from_secs(6);
+use timing::{Patience, ReplyTime};
 
 /// How long the robot may be busy with the request before.
 const BUSY_WAIT: Duration = Duration::from_millis(5);
 
-/// The smallest chunk that a noisy line brings an upload down to, in bytes.
-const SMALLEST_CHUNK: usize = 16;
-
-/// Chunks in a row that must pass at once before longer ones are tried again.
-const CHUNKS_BEFORE_GROWTH: u32 = 4;
-
-/// How often an upload may begin again, or a chunk be refused, before it is given up.
-const UPLOAD_SETBACK_LIMIT: u32 = 20;
+/// How long a reply is waited for when a spoiled frame came in its place.
+const SPOILED_WAIT: Duration = Duration::from_millis(10);
 
 /// Bytes taken from the line at once.
 const READ_BYTES: usize = 1024;
@@ -58,6 +50,8 @@ pub struct RobotInfo {
     pub mission: Option<u32>,
     /// Why the robot started the last time.
     pub reset: ResetReason,
+    /// How it takes uploads.
+    pub uploads: Uploads,
 }
 
 /// What is current on a robot.
@@ -87,6 +81,8 @@ pub struct LinkClient<L> {
     seq: u8,
     reply_time: ReplyTime,
     counts: LinkCounts,
+    /// What the robot said of uploads.
+    uploads: Uploads,
 }
 
 impl<L: ByteLink> LinkClient<L> {
@@ -102,6 +98,11 @@ impl<L: ByteLink> LinkClient<L> {
             seq: std::process::id() as u8,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
+            // Until the robot has said more.
+            uploads: Uploads {
+                chunk_bytes: 1,
+                window_bytes: 1,
+            },
         };
         let info = client.hello()?;
         Ok((client, info))
@@ -116,11 +117,11 @@ impl<L: ByteLink> LinkClient<L> {
             Response::Hello(info) => Some((info.protocol, RobotInfo::from(info))),
             _ => None,
         })?;
-        if protocol == PROTOCOL_VERSION {
-            Ok(info)
-        } else {
-            Err(ClientError::OtherVersion { robot: protocol })
+        if protocol != PROTOCOL_VERSION {
+            return Err(ClientError::OtherVersion { robot: protocol });
         }
+        self.uploads = info.uploads;
+        Ok(info)
     }
 
     /// How the robot is.
@@ -273,71 +274,6 @@ impl<L: ByteLink> LinkClient<L> {
         self.commit()
     }
 
-    /// Brings a mission to the robot without letting it take over.
-    ///
-    /// # Errors
-    /// [`ClientError`]
-    pub fn stage(
-        &mut self,
-        blob: &[u8],
-        progress: &mut dyn FnMut(usize),
-    ) -> Result<(), ClientError> {
-        let mut setbacks = 0;
-        let mut set_back = |error: LinkError| {
-            setbacks += 1;
-            if setbacks > UPLOAD_SETBACK_LIMIT {
-                Err(ClientError::UploadStuck { error })
-            } else {
-                Ok(())
-            }
-        };
-        let mut chunk = MAX_CHUNK;
-        let mut passed_at_once = 0;
-        let mut there = self.begin(blob)?;
-        loop {
-            progress(there);
-            if there >= blob.len() {
-                return Ok(());
-            }
-            let end = blob.len().min(there + chunk);
-            let data = &blob[there..end];
-            let retries_before = self.counts.retries;
-            match self.send_chunk(there, data) {
-                Ok(length) => there = length,
-                // A sending that was given up has arrived after all, or the robot has lost its place.
-                Err(ClientError::Refused {
-                    error: error @ LinkError::WrongOffset { expected },
-                    ..
-                }) => {
-                    set_back(error)?;
-                    there = expected as usize;
-                }
-                Err(ClientError::Refused {
-                    error: error @ LinkError::NoUpload,
-                    ..
-                }) => {
-                    set_back(error)?;
-                    there = self.begin(blob)?;
-                }
-                Err(ClientError::NoReply { .. }) if chunk > SMALLEST_CHUNK => {
-                    set_back(LinkError::NoAnswer)?;
-                }
-                Err(error) => return Err(error),
-            }
-            if self.counts.retries == retries_before {
-                passed_at_once += 1;
-                if passed_at_once >= CHUNKS_BEFORE_GROWTH {
-                    chunk = MAX_CHUNK.min(chunk * 2);
-                    passed_at_once = 0;
-                }
-            } else {
-                // The shorter a frame, the likelier it passes.
-                chunk = SMALLEST_CHUNK.max(chunk / 2);
-                passed_at_once = 0;
-            }
-        }
-    }
-
     /// Lets the mission that was brought take over. Answers its hash when it runs.
     ///
     /// # Errors
@@ -377,22 +313,6 @@ impl<L: ByteLink> LinkClient<L> {
             bad_frames: self.incoming.bad_frames,
             ..self.counts
         }
-    }
-
-    fn begin(&mut self, blob: &[u8]) -> Result<usize, ClientError> {
-        let request = "upload";
-        let len = u32::try_from(blob.len()).map_err(|_| ClientError::Refused {
-            request,
-            error: LinkError::TooLong,
-        })?;
-        let crc = frame::checksum(blob);
-        self.ask(request, Request::Begin { len, crc }, received)
-    }
-
-    fn send_chunk(&mut self, offset: usize, data: &[u8]) -> Result<usize, ClientError> {
-        // `begin` has seen that the blob's length fits.
-        let offset = offset as u32;
-        self.ask("upload", Request::Chunk { offset, data }, received)
     }
 
     fn ask_to_do(&mut self, name: &'static str, request: Request<'_>) -> Result<(), ClientError> {
@@ -440,15 +360,13 @@ impl<L: ByteLink> LinkClient<L> {
         request: Request<'_>,
         mut read: impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<T, ClientError> {
-        let started = Instant::now();
+        let mut patience = Patience::new();
         loop {
-            match self.exchange(name, request, started, &mut read)? {
+            match self.exchange(name, request, &mut patience, &mut read)? {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
                 // The robot saw noise, or has its hands full: the request is as good as new.
-                Err(LinkError::Malformed | LinkError::Busy)
-                    if started.elapsed() < REQUEST_DEADLINE =>
-                {
+                Err(LinkError::Malformed | LinkError::Busy) if patience.lasts() => {
                     std::thread::sleep(BUSY_WAIT);
                 }
                 Err(error) => {
@@ -466,9 +384,61 @@ impl<L: ByteLink> LinkClient<L> {
         &mut self,
         name: &'static str,
         request: Request<'_>,
-        started: Instant,
+        patience: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
+        let (seq, wire, length) = self.next_frame(name, request)?;
+        let wire = wire.get(..length).unwrap_or_default();
+        self.incoming.other_version = None;
+        let mut attempt = 0;
+        loop {
+            self.send_wire(wire)?;
+            let sent = Instant::now();
+            let mut deadline = sent + self.reply_time.wait(attempt, wire.len());
+            let mut answer = None;
+            while answer.is_none() {
+                let now = Instant::now();
+                if now >= deadline {
+                    break;
+                }
+                let bad_before = self.incoming.bad_frames;
+                let heard =
+                    self.incoming
+                        .receive(&mut self.link, deadline - now, |number, result| {
+                            if number == seq && answer.is_none() {
+                                answer = Some(result.map(&mut *read));
+                            }
+                        })?;
+                if let (Request::Hello, Some(robot)) = (request, self.incoming.other_version) {
+                    return Err(ClientError::OtherVersion { robot });
+                }
+                let spoiled = self.incoming.bad_frames != bad_before;
+                if heard || spoiled {
+                    patience.sign_of_life();
+                }
+                if spoiled {
+                    // Most likely it was the answer.
+                    deadline = deadline.min(Instant::now() + SPOILED_WAIT);
+                }
+            }
+            if let Some(answer) = answer {
+                if attempt == 0 {
+                    self.reply_time.seen(sent.elapsed());
+                }
+                return Ok(answer);
+            }
+            patience.check(name)?;
+            attempt += 1;
+            self.counts.retries += 1;
+        }
+    }
+
+    /// The bytes of a request under a new number: the number, the bytes, and how many of them there are.
+    fn next_frame(
+        &mut self,
+        name: &'static str,
+        request: Request<'_>,
+    ) -> Result<(u8, [u8; MAX_FRAME_BYTES + 1], usize), ClientError> {
         self.seq = self.seq.wrapping_add(1);
         let seq = self.seq;
         let mut wire = [0; MAX_FRAME_BYTES + 1];
@@ -480,48 +450,13 @@ impl<L: ByteLink> LinkClient<L> {
                 error: LinkError::TooLong,
             }
         })?;
-        let wire = &wire[..=length];
-        let mut attempt = 0;
-        loop {
-            self.link.send(wire)?;
-            self.counts.bytes_sent += wire.len() as u64;
-            let sent = Instant::now();
-            let deadline = sent + self.reply_time.wait(attempt, wire.len());
-            let mut answer = None;
-            while answer.is_none() {
-                let now = Instant::now();
-                if now >= deadline {
-                    break;
-                }
-                self.incoming
-                    .receive(&mut self.link, deadline - now, |number, result| {
-                        if number == seq && answer.is_none() {
-                            answer = Some(result.map(&mut *read));
-                        }
-                    })?;
-            }
-            if let Some(answer) = answer {
-                if attempt == 0 {
-                    self.reply_time.seen(sent.elapsed());
-                }
-                return Ok(answer);
-            }
-            if started.elapsed() >= REQUEST_DEADLINE {
-                return Err(ClientError::NoReply {
-                    request: name,
-                    waited: started.elapsed(),
-                });
-            }
-            attempt += 1;
-            self.counts.retries += 1;
-        }
+        Ok((seq, wire, 1 + length))
     }
-}
 
-fn received(response: Response<'_>) -> Option<usize> {
-    match response {
-        Response::Received { len } => Some(len as usize),
-        _ => None,
+    fn send_wire(&mut self, wire: &[u8]) -> Result<(), ClientError> {
+        self.link.send(wire)?;
+        self.counts.bytes_sent += wire.len() as u64;
+        Ok(())
     }
 }
 
@@ -534,6 +469,7 @@ impl From<DeviceInfo<'_>> for RobotInfo {
             capacities: info.capacities,
             mission: info.mission,
             reset: info.reset,
+            uploads: info.uploads,
         }
     }
 }
@@ -545,6 +481,8 @@ struct Incoming {
     log: Assembler,
     events: Vec<StreamEvent>,
     bad_frames: u64,
+    /// Version that a robot of another one told in its answer to `hello`.
+    other_version: Option<u16>,
 }
 
 impl Incoming {
@@ -555,16 +493,19 @@ impl Incoming {
             log: Assembler::new(Channel::Log),
             events: Vec::new(),
             bad_frames: 0,
+            other_version: None,
         }
     }
 
-    /// Takes what the line has, waiting up to `timeout` for its first byte. Replies go to `on_reply`, streams to the events.
+    /// Takes what the line has, waiting up to `timeout` for its first byte. Replies go to `on_reply`, streams to the events. Answers
+    /// whether a frame came that was whole.
     fn receive(
         &mut self,
         link: &mut impl ByteLink,
         timeout: Duration,
         mut on_reply: impl FnMut(u8, Result<Response<'_>, LinkError>),
-    ) -> std::io::Result<()> {
+    ) -> std::io::Result<bool> {
+        let mut heard = false;
         let mut bytes = [0; READ_BYTES];
         let count = link.receive(&mut bytes, timeout)?;
         for &byte in &bytes[..count] {
@@ -577,15 +518,19 @@ impl Incoming {
                     Channel::Trace => self.trace.take(&part, &mut self.events),
                     Channel::Log => self.log.take(&part, &mut self.events),
                 },
-                Err(
-                    FrameError::TooLong
-                    | FrameError::NotCobs
-                    | FrameError::WrongChecksum
-                    | FrameError::NotAMessage,
-                ) => self.bad_frames += 1,
+                Err(FrameError::NotAMessage) => {
+                    self.other_version = version_in_hello(frame);
+                    self.bad_frames += 1;
+                    continue;
+                }
+                Err(FrameError::TooLong | FrameError::NotCobs | FrameError::WrongChecksum) => {
+                    self.bad_frames += 1;
+                    continue;
+                }
             }
+            heard = true;
         }
-        Ok(())
+        Ok(heard)
     }
 }
 

@@ -1,15 +1,20 @@
 //! The client against the firmware's own end of the link, over lines that are good, bad, and cut.
 
+use super::timing::REQUEST_DEADLINE;
 use super::*;
+use crate::compile::NameTable;
+use crate::fit::compile_to_fit;
 use crate::host_board::{self, HostBoard};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
 use crate::serial::noise::{Noise, Noisy};
+use crate::serial::pacing::Paced;
 use crate::serial::pipe::{self, PipeEnd};
 use crate::world::World;
 use esm_core::Refusal;
 use std::io;
+use std::path::Path;
 
 fn robot() -> (HostBoard, PipeEnd) {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
@@ -85,7 +90,15 @@ fn an_upload_goes_on_where_a_lost_client_left_it() {
     let (_board, line) = robot();
     let (mut client, _) = LinkClient::connect(line).unwrap();
     assert_eq!(client.begin(&blob).unwrap(), 0);
-    assert_eq!(client.send_chunk(0, &blob[..100]).unwrap(), 100);
+    let request = Request::Chunk {
+        offset: 0,
+        data: &blob[..100],
+    };
+    let there = client.ask("upload", request, |response| match response {
+        Response::Received { len } => Some(len),
+        _ => None,
+    });
+    assert_eq!(there.unwrap(), 100);
     let LinkClient { link, .. } = client;
     let (mut client, _) = LinkClient::connect(link).unwrap();
     let mut told = Vec::new();
@@ -145,4 +158,110 @@ fn a_line_that_is_cut_is_told_at_once() {
     let error = LinkClient::connect(near).err().unwrap();
     assert!(matches!(error, ClientError::Line(_)), "{error}");
     assert!(started.elapsed() < Duration::from_secs(1));
+}
+
+#[test]
+fn a_robot_of_another_version_is_named_as_such() {
+    // As version 2 answered: its answer ends where that of today goes on. And what a later one has behind its number, nobody knows.
+    let older =
+        |seq: u8, frame: &mut [u8]| frame::encode(&(0u8, seq, 0u8, 0u8, 2u16, "old"), frame);
+    let newer = |seq: u8, frame: &mut [u8]| {
+        frame::encode(&(0u8, seq, 0u8, 0u8, 300u16, [0xffu8; 4]), frame)
+    };
+    type Answer = fn(u8, &mut [u8]) -> Result<usize, FrameError>;
+    for (answer, version) in [(older as Answer, 2), (newer, 300)] {
+        let (near, mut far) = pipe::pair();
+        let robot = std::thread::spawn(move || {
+            let mut reader = FrameReader::new();
+            let mut bytes = [0; 64];
+            while let Ok(count) = far.receive(&mut bytes, Duration::from_secs(10)) {
+                for &byte in &bytes[..count] {
+                    let Some(frame) = reader.push(byte) else {
+                        continue;
+                    };
+                    let asked = frame::decode::<ToDevice<'_>>(frame).unwrap();
+                    assert_eq!(asked.request, Request::Hello);
+                    let mut wire = [0; MAX_FRAME_BYTES];
+                    let length = answer(asked.seq, &mut wire).unwrap();
+                    far.send(&wire[..length]).unwrap();
+                }
+            }
+        });
+        let started = Instant::now();
+        let error = LinkClient::connect(near).err().unwrap();
+        assert!(
+            matches!(error, ClientError::OtherVersion { robot } if robot == version),
+            "{error}"
+        );
+        assert!(started.elapsed() < Duration::from_secs(1));
+        robot.join().unwrap();
+    }
+}
+
+#[test]
+fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
+    const BAUD: u32 = 115_200;
+    let blob = junk(4096);
+    let (_board, line) = robot();
+    let (mut client, _) = LinkClient::connect(Paced::new(line, BAUD)).unwrap();
+    // The best of some: another program may have had the processor.
+    let best = (0..5)
+        .map(|_| {
+            let sent_before = client.counts().bytes_sent;
+            let started = Instant::now();
+            client.stage(&blob, &mut |_| ()).unwrap();
+            let took = started.elapsed();
+            let sent = client.counts().bytes_sent - sent_before;
+            client.abort().unwrap();
+            assert!(sent < 4096 * 108 / 100, "{sent} bytes sent");
+            took
+        })
+        .min()
+        .unwrap();
+    let on_the_wire = Duration::from_secs(4096 * 10) / BAUD;
+    assert!(
+        best <= on_the_wire * 10 / 9,
+        "{best:?} for what takes a wire {on_the_wire:?}"
+    );
+}
+
+#[test]
+fn nothing_runs_but_what_was_sent_however_bad_the_line() {
+    let blob = mission();
+    for (percent, seed) in [(1, 0), (1, 1), (3, 0)] {
+        let (_board, line) = robot();
+        let (client, _) = LinkClient::connect(line).unwrap();
+        // So many of a hundred bytes are corrupted, dropped or doubled.
+        let noise = Noise::of_each(Noise::WHOLE * percent / 300);
+        let mut noisy = over(client, |line| Noisy::new(line, noise, seed));
+        let uploaded = noisy.upload(&blob, &mut |_| ());
+        assert!(
+            uploaded.is_ok(),
+            "{percent} % noise, seed {seed}: {uploaded:?}"
+        );
+        assert!(noisy.counts().retries > 0, "the line was too good to tell");
+        let mut client = over(noisy, Noisy::into_inner);
+        assert_eq!(client.running_blob().unwrap(), blob);
+    }
+}
+
+/// The blob of a mission that ships.
+fn mission() -> Vec<u8> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/patrol.esm");
+    let mut checked = crate::lang::load(&file).unwrap();
+    let schedule = checked.lay_out(Duration::from_secs(5)).unwrap();
+    let blob = compile_to_fit(&mut checked, &schedule, None, NameTable::Kept).unwrap();
+    blob.unwrap().into_bytes()
+}
+
+/// The client, over another line.
+fn over<L, M>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M> {
+    LinkClient {
+        link: line(client.link),
+        incoming: client.incoming,
+        seq: client.seq,
+        reply_time: client.reply_time,
+        counts: client.counts,
+        uploads: client.uploads,
+    }
 }

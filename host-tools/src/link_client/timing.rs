@@ -1,6 +1,14 @@
-//! How long to wait for a reply before the request is sent again: as long as replies have taken, and some more.
+//! How long to wait for a reply before the request is sent again: as long as replies have taken, and some more. And when to give up.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use super::ClientError;
+
+/// How long a request may take in all, repetitions included, while nothing at all comes from the robot.
+pub(super) const REQUEST_DEADLINE: Duration = Duration::from_secs(6);
+
+/// How long it may take while something does come: a robot is there, and the line is bad.
+pub(super) const NOISY_DEADLINE: Duration = Duration::from_secs(30);
 
 const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
@@ -39,6 +47,44 @@ impl ReplyTime {
         let growth = 1 << (attempt / 3).min(5);
         let on_the_way = BYTE_TIME.saturating_mul(u32::try_from(request_bytes).unwrap_or(u32::MAX));
         ((base + on_the_way) * growth).min(LONGEST_WAIT)
+    }
+}
+
+/// Since when a request, or the next step of an upload, is waited for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patience {
+    started: Instant,
+    last_sign: Instant,
+}
+
+impl Patience {
+    pub(super) fn new() -> Self {
+        let now = Instant::now();
+        Patience {
+            started: now,
+            last_sign: now,
+        }
+    }
+
+    /// A frame came, whole or spoiled.
+    pub(super) fn sign_of_life(&mut self) {
+        self.last_sign = Instant::now();
+    }
+
+    /// Whether it is worth while to go on.
+    pub(super) fn lasts(&self) -> bool {
+        self.last_sign.elapsed() < REQUEST_DEADLINE && self.started.elapsed() < NOISY_DEADLINE
+    }
+
+    /// Fails where it is not.
+    pub(super) fn check(&self, request: &'static str) -> Result<(), ClientError> {
+        if self.lasts() {
+            return Ok(());
+        }
+        Err(ClientError::NoReply {
+            request,
+            waited: self.started.elapsed(),
+        })
     }
 }
 

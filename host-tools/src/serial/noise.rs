@@ -50,6 +50,11 @@ impl<L: ByteLink> Noisy<L> {
         }
     }
 
+    /// The link, good as it was.
+    pub fn into_inner(self) -> L {
+        self.link
+    }
+
     fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut spoiled = Vec::with_capacity(bytes.len() + 1);
         for &byte in bytes {

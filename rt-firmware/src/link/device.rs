@@ -5,10 +5,12 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::{Refusal, Verified};
 use heapless::spsc::{Consumer, Producer};
 
-use super::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use super::frame::{
+    CRC_BYTES, FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode, encode,
+};
 use super::message::{
-    Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_STREAM_BYTES,
-    PROTOCOL_VERSION, Request, Response, Status, Stream, ToDevice,
+    Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_PART,
+    MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, ToDevice, Uploads,
 };
 use crate::check::check;
 use crate::mail::Letter;
@@ -26,6 +28,11 @@ const CHANNELS: usize = 2;
 
 /// The byte link of a board, and its log.
 pub trait LinkPort {
+    /// Bytes of an upload that a host may have on their way. Three chunks are 46 ms of a line of 115,200 baud: more than an answer takes
+    /// to come into being and to travel, through a host's converter that looks at its line each 16 ms too. The robot keeps none of them
+    /// anywhere but in the blob itself, so that a larger window takes no memory; but all of it is sent again where the line lost a byte.
+    const WINDOW_BYTES: u16 = 3 * MAX_CHUNK as u16;
+
     /// The next byte that arrived. A board keeps at least as many as arrive while the link waits for its turn.
     fn receive(&mut self) -> Option<u8>;
 
@@ -52,8 +59,8 @@ pub trait LinkPort {
 /// A frame on its way out.
 struct Outgoing<const N: usize> {
     frame: [u8; N],
-    len: usize,
-    sent: usize,
+    len: u8,
+    sent: u8,
 }
 
 impl<const N: usize> Outgoing<N> {
@@ -72,14 +79,18 @@ impl<const N: usize> Outgoing<N> {
     }
 
     fn set(&mut self, message: &FromDevice<'_>) {
+        const { assert!(N <= u8::MAX as usize) };
         // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
-        self.len = encode(message, &mut self.frame).unwrap_or(0);
+        self.len = encode(message, &mut self.frame).unwrap_or(0) as u8;
         self.sent = 0;
     }
 
     /// Sends what the port takes. Returns whether the frame is gone.
     fn send(&mut self, port: &mut impl LinkPort) -> bool {
-        while let Some(byte) = self.frame.get(self.sent..self.len).and_then(<[u8]>::first) {
+        while self.sent < self.len {
+            let Some(byte) = self.frame.get(usize::from(self.sent)) else {
+                break;
+            };
             if !port.send(*byte) {
                 return false;
             }
@@ -92,7 +103,9 @@ impl<const N: usize> Outgoing<N> {
 /// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
     reader: FrameReader,
-    reply: Outgoing<MAX_FRAME_BYTES>,
+    reply: Outgoing<MAX_REPLY_FRAME_BYTES>,
+    /// The reply says how far an upload has come, and no more: a later one speaks for it.
+    acknowledges: bool,
     stream: Outgoing<{ MAX_STREAM_BYTES + STREAM_OVERHEAD }>,
     /// Number and checksum of the last request.
     last: Option<(u8, u32)>,
@@ -150,6 +163,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         LinkSide {
             reader: FrameReader::new(),
             reply: Outgoing::NOTHING,
+            acknowledges: false,
             stream: Outgoing::NOTHING,
             last: None,
             awaited: false,
@@ -186,7 +200,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
-        while self.reply.is_done() {
+        // Chunks come one behind the other: none of them waits for the wire to take the answer to the one before.
+        while self.reply.is_done() || (self.acknowledges && self.reply.sent == 0) {
             let Some(byte) = port.receive() else { return };
             let Some(frame) = self.reader.push(byte) else {
                 continue;
@@ -195,10 +210,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             let crc = checksum(frame);
             let message = match decode::<ToDevice<'_>>(frame) {
                 Ok(message) => message,
-                Err(super::frame::FrameError::NotAMessage) => {
+                Err(FrameError::NotAMessage) => {
                     // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
                     let seq = frame.first().copied().unwrap_or_default();
                     self.last = None;
+                    self.acknowledges = false;
                     self.reply.set(&FromDevice::Reply {
                         seq,
                         result: Err(LinkError::Malformed),
@@ -218,9 +234,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 continue;
             }
             self.last = Some((seq, crc));
+            let is_chunk = matches!(message.request, Request::Chunk { .. });
             match self.desk.react(seq, &message.request, port) {
                 Reaction::Answer(result) => {
                     self.awaited = false;
+                    self.acknowledges = is_chunk;
                     self.reply.set(&FromDevice::Reply { seq, result });
                 }
                 Reaction::Later => self.awaited = true,
@@ -237,6 +255,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             && Some(last) == seq
         {
             self.awaited = false;
+            self.acknowledges = false;
             self.reply.set(&FromDevice::Reply {
                 seq: last,
                 result: answer_of(letter),
@@ -315,17 +334,17 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
 }
 
 impl<'m> Desk<'_, 'm> {
-    fn react<'a>(
+    fn react<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
         request: &Request<'_>,
-        port: &mut impl LinkPort,
+        port: &mut P,
     ) -> Reaction<'a> {
         match *request {
             Request::Hello => {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
-                Reaction::Answer(Ok(Response::Hello(self.introduce())))
+                Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES))))
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
@@ -352,7 +371,7 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    fn introduce(&self) -> DeviceInfo<'_> {
+    fn introduce(&self, window_bytes: u16) -> DeviceInfo<'_> {
         DeviceInfo {
             protocol: PROTOCOL_VERSION,
             firmware: self.about.firmware,
@@ -361,6 +380,10 @@ impl<'m> Desk<'_, 'm> {
             capacities: self.capacities,
             mission: self.snapshot.read().and_then(|health| health.mission),
             reset: self.about.reset,
+            uploads: Uploads {
+                chunk_bytes: MAX_CHUNK as u16,
+                window_bytes,
+            },
         }
     }
 
@@ -391,7 +414,7 @@ impl<'m> Desk<'_, 'm> {
         let rest = text.get(usize::from(offset)..).unwrap_or_default();
         Ok(Response::TaskText {
             total: text.len() as u16,
-            text: rest.get(..MAX_CHUNK).unwrap_or(rest),
+            text: rest.get(..MAX_PART).unwrap_or(rest),
         })
     }
 
@@ -426,9 +449,11 @@ impl<'m> Desk<'_, 'm> {
     fn chunk(&mut self, offset: u32, data: &[u8]) -> Result<Response<'_>, LinkError> {
         let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
         let received = upload.received();
-        if offset != received {
-            return Err(LinkError::WrongOffset { expected: received });
-        }
+        // What came before is passed over: it was sent again because its answer was lost, or late.
+        let known = received
+            .checked_sub(offset)
+            .ok_or(LinkError::WrongOffset { expected: received })?;
+        let data = data.get(known as usize..).unwrap_or_default();
         if data.len() as u32 > upload.len - received || !upload.blob.push(data) {
             return Err(LinkError::TooLong);
         }

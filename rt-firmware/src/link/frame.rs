@@ -5,12 +5,16 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Greatest number of bytes of a serialized message.
-pub const MAX_MESSAGE_BYTES: usize = 152;
+/// Greatest number of bytes of a serialized message: that of a chunk of an upload, and some more.
+pub const MAX_MESSAGE_BYTES: usize = 188;
+/// Greatest number of bytes of a serialized message from a robot. It has no room for more than it says.
+pub const MAX_REPLY_BYTES: usize = 152;
 /// Bytes of a message's checksum.
 pub const CRC_BYTES: usize = 4;
 /// Greatest number of bytes of a frame, delimiter included. COBS adds one byte to each begun 254.
 pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + CRC_BYTES + 2;
+/// Greatest number of bytes of a robot's frame, delimiter included.
+pub const MAX_REPLY_FRAME_BYTES: usize = MAX_REPLY_BYTES + CRC_BYTES + 2;
 /// The byte that ends a frame.
 pub const DELIMITER: u8 = 0;
 
@@ -93,7 +97,7 @@ pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameErr
 /// Cuts a stream of bytes into frames.
 pub struct FrameReader {
     bytes: [u8; MAX_FRAME_BYTES],
-    len: usize,
+    len: u8,
     /// The frame is longer than one can be: it is thrown away.
     overflow: bool,
 }
@@ -118,13 +122,15 @@ impl FrameReader {
     /// frames can be are passed over.
     pub fn push(&mut self, byte: u8) -> Option<&mut [u8]> {
         if byte == DELIMITER {
-            let len = core::mem::take(&mut self.len);
+            let len = usize::from(core::mem::take(&mut self.len));
             if core::mem::take(&mut self.overflow) || len == 0 {
                 return None;
             }
             return self.bytes.get_mut(..len);
         }
-        match self.bytes.get_mut(self.len) {
+        // Both lengths are bytes, of which a robot has few.
+        const { assert!(MAX_FRAME_BYTES < u8::MAX as usize) };
+        match self.bytes.get_mut(usize::from(self.len)) {
             Some(place) => {
                 *place = byte;
                 self.len += 1;

@@ -5,9 +5,11 @@ use serde::{Deserialize, Serialize};
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
-pub const PROTOCOL_VERSION: u16 = 2;
-/// Greatest number of bytes in [`Request::Chunk`], [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
-pub const MAX_CHUNK: usize = 128;
+pub const PROTOCOL_VERSION: u16 = 3;
+/// Greatest number of bytes in [`Request::Chunk`].
+pub const MAX_CHUNK: usize = 176;
+/// Greatest number of bytes in [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
+pub const MAX_PART: usize = 128;
 /// Greatest number of bytes that one stream message carries.
 pub const MAX_STREAM_BYTES: usize = 96;
 /// Number of buckets that start delays are counted in.
@@ -23,6 +25,16 @@ pub struct ToDevice<'a> {
     pub request: Request<'a>,
 }
 
+/// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of any version. This much of it never changes.
+pub fn version_in_hello(message: &[u8]) -> Option<u16> {
+    /// [`FromDevice::Reply`], its number, that it is no error, [`Response::Hello`], and [`DeviceInfo::protocol`].
+    type Beginning = (u8, u8, u8, u8, u16);
+    match postcard::take_from_bytes::<Beginning>(message) {
+        Ok(((0, _, 0, 0, version), _)) => Some(version),
+        _ => None,
+    }
+}
+
 /// What a host can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
@@ -35,9 +47,11 @@ pub enum Request<'a> {
         /// CRC-32 of the whole blob.
         crc: u32,
     },
-    /// The next bytes of the blob. Answer: [`Response::Received`].
+    /// Bytes of the blob. Answer: [`Response::Received`], or [`LinkError::WrongOffset`] where bytes before these are missing. A host may send
+    /// chunks ahead of their answers, up to [`Uploads::window_bytes`]; an answer speaks for all chunks before it, and the robot may leave
+    /// out answers that a later one makes superfluous.
     Chunk {
-        /// Where they belong: the number of bytes that were received before.
+        /// Where they belong in the blob. What of them the robot has already is passed over.
         offset: u32,
         /// At most [`MAX_CHUNK`] bytes.
         data: &'a [u8],
@@ -134,7 +148,7 @@ pub enum Response<'a> {
     Hello(#[serde(borrow)] DeviceInfo<'a>),
     /// To [`Request::Begin`] and [`Request::Chunk`].
     Received {
-        /// Number of bytes of the blob that are there.
+        /// Number of bytes of the blob that are there, from its first on, without a gap.
         len: u32,
     },
     /// To [`Request::Commit`]: the mission runs.
@@ -196,6 +210,17 @@ pub struct DeviceInfo<'a> {
     pub mission: Option<u32>,
     /// Why the robot started the last time.
     pub reset: ResetReason,
+    /// How it takes uploads.
+    pub uploads: Uploads,
+}
+
+/// How a robot takes uploads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Uploads {
+    /// Bytes of a [`Request::Chunk`] at most: [`MAX_CHUNK`] or less.
+    pub chunk_bytes: u16,
+    /// Bytes of the blob that may be on their way, sent and not answered yet, whatever the size of the chunks that they are in.
+    pub window_bytes: u16,
 }
 
 /// What a mission may use.
@@ -258,7 +283,7 @@ pub enum LinkError {
     Malformed,
     /// [`Request::Chunk`] or [`Request::Commit`] without an upload: begin one.
     NoUpload,
-    /// A chunk does not follow the bytes that were received: go on at `expected`.
+    /// Bytes before those of a chunk are missing: go on at `expected`.
     WrongOffset {
         /// Bytes received so far.
         expected: u32,
@@ -464,7 +489,7 @@ pub struct TaskCounters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::frame::{MAX_FRAME_BYTES, encode};
+    use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
 
     #[test]
     fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
@@ -503,7 +528,9 @@ mod tests {
     #[test]
     fn the_greatest_messages_fit_into_a_frame() {
         let chunk = [0xa5; MAX_CHUNK];
+        let part = [0xa5; MAX_PART];
         let mut frame = [0; MAX_FRAME_BYTES];
+        let mut reply = [0; MAX_REPLY_FRAME_BYTES];
         let text = "a name that is about as long as one wants";
         let info = DeviceInfo {
             protocol: u16::MAX,
@@ -520,6 +547,10 @@ mod tests {
             },
             mission: Some(u32::MAX),
             reset: ResetReason::Software,
+            uploads: Uploads {
+                chunk_bytes: u16::MAX,
+                window_bytes: u16::MAX,
+            },
         };
         let status = Status {
             mode: Mode::Safe(SafeReason::Board),
@@ -550,16 +581,16 @@ mod tests {
             Response::Status(status),
             Response::TaskText {
                 total: u16::MAX,
-                text: &chunk,
+                text: &part,
             },
             Response::Blob {
                 total: u32::MAX,
-                data: &chunk,
+                data: &part,
             },
             Response::States {
                 step: u64::MAX,
                 total: u16::MAX,
-                states: &chunk,
+                states: &part,
             },
             Response::Slot(SlotCounters {
                 number: u32::MAX,
@@ -582,7 +613,7 @@ mod tests {
                         seq: 255,
                         result: Ok(response)
                     },
-                    &mut frame
+                    &mut reply
                 )
                 .is_ok(),
                 "{response:?}"

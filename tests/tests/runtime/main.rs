@@ -1148,6 +1148,81 @@ fn an_upload_goes_on_where_it_was_interrupted() {
 }
 
 #[test]
+fn chunks_sent_ahead_are_taken_in_order_and_answered_for_all_before_them() {
+    let blob = counting(1).blob();
+    let begin = Request::Begin {
+        len: blob.len() as u32,
+        crc: checksum(&blob),
+    };
+    let chunk = |range: std::ops::Range<usize>| Request::Chunk {
+        offset: range.start as u32,
+        data: &blob[range],
+    };
+    with_robot(|robot| {
+        robot.ask(begin).unwrap();
+        // Three at once, of which the second overlaps with the first, and the third is doubled.
+        let frames = [0..50, 40..90, 90..100, 90..100].map(|range| robot.frame(chunk(range)));
+        robot.wire.to_robot.extend(frames.concat());
+        let answers = robot.exchange();
+        assert_eq!(
+            answers.last(),
+            Some(&(robot.last_number(), Ok(Answer::Received(100)))),
+            "the last answer speaks for all"
+        );
+        // The frame of a chunk was lost: those behind it are not taken.
+        let frames = [110..120, 120..130].map(|range| robot.frame(chunk(range)));
+        robot.wire.to_robot.extend(frames.concat());
+        let last = robot.exchange().pop();
+        assert_eq!(
+            last,
+            Some((
+                robot.last_number(),
+                Err(LinkError::WrongOffset { expected: 100 })
+            ))
+        );
+        let end = blob.len();
+        for (range, there) in [
+            (0..20, 100),
+            (20..100, 100),
+            (100..150, 150),
+            (150..end, end),
+            (0..20, end),
+            (end..end, end),
+        ] {
+            let answer = robot.ask(chunk(range.clone()));
+            assert_eq!(answer, Ok(Answer::Received(there as u32)), "{range:?}");
+        }
+        assert!(matches!(
+            robot.ask(Request::Commit),
+            Ok(Answer::Committed(_))
+        ));
+    });
+}
+
+#[test]
+fn chunks_are_taken_while_the_wire_takes_no_answer() {
+    let blob = counting(1).blob();
+    with_robot(|robot| {
+        robot
+            .ask(Request::Begin {
+                len: blob.len() as u32,
+                crc: checksum(&blob),
+            })
+            .unwrap();
+        robot.wire.stuck = true;
+        for (offset, data) in (0u32..).step_by(16).zip(blob.chunks(16)) {
+            let frame = robot.frame(Request::Chunk { offset, data });
+            robot.wire.to_robot.extend(frame);
+            assert_eq!(robot.exchange(), []);
+            assert!(robot.wire.to_robot.is_empty(), "byte {offset} waits");
+        }
+        robot.wire.stuck = false;
+        let all = Ok(Answer::Received(blob.len() as u32));
+        assert_eq!(robot.exchange(), [(robot.last_number(), all)]);
+    });
+}
+
+#[test]
 fn a_request_that_is_sent_again_is_answered_again_and_done_once() {
     let blob = counting(1).blob();
     with_robot(|robot| {

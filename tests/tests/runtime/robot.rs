@@ -208,6 +208,8 @@ pub struct Wire {
     pub to_host: VecDeque<u8>,
     /// What the log holds.
     pub log: VecDeque<u8>,
+    /// It takes no bytes from the robot.
+    pub stuck: bool,
 }
 
 impl LinkPort for Wire {
@@ -216,8 +218,10 @@ impl LinkPort for Wire {
     }
 
     fn send(&mut self, byte: u8) -> bool {
-        self.to_host.push_back(byte);
-        true
+        if !self.stuck {
+            self.to_host.push_back(byte);
+        }
+        !self.stuck
     }
 
     fn read_log(&mut self, room: &mut [u8]) -> usize {
@@ -352,7 +356,7 @@ impl Bench<'_, '_, '_> {
     /// Lets the link do its work; returns the answers that came, with their numbers.
     pub fn exchange(&mut self) -> Vec<(u8, Result<Answer, LinkError>)> {
         let mut answers = vec![];
-        while self.link.poll(&mut self.wire) {}
+        while self.link.poll(&mut self.wire) && !self.wire.stuck {}
         while let Some(byte) = self.wire.to_host.pop_front() {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
@@ -396,6 +400,11 @@ impl Bench<'_, '_, '_> {
             }
         }
         answers
+    }
+
+    /// Number of the last request.
+    pub fn last_number(&self) -> u8 {
+        self.seq
     }
 
     /// The frame of the next request.

@@ -312,7 +312,7 @@ fn difference(now: &SlotReading, before: &SlotReading) -> SlotReport {
 pub(super) mod tests {
     use super::*;
     use rt_firmware::link::message::{
-        Capacities, Mode, ResetReason, SlotCounters, Status, TaskCounters,
+        Capacities, Mode, ResetReason, SlotCounters, Status, TaskCounters, Uploads,
     };
 
     use crate::reading::{LineReport, TaskPlan};
@@ -332,6 +332,10 @@ pub(super) mod tests {
             },
             mission: Some(0x1234_abcd),
             reset: ResetReason::PowerOn,
+            uploads: Uploads {
+                chunk_bytes: 176,
+                window_bytes: 528,
+            },
         }
     }
 
