@@ -75,6 +75,11 @@ fn interpreter() {
 }
 
 #[test]
+fn link() {
+    short_run("link");
+}
+
+#[test]
 fn round_trip() {
     short_run("round_trip");
 }

@@ -176,14 +176,20 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
-        self.take_answer();
-        self.receive(port);
-        // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
-        if self.stream.is_begun() && !self.stream.send(port) {
-            return true;
-        }
-        if !self.reply.send(port) {
-            return true;
+        loop {
+            self.take_answer();
+            self.receive(port);
+            // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
+            if self.stream.is_begun() && !self.stream.send(port) {
+                return true;
+            }
+            if self.reply.is_done() {
+                break;
+            }
+            if !self.reply.send(port) {
+                return true;
+            }
+            // The answer is out: there may be another request behind it.
         }
         if self.stream.is_done() {
             self.fill_stream(port);

@@ -8,12 +8,14 @@
 //! | [`front_end`](fn@front_end) | a set of `.esm` files | what the front end says has a place in a file, and an order; right files compile |
 //! | [`verifier`](fn@verifier) | a blob, and the same with magic and CRC made right | what passes can be read everywhere and run |
 //! | [`interpreter`](fn@interpreter) | decisions about a machine and about what happens to it | it runs as the reference says, and keeps the laws of [`watched`] |
+//! | [`link`](fn@link) | what comes over a robot's line | nothing but messages comes back, and a good client can greet, upload and start afterwards |
 //! | [`round_trip`](fn@round_trip) | a mission, or decisions about a machine | a blob comes back as source that makes the same blob |
 //!
 //! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it again.
 
 pub mod front_end;
 pub mod interpreter;
+pub mod link;
 pub mod mutations;
 pub mod plain;
 pub mod records;
@@ -24,6 +26,7 @@ pub mod watched;
 
 pub use front_end::front_end;
 pub use interpreter::interpreter;
+pub use link::link;
 pub use round_trip::round_trip;
 pub use verifier::verifier;
 
@@ -56,7 +59,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 4] = [
+pub const TARGETS: [Target; 5] = [
     Target {
         name: "front_end",
         body: front_end,
@@ -74,6 +77,12 @@ pub const TARGETS: [Target; 4] = [
         body: interpreter,
         seeds: seeds::decisions,
         short_runs: 1_200,
+    },
+    Target {
+        name: "link",
+        body: link,
+        seeds: link::sessions,
+        short_runs: 3_000,
     },
     Target {
         name: "round_trip",
