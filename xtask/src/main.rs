@@ -11,6 +11,7 @@ mod fuzz;
 mod interpreters;
 mod missions;
 mod process;
+mod python;
 mod setup;
 mod size;
 mod test;

@@ -33,6 +33,13 @@ pub enum Failure {
         /// How it ended.
         status: ExitStatus,
     },
+    /// A program failed, or took too long.
+    Within {
+        /// The program and its arguments.
+        command: String,
+        /// How long it may take.
+        limit: Duration,
+    },
     /// A file could not be read or written.
     File {
         /// The file.
@@ -84,6 +91,11 @@ impl fmt::Display for Failure {
             }
             Failure::Start { command, cause } => write!(to, "cannot start `{command}`: {cause}"),
             Failure::Ended { command, status } => write!(to, "`{command}` failed ({status})"),
+            Failure::Within { command, limit } => write!(
+                to,
+                "`{command}` failed, or took longer than {} s",
+                limit.as_secs()
+            ),
             Failure::File { path, cause } => write!(to, "{}: {cause}", path.display()),
             Failure::Content { path, problem } => write!(to, "{}: {problem}", path.display()),
             Failure::Promises => to.write_str("a promise does not hold"),

@@ -12,6 +12,7 @@ use crate::firmware::{
 };
 use crate::fuzz;
 use crate::process::{self, Failure, shown};
+use crate::python;
 use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
 use crate::size;
 
@@ -136,6 +137,15 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
                 "esm",
             ]))
         });
+        match python::find() {
+            Some(python) => tally.step("the link's client in Python", || {
+                python::test(root, &python, &root.join("target/release/esm"))
+            }),
+            None => tally.skip(
+                "the link's client in Python",
+                "there is no python3 with venv",
+            ),
+        }
         tally.step("the demo, and its deepest stack", || {
             size::check_stack(root, &demo::drive(root)?.join("summary.json"))
         });

@@ -30,7 +30,7 @@ pub enum FrameError {
     TooLong,
     /// The bytes are not what COBS makes of something.
     NotCobs,
-    /// The bytes are not those that were sent.
+    /// The bytes are not those that were sent. So are none at all, whose checksum is 0.
     WrongChecksum,
     /// The bytes arrived as they were sent, but are no message of this protocol version.
     NotAMessage,
@@ -84,6 +84,7 @@ pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameErr
     let (message, crc) = frame
         .get(..len)
         .and_then(<[u8]>::split_last_chunk::<CRC_BYTES>)
+        .filter(|(message, _)| !message.is_empty())
         .ok_or(FrameError::WrongChecksum)?;
     if checksum(message) != u32::from_le_bytes(*crc) {
         return Err(FrameError::WrongChecksum);

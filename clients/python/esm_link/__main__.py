@@ -1,0 +1,67 @@
+"""The command `esm-link`."""
+
+import argparse
+import dataclasses
+import json
+import sys
+
+from . import Client, LinkLost, Malformed, NoReply, OtherVersion, Refused, open_port
+
+DONE, REFUSED, WORLD_FAILED = 0, 1, 3
+
+
+def main(arguments=None) -> int:
+    parser = argparse.ArgumentParser(prog="esm-link", description="Talks to a robot that runs the esm framework.")
+    parser.add_argument("port", help="a serial line, or a URL of pyserial's (socket://HOST:PORT)")
+    parser.add_argument("--baud", type=int, default=115_200)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, text in (
+        ("hello", "who the robot is"),
+        ("status", "how it is"),
+        ("stop", "motors off, until `start`"),
+        ("start", "the mission runs again"),
+    ):
+        commands.add_parser(name, help=text)
+    upload = commands.add_parser("upload", help="gives it a mission")
+    upload.add_argument("blob", type=argparse.FileType("rb"), help="what `esm build` made")
+    trace = commands.add_parser("trace", help="its trace records, as JSON lines")
+    trace.add_argument("--seconds", type=float, default=5.0)
+    options = parser.parse_args(arguments)
+    try:
+        with open_port(options.port, options.baud) as port:
+            client = Client(port)
+            robot = client.hello()
+            if options.command == "hello":
+                print(json.dumps(dataclasses.asdict(robot)))
+            elif options.command == "status":
+                print(json.dumps(dataclasses.asdict(client.status())))
+            elif options.command == "upload":
+                blob = options.blob.read()
+                is_terminal = sys.stderr.isatty()
+
+                def progress(there: int) -> None:
+                    if is_terminal:
+                        print(f"\r{there} of {len(blob)} bytes", end="", file=sys.stderr, flush=True)
+
+                mission = client.upload(blob, progress)
+                if is_terminal:
+                    print(file=sys.stderr)
+                print(json.dumps({"mission": mission, "bytes": len(blob)}))
+            elif options.command == "trace":
+                client.subscribe(trace=True)
+                for record in client.trace(options.seconds):
+                    print(json.dumps(record), flush=True)
+                client.subscribe()
+            else:
+                getattr(client, options.command)()
+        return DONE
+    except Refused as error:
+        print(f"esm-link: {error}", file=sys.stderr)
+        return REFUSED
+    except (LinkLost, Malformed, NoReply, OtherVersion, OSError) as error:
+        print(f"esm-link: {error}", file=sys.stderr)
+        return WORLD_FAILED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

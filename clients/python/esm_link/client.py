@@ -1,0 +1,325 @@
+"""A session with a robot (sections 4, 6 and 10 of docs/link.md)."""
+
+import time
+import zlib
+from typing import Callable, Iterator, List, Optional
+
+from . import messages
+from .frames import DELIMITER, FrameReader, encode
+from .messages import Answer, Error, Malformed, Part
+from .trace import Assembler
+
+FIRST_WAIT_S = 0.3
+SHORTEST_WAIT_S = 0.04
+LONGEST_WAIT_S = 1.0
+BYTE_TIME_S = 0.0005
+SPOILED_WAIT_S = 0.01
+BUSY_WAIT_S = 0.005
+SILENT_DEADLINE_S = 6.0
+NOISY_DEADLINE_S = 30.0
+
+SMALLEST_CHUNK = 16
+CHUNKS_BEFORE_GROWTH = 4
+MAX_CHUNKS_AHEAD = 8
+BEGIN_LIMIT = 20
+
+
+class LinkLost(Exception):
+    """The line failed."""
+
+
+class NoReply(Exception):
+    """The robot did not answer in time."""
+
+
+class OtherVersion(Exception):
+    """The robot speaks another version of the protocol."""
+
+    def __init__(self, robot: int) -> None:
+        super().__init__(f"the robot speaks version {robot} of the link, this program version {messages.PROTOCOL_VERSION}")
+        self.robot = robot
+
+
+class Refused(Exception):
+    """The robot refused a request."""
+
+    def __init__(self, name: str, error: Error) -> None:
+        super().__init__(f"the robot refused `{name}`: {error}")
+        self.error = error
+
+
+def open_port(name: str, baud: int = 115_200):
+    """Opens a serial line, or what else pyserial has a URL for (socket://HOST:PORT)."""
+    import serial
+
+    return serial.serial_for_url(name, baudrate=baud, timeout=0)
+
+
+class _Patience:
+    def __init__(self) -> None:
+        self.started = self.last_sign = time.monotonic()
+
+    def sign_of_life(self) -> None:
+        self.last_sign = time.monotonic()
+
+    def check(self, name: str) -> None:
+        now = time.monotonic()
+        if now - self.last_sign >= SILENT_DEADLINE_S or now - self.started >= NOISY_DEADLINE_S:
+            raise NoReply(f"the robot did not answer `{name}` within {now - self.started:.1f} s")
+
+
+class Client:
+    """Talks to the robot behind `port`, which has `read(size)`, `write(bytes)` and `timeout` as a `serial.Serial` has. `hello` comes first."""
+
+    def __init__(self, port, number: Optional[int] = None) -> None:
+        self._port = port
+        # Not the number that the client before began with: its answers may still be on the line.
+        self._seq = time.time_ns() // 1_000_000 % 256 if number is None else number
+        self._reader = FrameReader()
+        self._reply_time = None
+        self._robot: Optional[messages.Hello] = None
+        self._trace = Assembler()
+        self._records: List[dict] = []
+        self._other_version: Optional[int] = None
+        #: Log bytes that came.
+        self.log = bytearray()
+        #: Requests and chunks that were sent again.
+        self.retries = 0
+
+    # What a robot can be asked.
+
+    def hello(self) -> messages.Hello:
+        self._trace = Assembler()
+        robot = self._ask("hello", messages.Hello, messages.HELLO)
+        if robot.protocol != messages.PROTOCOL_VERSION:
+            raise OtherVersion(robot.protocol)
+        self._robot = robot
+        return robot
+
+    def status(self) -> messages.Status:
+        return self._ask("status", messages.Status, messages.STATUS)
+
+    def stop(self) -> None:
+        self._ask("stop", messages.Done, messages.STOP)
+
+    def start(self) -> None:
+        self._ask("start", messages.Done, messages.START)
+
+    def abort(self) -> None:
+        self._ask("abort", messages.Done, messages.ABORT)
+
+    def subscribe(self, trace: bool = False, log: bool = False) -> None:
+        self._ask("subscribe", messages.Done, messages.SUBSCRIBE, trace, log)
+
+    def task(self, index: int) -> str:
+        """The declaration of a task type, as `.esm` text."""
+        text, total = b"", 1
+        while len(text) < total:
+            part = self._ask("task", messages.TaskText, messages.TASK, messages.U8(index), len(text))
+            text, total = text + part.text, part.total
+            if not part.text:
+                break
+        return text.decode()
+
+    def read_blob(self) -> bytes:
+        """The blob of the mission that runs."""
+        blob, total = b"", 1
+        while len(blob) < total:
+            part = self._ask("read the mission", messages.Blob, messages.READ_BLOB, len(blob))
+            blob, total = blob + part.data, part.total
+            if not part.data:
+                break
+        return blob
+
+    def trace(self, seconds: float) -> Iterator[dict]:
+        """Trace records as they come, for so long. `subscribe` asks for them."""
+        end = time.monotonic() + seconds
+        while True:
+            yield from self._records
+            self._records = []
+            left = end - time.monotonic()
+            if left <= 0:
+                return
+            self._receive(left)
+
+    # Uploads.
+
+    def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> int:
+        """Brings a mission to the robot and lets it take over. Returns its hash when it runs."""
+        self.stage(blob, progress)
+        return self._ask("commit", messages.Committed, messages.COMMIT).mission
+
+    def stage(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> None:
+        """Brings a mission to the robot without letting it take over."""
+        robot = self._robot or self.hello()
+        largest = max(1, min(robot.chunk_bytes, robot.window_bytes))
+        for _ in range(BEGIN_LIMIT):
+            there = self._ask("upload", messages.Received, messages.BEGIN, len(blob), zlib.crc32(blob)).len
+            if self._send_from(blob, there, largest, max(1, robot.window_bytes), progress or (lambda _: None)):
+                return
+        raise Refused("upload", Error("NoUpload", {}))
+
+    def _send_from(self, blob: bytes, there: int, largest: int, window: int, progress: Callable[[int], None]) -> bool:
+        """Sends what the robot lacks. False where it has forgotten the upload."""
+        chunk = largest
+        passed = attempt = 0
+        following = there
+        ahead: List[int] = []  # Numbers of the chunks since the last step back.
+        old: List[int] = []  # Of those before.
+        patience = _Patience()
+        last_sign = time.monotonic()
+        progress(there)
+        while there < len(blob):
+            before = there
+            end = min(len(blob), following + chunk)
+            wait = None
+            if following < end and end - there <= min(window, chunk * MAX_CHUNKS_AHEAD):
+                self._seq = (self._seq + 1) % 256
+                self._write(messages.request(self._seq, messages.CHUNK, following, blob[following:end]))
+                ahead = (ahead + [self._seq])[-100:]
+                following = end
+                last_sign = time.monotonic()
+            else:
+                wait = self._wait(attempt, following - there)
+            left = 0.0 if wait is None else max(0.0, last_sign + wait - time.monotonic())
+            spoiled = self._reader.spoiled
+            answers = self._receive(left)
+            if answers or self._reader.spoiled != spoiled:
+                patience.sign_of_life()
+            gap = False
+            for answer in answers:
+                is_new = answer.seq in ahead
+                if not is_new and answer.seq not in old:
+                    continue
+                body = answer.body
+                if isinstance(body, messages.Received):
+                    arrived = body.len
+                elif isinstance(body, Error) and body.name == "WrongOffset":
+                    arrived = body.fields["expected"]
+                    gap |= is_new
+                elif isinstance(body, Error) and body.name == "NoUpload":
+                    if is_new:
+                        return False
+                    continue
+                elif isinstance(body, Error) and body.name == "Malformed":
+                    gap |= is_new
+                    continue
+                elif isinstance(body, Error):
+                    raise Refused("upload", body)
+                else:
+                    continue
+                if there < arrived <= len(blob):
+                    there = arrived
+                    following = max(following, there)
+            if there > before:
+                progress(there)
+                passed += 1
+                if passed >= CHUNKS_BEFORE_GROWTH:
+                    chunk, passed = min(largest, chunk * 2), 0
+                patience, attempt, last_sign = _Patience(), 0, time.monotonic()
+            timed_out = wait is not None and time.monotonic() - last_sign >= wait
+            if timed_out:
+                patience.check("upload")
+                attempt += 1
+            if gap or timed_out:
+                self.retries += 1
+                chunk, passed = max(min(SMALLEST_CHUNK, largest), chunk // 2), 0
+                following = there
+                old, ahead = (old + ahead)[-100:], []
+        return True
+
+    # Requests.
+
+    def _ask(self, name: str, wanted: type, kind: int, *fields):
+        patience = _Patience()
+        while True:
+            body = self._exchange(name, patience, kind, *fields)
+            if isinstance(body, wanted):
+                return body
+            if not isinstance(body, Error):
+                raise Malformed(f"the robot answered `{name}` with {body}")
+            if body.name not in ("Busy", "Malformed", "NoAnswer"):
+                raise Refused(name, body)
+            try:
+                patience.check(name)
+            except NoReply:
+                raise Refused(name, body) from None
+            time.sleep(BUSY_WAIT_S)
+
+    def _exchange(self, name: str, patience: _Patience, kind: int, *fields) -> object:
+        self._seq = (self._seq + 1) % 256
+        request = messages.request(self._seq, kind, *fields)
+        self._other_version = None
+        attempt = 0
+        while True:
+            self._write(request)
+            sent = time.monotonic()
+            deadline = sent + self._wait(attempt, len(request) + 7)
+            while time.monotonic() < deadline:
+                spoiled = self._reader.spoiled
+                answers = self._receive(deadline - time.monotonic())
+                if kind == messages.HELLO and self._other_version is not None:
+                    raise OtherVersion(self._other_version)
+                if answers:
+                    patience.sign_of_life()
+                if self._reader.spoiled != spoiled:
+                    patience.sign_of_life()
+                    deadline = min(deadline, time.monotonic() + SPOILED_WAIT_S)
+                for answer in answers:
+                    if answer.seq == self._seq:
+                        if attempt == 0:
+                            self._answer_took(time.monotonic() - sent)
+                        return answer.body
+            patience.check(name)
+            attempt += 1
+            self.retries += 1
+
+    def _answer_took(self, took: float) -> None:
+        if self._reply_time is None:
+            self._reply_time = (took, took / 2)
+        else:
+            mean, deviation = self._reply_time
+            self._reply_time = ((mean * 7 + took) / 8, (deviation * 3 + abs(mean - took)) / 4)
+
+    def _wait(self, attempt: int, request_bytes: int) -> float:
+        if self._reply_time is None:
+            base = FIRST_WAIT_S
+        else:
+            mean, deviation = self._reply_time
+            base = max(SHORTEST_WAIT_S, mean + 4 * deviation)
+        return min(LONGEST_WAIT_S, (base + BYTE_TIME_S * request_bytes) * 2 ** min(5, attempt // 3))
+
+    # Bytes.
+
+    def _write(self, message: bytes) -> None:
+        try:
+            # The delimiter in front gives noise an end.
+            self._port.write(DELIMITER + encode(message))
+        except OSError as cause:
+            raise LinkLost(f"the line to the robot is lost: {cause}") from cause
+
+    def _receive(self, timeout: float) -> List[Answer]:
+        """Takes what the line has, waiting so long for its first byte. Streams are kept, answers returned."""
+        try:
+            self._port.timeout = timeout
+            received = self._port.read(1)
+            if received:
+                self._port.timeout = 0
+                received += self._port.read(4096)
+        except OSError as cause:
+            raise LinkLost(f"the line to the robot is lost: {cause}") from cause
+        answers = []
+        for message in self._reader.feed(received):
+            try:
+                read = messages.from_robot(message)
+            except Malformed:
+                self._other_version = messages.version_in_hello(message)
+                self._reader.spoiled += 1
+                continue
+            if isinstance(read, Answer):
+                answers.append(read)
+            elif isinstance(read, Part) and read.channel == "trace":
+                self._records += self._trace.take(read)
+            else:
+                self.log += read.bytes
+        return answers

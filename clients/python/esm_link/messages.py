@@ -1,0 +1,355 @@
+"""Messages: what is in a frame (sections 3, 5, 7, 8 and 9 of docs/link.md)."""
+
+from dataclasses import dataclass
+from typing import List, Optional, Tuple, Union
+
+PROTOCOL_VERSION = 3
+
+HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS = range(14)
+
+RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
+SAFE_REASONS = (
+    "event queue overflow",
+    "macro step limit",
+    "overruns",
+    "missed occurrences",
+    "body lost",
+    "low battery",
+    "link lost",
+    "board",
+)
+CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
+CHANNELS = ("trace", "log")
+
+
+class Malformed(Exception):
+    """The bytes arrived as they were sent, but are no message of this version."""
+
+
+class Fields:
+    """Reads the fields of a message."""
+
+    def __init__(self, message: bytes) -> None:
+        self._message = message
+        self._at = 0
+
+    def take(self, count: int) -> bytes:
+        end = self._at + count
+        if end > len(self._message):
+            raise Malformed("it ends too early")
+        taken = self._message[self._at : end]
+        self._at = end
+        return taken
+
+    def u8(self) -> int:
+        return self.take(1)[0]
+
+    def boolean(self) -> bool:
+        value = self.u8()
+        if value > 1:
+            raise Malformed(f"{value} is no truth")
+        return value == 1
+
+    def number(self, bits: int = 64) -> int:
+        value = 0
+        for place in range((bits + 6) // 7):
+            byte = self.u8()
+            value |= (byte & 0x7F) << (7 * place)
+            if byte < 0x80:
+                break
+        else:
+            raise Malformed("a number without an end")
+        if value >> bits:
+            raise Malformed(f"{value} has more than {bits} bits")
+        return value
+
+    def one_of(self, names: Tuple[str, ...]) -> str:
+        index = self.number(32)
+        if index >= len(names):
+            raise Malformed(f"alternative {index} of {len(names)}")
+        return names[index]
+
+    def option_u32(self) -> Optional[int]:
+        return self.number(32) if self.boolean() else None
+
+    def bytes(self) -> bytes:
+        return self.take(self.number(32))
+
+    def text(self) -> str:
+        try:
+            return self.bytes().decode()
+        except UnicodeDecodeError as cause:
+            raise Malformed("a text that is no UTF-8") from cause
+
+    def rest(self) -> bytes:
+        return self.take(len(self._message) - self._at)
+
+    def end(self) -> None:
+        if self._at != len(self._message):
+            raise Malformed("there are bytes behind its end")
+
+
+def number(value: int) -> bytes:
+    """A number, seven bits a byte, the lowest first."""
+    encoded = bytearray()
+    while value >= 0x80:
+        encoded.append(value & 0x7F | 0x80)
+        value >>= 7
+    encoded.append(value)
+    return bytes(encoded)
+
+
+class U8(int):
+    """A field of one byte, where other numbers have as many as they need."""
+
+
+def request(seq: int, kind: int, *fields: Union[int, bytes]) -> bytes:
+    """The message of a request."""
+    message = bytes([seq, kind])
+    for field in fields:
+        if isinstance(field, bytes):
+            message += number(len(field)) + field
+        elif isinstance(field, (U8, bool)):
+            message += bytes([field])
+        else:
+            message += number(field)
+    return message
+
+
+@dataclass
+class Hello:
+    protocol: int
+    firmware: str
+    board: str
+    task_types: int
+    blob_bytes: int
+    arena_words: int
+    slots: int
+    task_instances: int
+    nets: int
+    exclusive_groups: int
+    mission: Optional[int]
+    reset: str
+    chunk_bytes: int
+    window_bytes: int
+
+
+@dataclass
+class Received:
+    len: int
+
+
+@dataclass
+class Committed:
+    mission: int
+
+
+@dataclass
+class Done:
+    pass
+
+
+@dataclass
+class Status:
+    mode: str
+    mission: Optional[int]
+    steps: int
+    t_us: int
+    executed: int
+    missed: int
+    overruns: int
+    max_delay_ns: int
+    trace_dropped: int
+    background_busy: bool
+    stack_bytes: Optional[int]
+    reset: str
+
+
+@dataclass
+class TaskText:
+    total: int
+    text: bytes
+
+
+@dataclass
+class Blob:
+    total: int
+    data: bytes
+
+
+@dataclass
+class States:
+    step: int
+    total: int
+    states: List[int]
+
+
+@dataclass
+class Slot:
+    number: int
+    executed: int
+    missed: int
+    overruns: int
+    total_execution_ns: int
+    min_execution_ns: int
+    max_execution_ns: int
+    min_delay_ns: int
+    max_delay_ns: int
+    first_bucket_ns: int
+    delays: List[int]
+
+
+@dataclass
+class TaskInstance:
+    enabled: bool
+    busy: bool
+    overruns: int
+
+
+@dataclass
+class Error:
+    """Why a request was not carried out; the fields are named in section 8."""
+
+    name: str
+    fields: dict
+
+    def __str__(self) -> str:
+        fields = ", ".join(f"{name} {value}" for name, value in self.fields.items())
+        return f"{self.name} ({fields})" if fields else self.name
+
+
+@dataclass
+class Answer:
+    seq: int
+    body: object
+
+
+@dataclass
+class Part:
+    channel: str
+    part: int
+    continues: bool
+    dropped: int
+    bytes: bytes
+
+
+def version_in_hello(message: bytes) -> Optional[int]:
+    """The version that a robot tells in its answer to hello, from a message of any version."""
+    fields = Fields(message)
+    try:
+        if fields.u8() != 0:
+            return None
+        fields.u8()
+        if (fields.u8(), fields.u8()) != (0, 0):
+            return None
+        return fields.number(16)
+    except Malformed:
+        return None
+
+
+def from_robot(message: bytes) -> Union[Answer, Part]:
+    """Reads a message from a robot."""
+    fields = Fields(message)
+    kind = fields.number(32)
+    if kind == 0:
+        seq = fields.u8()
+        result = fields.number(32)
+        if result == 0:
+            body = _answer(fields)
+        elif result == 1:
+            body = _error(fields)
+        else:
+            raise Malformed("neither an answer nor an error")
+        read: Union[Answer, Part] = Answer(seq, body)
+    elif kind == 1:
+        read = Part(fields.one_of(CHANNELS), fields.u8(), fields.boolean(), fields.number(32), fields.bytes())
+    else:
+        raise Malformed(f"a message of kind {kind}")
+    fields.end()
+    return read
+
+
+def _answer(fields: Fields) -> object:
+    kind = fields.number(32)
+    if kind == 0:
+        protocol, firmware, board, task_types = fields.number(16), fields.text(), fields.text(), fields.u8()
+        blob_bytes, arena_words = fields.number(32), fields.number(32)
+        counts = [fields.number(16) for _ in range(4)]
+        mission, reset = fields.option_u32(), fields.one_of(RESETS)
+        return Hello(
+            protocol, firmware, board, task_types, blob_bytes, arena_words, *counts, mission, reset, fields.number(16), fields.number(16)
+        )
+    if kind == 1:
+        return Received(fields.number(32))
+    if kind == 2:
+        return Committed(fields.number(32))
+    if kind == 3:
+        return Done()
+    if kind == 4:
+        return _status(fields)
+    if kind == 5:
+        return TaskText(fields.number(16), fields.bytes())
+    if kind == 6:
+        return Blob(fields.number(32), fields.bytes())
+    if kind == 7:
+        step, total, states = fields.number(64), fields.number(16), fields.bytes()
+        pairs = zip(states[::2], states[1::2])
+        return States(step, total, [low | high << 8 for low, high in pairs])
+    if kind == 8:
+        numbers = [fields.number(bits) for bits in (32, 32, 32, 32, 64, 32, 32, 32, 32, 32)]
+        return Slot(*numbers, [fields.number(16) for _ in range(8)])
+    if kind == 9:
+        return TaskInstance(fields.boolean(), fields.boolean(), fields.number(16))
+    raise Malformed(f"an answer of kind {kind}")
+
+
+def _status(fields: Fields) -> Status:
+    mode = fields.one_of(("empty", "running", "stopped", "safe"))
+    if mode == "safe":
+        mode = f"safe: {fields.one_of(SAFE_REASONS)}"
+    mission, steps, t_us = fields.option_u32(), fields.number(64), fields.number(64)
+    counts = [fields.number(32) for _ in range(5)]
+    return Status(mode, mission, steps, t_us, *counts, fields.boolean(), fields.option_u32(), fields.one_of(RESETS))
+
+
+def _error(fields: Fields) -> Error:
+    kind = fields.number(32)
+    u16 = lambda *names: {name: fields.number(16) for name in names}  # noqa: E731
+    u32 = lambda *names: {name: fields.number(32) for name in names}  # noqa: E731
+    plain = {
+        0: "Malformed",
+        1: "NoUpload",
+        3: "TooLong",
+        5: "WrongChecksum",
+        11: "NoMission",
+        12: "NoSuchIndex",
+        13: "Busy",
+        14: "NoAnswer",
+    }
+    if kind in plain:
+        return Error(plain[kind], {})
+    if kind == 2:
+        return Error("WrongOffset", u32("expected"))
+    if kind == 4:
+        return Error("Incomplete", u32("received"))
+    if kind == 6:
+        refusal = fields.one_of(("magic", "cut", "trailing bytes", "checksum", "section length", "record"))
+        if refusal == "checksum":
+            return Error("Invalid", {"refusal": refusal, **u32("stored", "computed")})
+        if refusal in ("section length", "record"):
+            # What follows belongs to the blob's format.
+            return Error("Invalid", {"refusal": refusal, "detail": fields.rest().hex()})
+        return Error("Invalid", {"refusal": refusal})
+    if kind == 7:
+        return Error("UnknownTask", u16("task"))
+    if kind == 8:
+        return Error("SignatureDiffers", u16("task"))
+    if kind == 9:
+        return Error("TooManyInstances", u16("task", "needed", "available"))
+    if kind == 10:
+        return Error("CapacityExceeded", {"what": fields.one_of(CAPACITIES), **u32("needed", "available")})
+    if kind == 15:
+        return Error("NetTypeDiffers", u16("task", "port"))
+    if kind == 16:
+        return Error("ParamOutOfRange", u16("task", "param"))
+    raise Malformed(f"an error of kind {kind}")

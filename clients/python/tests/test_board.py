@@ -1,0 +1,122 @@
+"""The client against the host board behind a pseudo-terminal: `esm board`, where ESM_BINARY names the command and ESM_LINK_BLOB a mission's blob."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from esm_link import Client, NoReply, Refused, open_port
+
+ESM = os.environ.get("ESM_BINARY")
+BLOB = os.environ.get("ESM_LINK_BLOB")
+
+
+@unittest.skipUnless(ESM and BLOB, "ESM_BINARY and ESM_LINK_BLOB name no command and no blob")
+class HostBoard(unittest.TestCase):
+    def setUp(self):
+        self.board = subprocess.Popen([ESM, "board", "--board", "host"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.addCleanup(self._end)
+        found = re.search(r"the robot is at (\S+);", self.board.stdout.readline())
+        self.assertIsNotNone(found, "the board names its port")
+        self.port = found.group(1)
+        with open(BLOB, "rb") as file:
+            self.blob = file.read()
+
+    def _end(self):
+        self.board.terminate()
+        self.board.stdout.close()
+        self.board.wait(10)
+
+    def test_a_session(self):
+        with open_port(self.port) as port:
+            client = Client(port)
+            robot = client.hello()
+            self.assertEqual((robot.protocol, robot.board, robot.mission), (3, "host", None))
+            self.assertTrue(all(client.task(index).startswith("task ") for index in range(robot.task_types)))
+            with self.assertRaises(Refused) as refused:
+                client.upload(self.blob[:-1] + b"?")
+            self.assertEqual(refused.exception.error.fields["refusal"], "checksum")
+            client.subscribe(trace=True)
+            told = []
+            started = time.monotonic()
+            mission = client.upload(self.blob, told.append)
+            took = time.monotonic() - started
+            print(f"{len(self.blob)} bytes in {took:.3f} s, {client.retries} sent again", file=sys.stderr)
+            self.assertEqual((told[0], told[-1]), (0, len(self.blob)))
+            self.assertEqual(client.read_blob(), self.blob)
+            records = list(client.trace(1.0))
+            self.assertEqual((records[0]["kind"], records[0]["mission"]), ("started", mission))
+            steps = [record for record in records if record["kind"] in ("step", "same")]
+            self.assertGreater(len(steps), 20)
+            status = client.status()
+            self.assertEqual((status.mode, status.mission, status.missed), ("running", mission, 0))
+            client.stop()
+            self.assertEqual(client.status().mode, "stopped")
+            client.start()
+            self.assertEqual(client.status().mode, "running")
+
+    def test_an_upload_of_a_client_that_has_gone_goes_on(self):
+        class Gone(Exception):
+            pass
+
+        def go(there: int) -> None:
+            if there > len(self.blob) // 2:
+                raise Gone
+
+        with open_port(self.port) as port:
+            client = Client(port)
+            client.hello()
+            with self.assertRaises(Gone):
+                client.upload(self.blob, go)
+        with open_port(self.port) as port:
+            told = []
+            client = Client(port)
+            client.hello()
+            client.upload(self.blob, told.append)
+            self.assertGreater(told[0], len(self.blob) // 2)
+
+    def test_the_command(self):
+        def run(*arguments):
+            command = [sys.executable, "-m", "esm_link", self.port, *arguments]
+            return subprocess.run(command, capture_output=True, text=True, timeout=30)
+
+        self.assertEqual(json.loads(run("hello").stdout)["board"], "host")
+        uploaded = json.loads(run("upload", BLOB).stdout)
+        self.assertEqual(uploaded["bytes"], len(self.blob))
+        self.assertEqual(run("stop").returncode, 0)
+        self.assertEqual(json.loads(run("status").stdout)["mode"], "stopped")
+        self.assertEqual(run("start").returncode, 0)
+        lines = run("trace", "--seconds", "0.5").stdout.splitlines()
+        self.assertGreater(len([json.loads(line) for line in lines]), 5)
+        with tempfile.NamedTemporaryFile() as file:
+            file.write(b"no mission")
+            file.flush()
+            refused = run("upload", file.name)
+            self.assertEqual(refused.returncode, 1)
+            self.assertIn("Invalid", refused.stderr)
+
+
+class NoRobot(unittest.TestCase):
+    def test_silence_ends_in_time(self):
+        class Silent:
+            timeout = 0.0
+
+            def write(self, sent: bytes) -> None:
+                pass
+
+            def read(self, size: int) -> bytes:
+                time.sleep(self.timeout)
+                return b""
+
+        started = time.monotonic()
+        with self.assertRaises(NoReply):
+            Client(Silent()).hello()
+        self.assertTrue(5 < time.monotonic() - started < 10)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,220 @@
+"""The client against the protocol's vectors."""
+
+import unittest
+
+import vectors
+from esm_link import Client, OtherVersion, Refused, frames, messages
+from esm_link.frames import FrameReader
+from esm_link.messages import Answer, Malformed, Part
+
+JUNK = bytes((i * 31 + i // 256) % 256 for i in range(700))
+
+
+def line(name: str) -> vectors.Line:
+    return vectors.Line(name)
+
+
+class Frames(unittest.TestCase):
+    def test_messages_become_these_frames_and_come_back(self):
+        found = vectors.of_kind("frame")
+        self.assertGreater(len(found), 30)
+        for vector in found:
+            [message], [frame] = vector.all("message"), vector.all("bytes")
+            with self.subTest(vector.name):
+                self.assertEqual(frames.encode(message), frame)
+                self.assertEqual(frames.decode(frame[:-1]), message)
+
+    def test_spoiled_bytes_give_only_the_messages_that_are_whole(self):
+        for vector in vectors.of_kind("spoiled"):
+            [received] = vector.all("bytes")
+            with self.subTest(vector.name):
+                self.assertEqual(list(FrameReader().feed(received)), vector.all("message"))
+                # However the bytes come.
+                reader = FrameReader()
+                singly = [message for byte in received for message in reader.feed(bytes([byte]))]
+                self.assertEqual(singly, vector.all("message"))
+
+    def test_every_changed_byte_is_noticed(self):
+        [frame] = vectors.named("answer status").all("bytes")
+        for at in range(len(frame) - 1):
+            for bit in range(8):
+                changed = bytearray(frame)
+                changed[at] ^= 1 << bit
+                self.assertEqual(list(FrameReader().feed(bytes(changed))), [])
+
+
+class Messages(unittest.TestCase):
+    def read(self, name: str):
+        [message] = vectors.named(name).all("message")
+        return messages.from_robot(message)
+
+    def test_requests_are_encoded_as_the_vectors_say(self):
+        chunk = bytes((i * 31 + i // 256) % 256 for i in range(176))
+        requests = {
+            "request hello": (messages.HELLO,),
+            "request begin": (messages.BEGIN, 4096, 0xCBF43926),
+            "request chunk of nothing": (messages.CHUNK, 0, b""),
+            "request chunk of zeros": (messages.CHUNK, 127, bytes(16)),
+            "request chunk, the longest": (messages.CHUNK, 0xFFFFFFFF, chunk),
+            "request commit": (messages.COMMIT,),
+            "request abort": (messages.ABORT,),
+            "request status": (messages.STATUS,),
+            "request stop": (messages.STOP,),
+            "request start": (messages.START,),
+            "request task": (messages.TASK, messages.U8(255), 300),
+            "request read blob": (messages.READ_BLOB, 70_000),
+            "request states": (messages.STATES, 128),
+            "request slot counters": (messages.SLOT_COUNTERS, messages.U8(3)),
+            "request subscribe": (messages.SUBSCRIBE, True, False),
+            "request task counters": (messages.TASK_COUNTERS, 1000),
+        }
+        for name, (kind, *fields) in requests.items():
+            with self.subTest(name):
+                [expected] = vectors.named(name).all("message")
+                self.assertEqual(messages.request(expected[0], kind, *fields), expected)
+
+    def test_all_answers_can_be_read(self):
+        for vector in vectors.of_kind("frame"):
+            if vector.name.startswith(("answer", "stream")) and "version 300" not in vector.name:
+                with self.subTest(vector.name):
+                    read = self.read(vector.name)
+                    self.assertIsInstance(read, (Answer, Part))
+                    # To the last byte, and no further.
+                    [message] = vector.all("message")
+                    with self.assertRaises(Malformed):
+                        messages.from_robot(message[:-1])
+                    if "invalid" not in vector.name:
+                        with self.assertRaises(Malformed):
+                            messages.from_robot(message + b"\0")
+
+    def test_fields_have_the_values_that_were_sent(self):
+        hello = self.read("answer hello").body
+        self.assertEqual((hello.protocol, hello.firmware, hello.board), (3, "a robot 1.2", "a board"))
+        self.assertEqual((hello.nets, hello.mission, hello.reset), (23, 0x1234ABCD, "brown-out"))
+        self.assertEqual((hello.chunk_bytes, hello.window_bytes), (176, 528))
+        status = self.read("answer status").body
+        self.assertEqual((status.mode, status.steps, status.missed), ("safe: low battery", 2**64 - 1, 1))
+        self.assertEqual((status.stack_bytes, status.reset, status.max_delay_ns), (None, "watchdog", 16_384))
+        self.assertEqual(self.read("answer states").body.states, [1, 256, 65_535, 3])
+        self.assertEqual(self.read("answer slot counters").body.delays, [65_535] * 8)
+        error = self.read("answer error capacity exceeded").body
+        self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
+        part = self.read("stream trace")
+        self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))
+
+
+class Exchanges(unittest.TestCase):
+    def test_a_robot_without_a_mission(self):
+        port = line("a robot without a mission")
+        client = Client(port, number=0)
+        self.assertEqual(client.hello().board, "bench")
+        self.assertEqual(client.status().mode, "empty")
+        with self.assertRaises(Refused) as refused:
+            client.read_blob()
+        self.assertEqual(refused.exception.error.name, "NoMission")
+        self.assertTrue(client.task(0).startswith("task Source"))
+        with self.assertRaises(Refused) as refused:
+            client.task(99)
+        self.assertEqual(refused.exception.error.name, "NoSuchIndex")
+        client.abort()
+        self.assertTrue(port.is_done())
+
+    def test_uploads(self):
+        told = []
+        for name in (
+            "an upload of 700 bytes that are no mission",
+            "an upload of 700 bytes with chunks ahead",
+            "an upload of 700 bytes whose second chunk is lost",
+        ):
+            with self.subTest(name):
+                port = line(name)
+                client = Client(port, number=0)
+                client.hello()
+                if name.endswith("no mission"):
+                    with self.assertRaises(Refused) as refused:
+                        client.upload(JUNK, told.append)
+                    self.assertEqual(refused.exception.error.fields, {"refusal": "magic"})
+                else:
+                    client.stage(JUNK)
+                client.abort()
+                self.assertTrue(port.is_done())
+        self.assertEqual(told, [0, 176, 352, 528, 700])
+
+    def test_an_upload_that_goes_on_where_it_was(self):
+        port = line("an upload that goes on where it was")
+
+        class Gone(Exception):
+            pass
+
+        def go(there: int) -> None:
+            if there > 0:
+                raise Gone
+
+        client = Client(port, number=0)
+        client.hello()
+        with self.assertRaises(Gone):
+            client.stage(JUNK, go)
+        told = []
+        client = Client(port, number=3)
+        client.hello()
+        client.stage(JUNK, told.append)
+        self.assertEqual(told[0], 176)
+        client.abort()
+        self.assertTrue(port.is_done())
+
+    def test_a_mission_its_trace_and_a_stop(self):
+        port = line("a mission, its trace, a stop")
+        sent = [frames.decode(frame[1:-1]) for frame in vectors.named("a mission, its trace, a stop").all(">")]
+        chunks = [message for message in sent if message[1] == messages.CHUNK]
+        blob = b"".join(_data_of(message) for message in chunks)
+        client = Client(port, number=0)
+        client.hello()
+        client.subscribe(trace=True)
+        mission = client.upload(blob)
+        self.assertEqual(mission, int.from_bytes(blob[-4:], "little"))
+        records = list(client.trace(0.0))
+        status = client.status()
+        records += list(client.trace(0.0))
+        self.assertEqual((status.mode, status.mission), ("running", mission))
+        self.assertEqual(client._ask("states", messages.States, messages.STATES, 0).total, 1)
+        slot = client._ask("slot", messages.Slot, messages.SLOT_COUNTERS, messages.U8(1))
+        self.assertEqual((slot.number, slot.missed), (2, 0))
+        client._ask("task", messages.TaskInstance, messages.TASK_COUNTERS, 0)
+        client.stop()
+        self.assertEqual(client.status().mode, "stopped")
+        client.start()
+        client.subscribe()
+        self.assertTrue(port.is_done())
+        records += list(client.trace(0.0))
+        kinds = [record["kind"] for record in records]
+        self.assertEqual(kinds[:3], ["started", "transition", "step"])
+        self.assertIn({"kind": "motors off", "reason": None}, records)
+        self.assertEqual(records[0]["mission"], mission)
+
+    def test_another_version_is_named(self):
+        class Other:
+            timeout = 0.0
+            answer = b""
+
+            def write(self, sent: bytes) -> None:
+                seq = frames.decode(sent[1:-1])[0]
+                [message] = vectors.named("answer hello of version 300").all("message")
+                self.answer = frames.encode(message[:1] + bytes([seq]) + message[2:])
+
+            def read(self, size: int) -> bytes:
+                answer, self.answer = self.answer[:size], self.answer[size:]
+                return answer
+
+        with self.assertRaises(OtherVersion) as other:
+            Client(Other()).hello()
+        self.assertEqual(other.exception.robot, 300)
+
+
+def _data_of(message: bytes) -> bytes:
+    fields = messages.Fields(message[2:])
+    fields.number(32)
+    return fields.bytes()
+
+
+if __name__ == "__main__":
+    unittest.main()

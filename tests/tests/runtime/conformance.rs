@@ -1,0 +1,650 @@
+//! The vectors in `tests/conformance/link.txt`, which other clients of the link are tested against: made here from the firmware's own end, and
+//! compared with what it does today. `ESM_BLESS=1` writes them again.
+
+use std::fmt::Write;
+
+use esm_tests::command::root;
+use rt_firmware::link::frame::{
+    CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
+};
+use rt_firmware::link::message::{
+    Capacities, Capacity, Channel, DELAY_BUCKETS, DeviceInfo, FromDevice, LinkError, MAX_CHUNK,
+    MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, SlotCounters,
+    Status, Stream, TaskCounters, ToDevice, Uploads,
+};
+use serde::Serialize;
+
+use super::counting;
+use super::robot::{Bench, with_robot};
+
+const FILE: &str = "tests/conformance/link.txt";
+
+const HEAD: &str = "\
+# Vectors of the link's protocol, which docs/link.md describes. Bytes are in hexadecimal.
+# Made by `ESM_BLESS=1 cargo test -p esm-tests --test runtime conformance`.
+#
+# frame NAME      a message, and the frame that it is in
+# spoiled NAME    bytes of a line, and the messages that a receiver gets out of them, which may be none
+# exchange NAME   what goes over the line of a robot that has just started, in order:
+#     >  bytes from the client, which arrive
+#     x  bytes from the client, which the line loses
+#     <  bytes from the robot
+#     t  so many microseconds pass
+#   The client numbers its requests from 1 and puts a delimiter in front of each frame. It chooses the sizes of chunks as docs/link.md advises; what it
+#   asks for, and when, is its own affair.
+";
+
+/// The bytes that are uploaded where they need not be a mission.
+fn junk(length: usize) -> Vec<u8> {
+    (0..length).map(|i| (i * 31 + i / 256) as u8).collect()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    let mut text = String::new();
+    for byte in bytes {
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
+}
+
+fn frame_of(message: &impl Serialize) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = encode(message, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// The message in a frame.
+fn message_of(frame: &[u8]) -> Vec<u8> {
+    let mut message = Vec::new();
+    let mut rest = frame;
+    while let Some((distance, after)) = rest.split_first().filter(|(first, _)| **first > 0) {
+        let (bytes, next) = after.split_at(usize::from(*distance) - 1);
+        message.extend(bytes);
+        message.push(0);
+        rest = next;
+    }
+    message.truncate(message.len() - 1 - CRC_BYTES);
+    message
+}
+
+fn write_frame(text: &mut String, name: &str, message: &impl Serialize) {
+    let frame = frame_of(message);
+    let _ = writeln!(
+        text,
+        "\nframe {name}\nmessage {}\nbytes {}",
+        hex(&message_of(&frame)),
+        hex(&frame)
+    );
+}
+
+fn write_frames(text: &mut String) {
+    let chunk = junk(MAX_CHUNK);
+    let requests = [
+        ("request hello", Request::Hello),
+        (
+            "request begin",
+            Request::Begin {
+                len: 4096,
+                crc: 0xcbf4_3926,
+            },
+        ),
+        (
+            "request chunk of nothing",
+            Request::Chunk {
+                offset: 0,
+                data: &[],
+            },
+        ),
+        (
+            "request chunk of zeros",
+            Request::Chunk {
+                offset: 127,
+                data: &[0; 16],
+            },
+        ),
+        (
+            "request chunk, the longest",
+            Request::Chunk {
+                offset: u32::MAX,
+                data: &chunk,
+            },
+        ),
+        ("request commit", Request::Commit),
+        ("request abort", Request::Abort),
+        ("request status", Request::Status),
+        ("request stop", Request::Stop),
+        ("request start", Request::Start),
+        (
+            "request task",
+            Request::Task {
+                index: 255,
+                offset: 300,
+            },
+        ),
+        ("request read blob", Request::ReadBlob { offset: 70_000 }),
+        ("request states", Request::States { first: 128 }),
+        ("request slot counters", Request::SlotCounters { slot: 3 }),
+        (
+            "request subscribe",
+            Request::Subscribe {
+                trace: true,
+                log: false,
+            },
+        ),
+        (
+            "request task counters",
+            Request::TaskCounters {
+                task_instance: 1000,
+            },
+        ),
+    ];
+    for ((name, request), seq) in requests.into_iter().zip(0..) {
+        write_frame(text, name, &ToDevice { seq, request });
+    }
+    let part = junk(MAX_PART);
+    let status = Status {
+        mode: Mode::Safe(SafeReason::LowBattery),
+        mission: Some(u32::MAX),
+        steps: u64::MAX,
+        t_us: u64::MAX,
+        executed: u32::MAX,
+        missed: 1,
+        overruns: 128,
+        max_delay_ns: 16_384,
+        trace_dropped: 0,
+        background_busy: true,
+        stack_bytes: None,
+        reset: ResetReason::Watchdog,
+    };
+    let answers: [(&str, Result<Response<'_>, LinkError>); 24] = [
+        (
+            "hello",
+            Ok(Response::Hello(DeviceInfo {
+                protocol: 3,
+                firmware: "a robot 1.2",
+                board: "a board",
+                task_types: 14,
+                capacities: Capacities {
+                    blob_bytes: 3328,
+                    arena_words: 128,
+                    slots: 16,
+                    task_instances: 24,
+                    nets: 23,
+                    exclusive_groups: 4,
+                },
+                mission: Some(0x1234_abcd),
+                reset: ResetReason::BrownOut,
+                uploads: Uploads {
+                    chunk_bytes: 176,
+                    window_bytes: 528,
+                },
+            })),
+        ),
+        ("received", Ok(Response::Received { len: 300 })),
+        (
+            "committed",
+            Ok(Response::Committed {
+                mission: 0x0102_0304,
+            }),
+        ),
+        ("done", Ok(Response::Done)),
+        ("status", Ok(Response::Status(status))),
+        (
+            "status of a robot without a mission",
+            Ok(Response::Status(Status {
+                mode: Mode::Empty,
+                mission: None,
+                stack_bytes: Some(900),
+                ..status
+            })),
+        ),
+        (
+            "task text",
+            Ok(Response::TaskText {
+                total: 130,
+                text: &part,
+            }),
+        ),
+        (
+            "blob",
+            Ok(Response::Blob {
+                total: 70_000,
+                data: &part,
+            }),
+        ),
+        (
+            "states",
+            Ok(Response::States {
+                step: 1 << 40,
+                total: 4,
+                states: &[1, 0, 0, 1, 255, 255, 3, 0],
+            }),
+        ),
+        (
+            "slot counters",
+            Ok(Response::Slot(SlotCounters {
+                number: 7,
+                executed: u32::MAX,
+                missed: 2,
+                overruns: 3,
+                total_execution_ns: u64::MAX,
+                min_execution_ns: 4,
+                max_execution_ns: 5,
+                min_delay_ns: 6,
+                max_delay_ns: 7,
+                first_bucket_ns: 1000,
+                delays: [u16::MAX; DELAY_BUCKETS],
+            })),
+        ),
+        (
+            "task counters",
+            Ok(Response::TaskInstance(TaskCounters {
+                enabled: true,
+                busy: false,
+                overruns: 300,
+            })),
+        ),
+        ("error malformed", Err(LinkError::Malformed)),
+        ("error no upload", Err(LinkError::NoUpload)),
+        (
+            "error wrong offset",
+            Err(LinkError::WrongOffset { expected: 176 }),
+        ),
+        ("error too long", Err(LinkError::TooLong)),
+        (
+            "error incomplete",
+            Err(LinkError::Incomplete { received: 12 }),
+        ),
+        ("error wrong checksum", Err(LinkError::WrongChecksum)),
+        (
+            "error invalid",
+            Err(LinkError::Invalid(esm_core::Refusal::Checksum {
+                stored: 1,
+                computed: u32::MAX,
+            })),
+        ),
+        (
+            "error too many instances",
+            Err(LinkError::TooManyInstances {
+                task: 1,
+                needed: 200,
+                available: 3,
+            }),
+        ),
+        (
+            "error capacity exceeded",
+            Err(LinkError::CapacityExceeded {
+                what: Capacity::Nets,
+                needed: 400,
+                available: 24,
+            }),
+        ),
+        ("error no mission", Err(LinkError::NoMission)),
+        ("error busy", Err(LinkError::Busy)),
+        (
+            "error net type differs",
+            Err(LinkError::NetTypeDiffers { task: 1, port: 2 }),
+        ),
+        (
+            "error parameter out of range",
+            Err(LinkError::ParamOutOfRange { task: 1, param: 2 }),
+        ),
+    ];
+    for ((name, result), seq) in answers.into_iter().zip(100..) {
+        write_frame(
+            text,
+            &format!("answer {name}"),
+            &FromDevice::Reply { seq, result },
+        );
+    }
+    let streams = [
+        (
+            "stream trace",
+            Stream {
+                channel: Channel::Trace,
+                seq: 255,
+                continues: true,
+                dropped: 300,
+                bytes: &[3, 1, 3, 2],
+            },
+        ),
+        (
+            "stream log",
+            Stream {
+                channel: Channel::Log,
+                seq: 0,
+                continues: false,
+                dropped: 0,
+                bytes: &part[..MAX_STREAM_BYTES],
+            },
+        ),
+    ];
+    for (name, stream) in streams {
+        write_frame(text, name, &FromDevice::Stream(stream));
+    }
+    // The beginning that never changes, and what only a later version knows.
+    write_frame(
+        text,
+        "answer hello of version 300",
+        &(0u8, 9u8, 0u8, 0u8, 300u16, [0xffu8; 4]),
+    );
+}
+
+/// What a receiver gets out of bytes: messages, in hexadecimal.
+fn received(bytes: &[u8]) -> Vec<String> {
+    /// Takes any message.
+    struct Any;
+    impl<'de> serde::Deserialize<'de> for Any {
+        fn deserialize<D: serde::Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
+            Ok(Any)
+        }
+    }
+    let mut reader = FrameReader::new();
+    let mut messages = Vec::new();
+    for &byte in bytes {
+        let Some(frame) = reader.push(byte) else {
+            continue;
+        };
+        let encoded = [&frame[..], &[0]].concat();
+        // Nothing is read of it, so that bytes are left over: but for these it was right.
+        use rt_firmware::link::frame::FrameError::NotAMessage;
+        if matches!(decode::<Any>(frame), Ok(_) | Err(NotAMessage)) {
+            messages.push(hex(&message_of(&encoded)));
+        }
+    }
+    messages
+}
+
+fn write_spoiled(text: &mut String) {
+    let good = frame_of(&ToDevice {
+        seq: 1,
+        request: Request::Status,
+    });
+    let longest = frame_of(&ToDevice {
+        seq: 2,
+        request: Request::Chunk {
+            offset: 1,
+            data: &junk(MAX_CHUNK),
+        },
+    });
+    let flipped = |at: usize| {
+        let mut frame = good.clone();
+        frame[at] ^= 0x10;
+        frame
+    };
+    let cases: [(&str, Vec<u8>); 9] = [
+        ("empty frames", [&[0; 5][..], &good].concat()),
+        (
+            "a frame without its beginning",
+            [&good[2..], &good].concat(),
+        ),
+        (
+            "a frame without its end, and the next with a delimiter in front",
+            [&good[..3], &[0], &good].concat(),
+        ),
+        (
+            "a frame without its end, and the next without a delimiter in front",
+            [&good[..3], &good, &good].concat(),
+        ),
+        ("a changed byte", [flipped(3), good.clone()].concat()),
+        ("a changed length", [flipped(0), good.clone()].concat()),
+        (
+            "noise that is longer than a frame can be",
+            [&[0x55; MAX_FRAME_BYTES + 100][..], &[0], &good].concat(),
+        ),
+        (
+            "noise without an end, and the longest frame behind its delimiter",
+            [&[0xff; 30][..], &[0], &longest].concat(),
+        ),
+        (
+            "a checksum without a message",
+            [&[1, 1, 1, 1, 1, 0][..], &good].concat(),
+        ),
+    ];
+    for (name, bytes) in cases {
+        let _ = writeln!(text, "\nspoiled {name}\nbytes {}", hex(&bytes));
+        for message in received(&bytes) {
+            let _ = writeln!(text, "message {message}");
+        }
+    }
+}
+
+/// Writes what goes over a robot's line.
+struct Exchange<'t, 'b, 'q, 'm, 'w> {
+    text: &'t mut String,
+    robot: &'b mut Bench<'q, 'm, 'w>,
+    seq: u8,
+}
+
+impl Exchange<'_, '_, '_, '_, '_> {
+    fn line(&mut self, mark: char, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            let _ = writeln!(self.text, "{mark} {}", hex(bytes));
+        }
+    }
+
+    fn next(&mut self, request: Request<'_>) -> Vec<u8> {
+        self.seq += 1;
+        let seq = self.seq;
+        [&[0][..], &frame_of(&ToDevice { seq, request })].concat()
+    }
+
+    fn poll(&mut self) -> Vec<u8> {
+        while self.robot.link.poll(&mut self.robot.wire) {}
+        self.robot.wire.to_host.drain(..).collect()
+    }
+
+    /// Bytes arrive, and nothing is answered yet.
+    fn send(&mut self, bytes: &[u8]) {
+        self.line('>', bytes);
+        self.robot.wire.to_robot.extend(bytes);
+    }
+
+    /// Writes what the robot says, which runs until it says something.
+    fn hear(&mut self) {
+        for _ in 0..1_000 {
+            let heard = self.poll();
+            if !heard.is_empty() {
+                self.line('<', &heard);
+                return;
+            }
+            let next_us = self.robot.timer() / super::robot::TICKS_PER_US;
+            let passed_us = next_us.saturating_sub(self.robot.world.now_us());
+            self.robot.world.pass_us(passed_us);
+        }
+        panic!("the robot says nothing");
+    }
+
+    fn ask(&mut self, request: Request<'_>) {
+        let bytes = self.next(request);
+        self.send(&bytes);
+        self.hear();
+    }
+
+    fn lose(&mut self, request: Request<'_>) {
+        let bytes = self.next(request);
+        self.line('x', &bytes);
+    }
+
+    fn pass_us(&mut self, us: u64) {
+        let _ = writeln!(self.text, "t {us}");
+        let until_us = self.robot.world.now_us() + us;
+        let mut heard = Vec::new();
+        while self.robot.world.now_us() < until_us {
+            let next_us = self.robot.timer() / super::robot::TICKS_PER_US;
+            heard.extend(self.poll());
+            let now_us = self.robot.world.now_us();
+            self.robot.world.pass_us(next_us.min(until_us) - now_us);
+        }
+        self.line('<', &heard);
+    }
+}
+
+fn exchange(text: &mut String, name: &str, happen: impl FnOnce(&mut Exchange<'_, '_, '_, '_, '_>)) {
+    let _ = writeln!(text, "\nexchange {name}");
+    with_robot(|robot| {
+        happen(&mut Exchange {
+            text,
+            robot,
+            seq: 0,
+        });
+    });
+}
+
+fn begin(blob: &[u8]) -> Request<'static> {
+    Request::Begin {
+        len: blob.len() as u32,
+        crc: checksum(blob),
+    }
+}
+
+fn chunk(blob: &[u8], range: std::ops::Range<usize>) -> Request<'_> {
+    Request::Chunk {
+        offset: range.start as u32,
+        data: &blob[range],
+    }
+}
+
+fn write_exchanges(text: &mut String) {
+    exchange(text, "a robot without a mission", |line| {
+        line.ask(Request::Hello);
+        line.ask(Request::Status);
+        line.ask(Request::ReadBlob { offset: 0 });
+        line.ask(Request::Task {
+            index: 0,
+            offset: 0,
+        });
+        line.ask(Request::Task {
+            index: 99,
+            offset: 0,
+        });
+        line.ask(Request::Abort);
+    });
+    let junk = junk(700);
+    exchange(text, "an upload of 700 bytes that are no mission", |line| {
+        line.ask(Request::Hello);
+        line.ask(begin(&junk));
+        for range in [0..176, 176..352, 352..528, 528..700] {
+            line.ask(chunk(&junk, range));
+        }
+        line.ask(Request::Commit);
+        line.ask(Request::Abort);
+    });
+    exchange(text, "an upload of 700 bytes with chunks ahead", |line| {
+        line.ask(Request::Hello);
+        line.ask(begin(&junk));
+        for range in [0..176, 176..352, 352..528] {
+            let bytes = line.next(chunk(&junk, range));
+            line.send(&bytes);
+        }
+        line.hear();
+        line.ask(chunk(&junk, 528..700));
+        line.ask(Request::Abort);
+    });
+    exchange(
+        text,
+        "an upload of 700 bytes whose second chunk is lost",
+        |line| {
+            line.ask(Request::Hello);
+            line.ask(begin(&junk));
+            line.ask(chunk(&junk, 0..176));
+            line.lose(chunk(&junk, 176..352));
+            line.ask(chunk(&junk, 352..528));
+            // Shorter ones, until four have passed.
+            for range in [176..264, 264..352, 352..440, 440..528] {
+                line.ask(chunk(&junk, range));
+            }
+            line.ask(chunk(&junk, 528..700));
+            line.ask(Request::Abort);
+        },
+    );
+    exchange(text, "an upload that goes on where it was", |line| {
+        line.ask(Request::Hello);
+        line.ask(begin(&junk));
+        line.ask(chunk(&junk, 0..176));
+        // Another client.
+        line.ask(Request::Hello);
+        line.ask(begin(&junk));
+        for range in [176..352, 352..528, 528..700] {
+            line.ask(chunk(&junk, range));
+        }
+        line.ask(Request::Abort);
+    });
+    exchange(text, "a request that is sent again", |line| {
+        line.ask(Request::Hello);
+        let begin = line.next(begin(&junk));
+        for _ in 0..2 {
+            line.send(&begin);
+            line.hear();
+        }
+        let stop = line.next(Request::Stop);
+        for _ in 0..2 {
+            line.send(&stop);
+            line.hear();
+        }
+    });
+    exchange(text, "noise, and requests that are none", |line| {
+        line.send(&[0x55; 300]);
+        line.ask(Request::Status);
+        let unknown = [&[0][..], &frame_of(&(2u8, 200u8, 1u8))].concat();
+        line.send(&unknown);
+        line.hear();
+        let longer = [&[0][..], &frame_of(&(3u8, 5u8, 0u8))].concat();
+        line.send(&longer);
+        line.hear();
+        line.seq = 3;
+        line.ask(Request::Status);
+    });
+    let blob = counting(3).blob();
+    exchange(text, "a mission, its trace, a stop", |line| {
+        line.ask(Request::Hello);
+        line.ask(Request::Subscribe {
+            trace: true,
+            log: false,
+        });
+        line.ask(begin(&blob));
+        let mut there = 0;
+        while there < blob.len() {
+            let end = blob.len().min(there + MAX_CHUNK);
+            line.ask(chunk(&blob, there..end));
+            there = end;
+        }
+        line.ask(Request::Commit);
+        line.pass_us(45_000);
+        line.ask(Request::Status);
+        line.ask(Request::States { first: 0 });
+        line.ask(Request::SlotCounters { slot: 1 });
+        line.ask(Request::TaskCounters { task_instance: 0 });
+        line.ask(Request::Stop);
+        line.ask(Request::Status);
+        line.ask(Request::Start);
+        line.ask(Request::Subscribe {
+            trace: false,
+            log: false,
+        });
+    });
+}
+
+#[test]
+fn the_vectors_are_what_the_firmware_does() {
+    const { assert!(MAX_MESSAGE_BYTES + CRC_BYTES < 254) };
+    let mut text = HEAD.to_owned();
+    write_frames(&mut text);
+    write_spoiled(&mut text);
+    write_exchanges(&mut text);
+    let file = root().join(FILE);
+    if std::env::var_os("ESM_BLESS").is_some() {
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(&file, &text).unwrap();
+    }
+    let kept = std::fs::read_to_string(&file).unwrap();
+    for (number, (kept, now)) in kept.lines().zip(text.lines()).enumerate() {
+        assert_eq!(
+            kept,
+            now,
+            "{FILE}:{}: the protocol has changed; if that is meant, so has its version, and ESM_BLESS=1 writes the vectors again",
+            number + 1
+        );
+    }
+    assert_eq!(kept.lines().count(), text.lines().count());
+}

@@ -1,0 +1,78 @@
+//! The client of the link in Python: its tests, in an environment of their own.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::process::{self, Failure, command, find_program};
+
+/// The package, below the checkout.
+const CLIENT_FOLDER: &str = "clients/python";
+/// The environment that the tests run in.
+const ENVIRONMENT_FOLDER: &str = "target/python";
+/// The mission that is uploaded.
+const MISSION: &str = "missions/patrol.esm";
+
+/// How long the environment may take to be made, and the tests to run.
+const SET_UP_LIMIT: Duration = Duration::from_secs(180);
+const TEST_LIMIT: Duration = Duration::from_secs(120);
+
+/// A Python that can make environments, if there is one.
+pub fn find() -> Option<PathBuf> {
+    let python = find_program("python3")?;
+    process::output(command(&python).args(["-c", "import venv, ensurepip"])).map(|_| python)
+}
+
+/// Installs the client and what it needs into an environment, and runs its tests against the vectors and against the host board of `esm`.
+///
+/// # Errors
+/// What did not work, or took too long.
+pub fn test(root: &Path, python: &Path, esm: &Path) -> Result<(), Failure> {
+    let environment = root.join(ENVIRONMENT_FOLDER);
+    let own = environment.join("bin/python");
+    within(
+        SET_UP_LIMIT,
+        command(python).args(["-m", "venv"]).arg(&environment),
+    )?;
+    within(
+        SET_UP_LIMIT,
+        command(&own)
+            .args([
+                "-m",
+                "pip",
+                "install",
+                "--quiet",
+                "--disable-pip-version-check",
+            ])
+            .arg("--force-reinstall")
+            .arg(root.join(CLIENT_FOLDER)),
+    )?;
+    let blob = environment.join("mission.blob");
+    process::run(
+        command(esm)
+            .arg("build")
+            .arg(root.join(MISSION))
+            .arg("-o")
+            .arg(&blob)
+            .args(["--board", "host"]),
+    )?;
+    within(
+        TEST_LIMIT,
+        command(&own)
+            .args(["-m", "unittest", "discover", "--start-directory"])
+            .arg(root.join(CLIENT_FOLDER).join("tests"))
+            .env("ESM_BINARY", esm)
+            .env("ESM_LINK_BLOB", &blob),
+    )
+}
+
+fn within(limit: Duration, command: &mut std::process::Command) -> Result<(), Failure> {
+    let shown = process::shown(command);
+    if process::run_within(command, limit) {
+        Ok(())
+    } else {
+        Err(Failure::Within {
+            command: shown,
+            limit,
+        })
+    }
+}
