@@ -6,6 +6,7 @@ use super::argument::Port;
 use super::exit::CommandError;
 use crate::link_client::{ClientError, LinkClient, RobotInfo};
 use crate::reading::ReadError;
+use crate::serial::noise::{Noise, Noisy};
 use crate::serial::{self, ByteLink};
 
 /// Where a robot is.
@@ -26,6 +27,25 @@ pub struct LineArgs {
     /// Bits per second on the robot's line; an emulated one is paced to it
     #[arg(long, value_name = "RATE", default_value_t = serial::DEFAULT_BAUD, value_parser = clap::value_parser!(u32).range(300..))]
     pub baud: u32,
+
+    /// Spoils so much of all bytes on the line, 0 to 1, in both directions: corrupts, drops and doubles some, the same ones each time. To see
+    /// what becomes of it
+    #[arg(long, value_name = "PART", hide_short_help = true, value_parser = noise)]
+    pub line_noise: Option<Noise>,
+}
+
+/// Seed of the noise on a line.
+const NOISE_SEED: u64 = 1;
+
+/// Reads which part of all bytes suffers.
+fn noise(text: &str) -> Result<Noise, String> {
+    const KINDS: f64 = 3.0;
+    match text.parse::<f64>() {
+        Ok(part) if (0.0..=1.0).contains(&part) => Ok(Noise::of_each(
+            (part / KINDS * f64::from(Noise::WHOLE)) as u32,
+        )),
+        _ => Err("a part is a number from 0 to 1, such as 0.01".to_owned()),
+    }
 }
 
 /// A session with a robot on some line.
@@ -47,6 +67,10 @@ impl RobotArgs {
 /// What is wrong with the port, or with the robot behind it.
 pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
     let link = serial::open(port, line.baud).map_err(|error| CommandError::World(error.into()))?;
+    let link = match line.line_noise {
+        Some(noise) => Box::new(Noisy::new(link, noise, NOISE_SEED)),
+        None => link,
+    };
     Ok(LinkClient::connect(link)?)
 }
 

@@ -648,3 +648,32 @@ fn the_vectors_are_what_the_firmware_does() {
     }
     assert_eq!(kept.lines().count(), text.lines().count());
 }
+
+#[test]
+fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
+    use rt_firmware::link::frame::{MAX_REPLY_BYTES, MAX_REPLY_FRAME_BYTES};
+    use rt_firmware::link::message::PROTOCOL_VERSION;
+
+    let page = std::fs::read_to_string(root().join("docs/link.md")).unwrap();
+    let hello = frame_of(&ToDevice {
+        seq: 7,
+        request: Request::Hello,
+    });
+    let spaced: Vec<String> = hello.iter().map(|byte| format!("{byte:02x}")).collect();
+    for told in [
+        format!("version {PROTOCOL_VERSION}\n"),
+        format!(
+            "| message | 1 to {MAX_MESSAGE_BYTES} | see below; a robot never sends more than {MAX_REPLY_BYTES} |"
+        ),
+        format!(
+            "at most **{MAX_FRAME_BYTES}** with its delimiter; one from a robot has at most **{MAX_REPLY_FRAME_BYTES}**"
+        ),
+        format!("frame     {}\n", spaced.join(" ")),
+        format!("| `Chunk` | `offset: u32`, `data: bytes`, at most {MAX_CHUNK} |"),
+        format!("`text: bytes`, at most {MAX_PART} from the offset"),
+        format!("| `bytes` | bytes | at most {MAX_STREAM_BYTES} |"),
+        format!("A window of {} bytes", 3 * MAX_CHUNK),
+    ] {
+        assert!(page.contains(&told), "docs/link.md does not say {told:?}");
+    }
+}
