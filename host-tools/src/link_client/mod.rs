@@ -405,7 +405,10 @@ impl<L: ByteLink> LinkClient<L> {
                 let heard =
                     self.incoming
                         .receive(&mut self.link, deadline - now, |number, result| {
-                            if number == seq && answer.is_none() {
+                            // With the number that a session happens to begin with, an answer of the session before may still be on its way.
+                            let is_old = request == Request::Hello
+                                && !matches!(result, Ok(Response::Hello(_)));
+                            if number == seq && !is_old && answer.is_none() {
                                 answer = Some(result.map(&mut *read));
                             }
                         })?;

@@ -25,9 +25,9 @@ const SLOTS: usize = 4;
 /// Greatest number of times that the timer comes before a request is answered. One comes to answer it; some more are for a swap.
 const TIMER_CALLS_TO_AN_ANSWER: usize = 8;
 
-/// How often a request of the good client may be sent. The first answer can be an error of the noise before: of a request that is still
-/// under way ([`LinkError::Busy`]).
-const SENDINGS: usize = 3;
+/// How often a request of the good client may be sent. The first answers can be [`LinkError::Busy`], of a request before that is still under way: a start
+/// or a swap waits for the interpreter's next occurrence, and an occurrence passes between two sendings.
+const SENDINGS: usize = 12;
 
 /// What the input's first bytes say of those after them.
 mod part {
@@ -235,6 +235,10 @@ impl Subject<'_, '_> {
                     };
                     match decode(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}"))
                     {
+                        // Of before, under the same number.
+                        FromDevice::Reply { result, .. }
+                            if request == Request::Hello
+                                && !matches!(result, Ok(Response::Hello(_))) => {}
                         FromDevice::Reply { seq, result } if seq == self.seq => {
                             answer = Some(result.map(|response| {
                                 read(response).unwrap_or_else(|| {
