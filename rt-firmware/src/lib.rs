@@ -40,6 +40,7 @@ pub mod ring;
 pub mod rover;
 pub mod runtime;
 pub mod status;
+pub mod store;
 pub mod task;
 pub mod tasks;
 
