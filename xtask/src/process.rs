@@ -68,7 +68,10 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Failure::Usage(_) => 2,
-            Failure::Missing { .. } | Failure::Start { .. } | Failure::File { .. } => 3,
+            Failure::Missing { .. }
+            | Failure::Start { .. }
+            | Failure::Within { .. }
+            | Failure::File { .. } => 3,
             Failure::Ended { status, .. } => match status.code() {
                 Some(2) => 2,
                 Some(3) => 3,
