@@ -1,5 +1,6 @@
 //! Puts `memory.x` from the top of the checkout where the linker looks for it, and turns the numbers of `board.toml` into constants.
 
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -18,6 +19,9 @@ const SETTINGS: [(&str, &str); 10] = [
     ("counts_per_revolution", "f32"),
 ];
 
+/// What cargo says of the features that take memory: a build without any of them is lean.
+const FEATURES: [&str; 1] = ["CARGO_FEATURE_STORE"];
+
 fn main() {
     let out = folder("OUT_DIR");
     let here = folder("CARGO_MANIFEST_DIR");
@@ -28,7 +32,11 @@ fn main() {
 
     let board = here.join("board.toml");
     println!("cargo:rerun-if-changed={}", board.display());
-    fs::write(out.join("settings.rs"), settings(&board)).expect("OUT_DIR can be written to");
+    let is_lean = !FEATURES
+        .iter()
+        .any(|feature| env::var_os(feature).is_some());
+    fs::write(out.join("settings.rs"), settings(&board, is_lean))
+        .expect("OUT_DIR can be written to");
 }
 
 fn folder(variable: &str) -> PathBuf {
@@ -37,15 +45,24 @@ fn folder(variable: &str) -> PathBuf {
         .into()
 }
 
-/// One constant for each of [`SETTINGS`].
-fn settings(board: &Path) -> String {
+/// One constant for each of [`SETTINGS`]; a lean build takes those of the sections `….lean` where they have one.
+fn settings(board: &Path, is_lean: bool) -> String {
     let text = fs::read_to_string(board).expect("board.toml stands beside build.rs");
+    let mut values = HashMap::new();
+    let mut is_for_lean = false;
+    for line in text.lines() {
+        if line.starts_with('[') {
+            is_for_lean = line.ends_with(".lean]");
+        } else if let Some((key, value)) = line.split_once(" = ")
+            && (is_lean || !is_for_lean)
+        {
+            values.insert(key, value);
+        }
+    }
     let mut constants = String::new();
     for (key, rust_type) in SETTINGS {
-        let value = text
-            .lines()
-            .filter_map(|line| line.split_once(" = "))
-            .find_map(|(found, value)| (found == key).then_some(value))
+        let value = values
+            .get(key)
             .unwrap_or_else(|| panic!("board.toml has no `{key} = …`"));
         let name = key.to_uppercase();
         // Writing to a string cannot fail.

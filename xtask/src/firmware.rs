@@ -47,7 +47,23 @@ pub fn build(
     profile: &str,
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
-    build_in(root, &root.join(BOARD_FOLDER), toolchain, profile, bins)
+    let folder = root.join(BOARD_FOLDER);
+    build_in(root, &folder, toolchain, profile, bins, Features::Default)
+}
+
+/// Builds the board's default firmware without its features; returns where its ELF file is.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
+    build_in(
+        root,
+        &root.join(BOARD_FOLDER),
+        toolchain,
+        RELEASE,
+        &[DEFAULT_BIN.to_owned()],
+        Features::None,
+    )
 }
 
 /// Builds the example's firmware; returns where its ELF file is.
@@ -61,6 +77,7 @@ pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>,
         toolchain,
         RELEASE,
         &[EXAMPLE_BIN.to_owned()],
+        Features::Default,
     )
 }
 
@@ -77,17 +94,36 @@ pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Fai
     process::run(&mut cargo)
 }
 
+/// Which features of the board's a firmware is built with.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Features {
+    Default,
+    None,
+}
+
+impl Features {
+    /// What tells the files of such a firmware from the others.
+    fn suffix(self) -> &'static str {
+        match self {
+            Features::Default => "",
+            Features::None => "-lean",
+        }
+    }
+}
+
 fn build_in(
     root: &Path,
     folder: &Path,
     toolchain: &Toolchain,
     profile: &str,
     bins: &[String],
+    features: Features,
 ) -> Result<Vec<PathBuf>, Failure> {
     let started = Instant::now();
     println!(
-        "Building firmware {} in {} (the first time takes minutes) …",
+        "Building firmware {}{} in {} (the first time takes minutes) …",
         bins.join(", "),
+        features.suffix(),
         folder.display()
     );
     let build_folder = root.join(BUILD_FOLDER);
@@ -95,6 +131,9 @@ fn build_in(
     cargo
         .args(["build", "--profile", profile, "--target-dir"])
         .arg(&build_folder);
+    if features == Features::None {
+        cargo.arg("--no-default-features");
+    }
     for bin in bins {
         cargo.args(["--bin", bin]);
     }
@@ -104,9 +143,10 @@ fn build_in(
     let mut files = Vec::new();
     for bin in bins {
         let built = build_folder.join(BOARD_TARGET).join(profile).join(bin);
-        let file = to.join(format!("{bin}.elf"));
+        let name = format!("{bin}{}.elf", features.suffix());
+        let file = to.join(&name);
         // Renamed into place, so that an emulator that loads it just now gets a whole one.
-        let whole = to.join(format!(".{bin}.elf.{}", std::process::id()));
+        let whole = to.join(format!(".{name}.{}", std::process::id()));
         std::fs::copy(&built, &whole)
             .and_then(|_| std::fs::rename(&whole, &file))
             .map_err(|cause| Failure::File { path: built, cause })?;

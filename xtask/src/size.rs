@@ -18,39 +18,48 @@ use crate::setup::Toolchain;
 const WITH_INTERPRETER: &str = "size_interpreter";
 const WITHOUT_INTERPRETER: &str = "size_empty";
 
-/// What the default firmware may take, in bytes: the limits in `board.toml`.
+/// What a firmware may take, in bytes: the limits in `board.toml`.
 struct Limits {
     flash: u32,
     /// Variables and stack together.
     ram: u32,
     stack: u32,
-    /// Interpreter, verifier and dispatcher, of flash.
-    interpreter: u32,
 }
 
+/// The section of `board.toml` with the limits of the default firmware.
+const LIMITS: &str = "limits";
+/// The section with those of the firmware without features.
+const LEAN_LIMITS: &str = "limits.lean";
+/// The key, of the first section, of what interpreter, verifier and dispatcher may take of flash.
+const INTERPRETER_LIMIT: &str = "interpreter_flash_bytes";
+
 impl Limits {
-    fn read(root: &Path) -> Result<Self, Failure> {
-        let path = root.join(BOARD_FOLDER).join("board.toml");
-        let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File {
-            path: path.clone(),
-            cause,
-        })?;
-        let number = |key: &str| {
-            text.lines()
-                .filter_map(|line| line.split_once(" = "))
-                .find_map(|(found, value)| (found == key).then(|| value.parse().ok())?)
-                .ok_or_else(|| Failure::Content {
-                    path: path.clone(),
-                    problem: "lacks one of flash_bytes, ram_bytes, stack_bytes, interpreter_flash_bytes",
-                })
-        };
+    fn read(root: &Path, section: &str) -> Result<Self, Failure> {
         Ok(Limits {
-            flash: number("flash_bytes")?,
-            ram: number("ram_bytes")?,
-            stack: number("stack_bytes")?,
-            interpreter: number("interpreter_flash_bytes")?,
+            flash: number(root, section, "flash_bytes")?,
+            ram: number(root, section, "ram_bytes")?,
+            stack: number(root, section, "stack_bytes")?,
         })
     }
+}
+
+/// A number of a section of `board.toml`.
+fn number(root: &Path, section: &str, key: &str) -> Result<u32, Failure> {
+    let path = root.join(BOARD_FOLDER).join("board.toml");
+    let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File {
+        path: path.clone(),
+        cause,
+    })?;
+    text.lines()
+        .skip_while(|line| *line != format!("[{section}]"))
+        .skip(1)
+        .take_while(|line| !line.starts_with('['))
+        .filter_map(|line| line.split_once(" = "))
+        .find_map(|(found, value)| (found == key).then(|| value.parse().ok())?)
+        .ok_or(Failure::Content {
+            path,
+            problem: "lacks one of flash_bytes, ram_bytes, stack_bytes in its section limits or limits.lean, or interpreter_flash_bytes in the first",
+        })
 }
 
 /// The rows that every compiler must come close to. How code divides up among the parts depends on what a compiler inlines, so the
@@ -137,37 +146,69 @@ struct Size {
     ram: u32,
 }
 
+/// A row of the table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Row {
+    /// In the firmware with its default features.
+    full: Size,
+    /// In the one without.
+    lean: Size,
+}
+
+impl Row {
+    /// Its columns, and what they are called.
+    fn columns(&self) -> [(&'static str, u32); 4] {
+        [
+            ("flash", self.full.flash),
+            ("RAM", self.full.ram),
+            ("flash without features", self.lean.flash),
+            ("RAM without features", self.lean.ram),
+        ]
+    }
+}
+
 /// Rows of the table, by name.
-type Table = BTreeMap<String, Size>;
+type Table = BTreeMap<String, Row>;
 
 /// Prints the sizes, and compares them with the expected ones or keeps them.
 ///
 /// # Errors
 /// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware does not build.
 pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Failure> {
-    let files = firmware::build(
+    let mut files = firmware::build_lean(root, toolchain)?;
+    files.extend(firmware::build(
         root,
         toolchain,
         firmware::RELEASE,
         &[DEFAULT_BIN.to_owned()],
-    )?;
-    let [firmware] = &images(&files)?[..] else {
+    )?);
+    let [lean, firmware] = &images(&files)?[..] else {
         return Ok(());
     };
     let interpreter = interpreter_flash(root, toolchain)?;
-    let mut table = parts_of(firmware);
+    let mut table = Table::new();
+    for (part, size) in parts_of(firmware) {
+        table.entry(part).or_default().full = size;
+    }
+    for (part, size) in parts_of(lean) {
+        table.entry(part).or_default().lean = size;
+    }
+    let alone = Size {
+        flash: interpreter,
+        ram: 0,
+    };
     table.insert(
         INTERPRETER_ALONE.into(),
-        Size {
-            flash: interpreter,
-            ram: 0,
+        Row {
+            full: alone,
+            lean: alone,
         },
     );
     table.insert(
         WHOLE.into(),
-        Size {
-            flash: firmware.flash_bytes(),
-            ram: firmware.ram_bytes(),
+        Row {
+            full: whole(firmware),
+            lean: whole(lean),
         },
     );
     let missions = missions::measure(root)?;
@@ -197,7 +238,18 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
         path: expected_file,
         problem: "is no table of sizes; write it anew with `cargo xtask size --write`",
     })?;
-    let mut problems = excesses(firmware, interpreter, &Limits::read(root)?);
+    let mut problems = excesses("the firmware", firmware, &Limits::read(root, LIMITS)?);
+    problems.extend(excesses(
+        "the firmware without features",
+        lean,
+        &Limits::read(root, LEAN_LIMITS)?,
+    ));
+    let interpreter_limit = number(root, LIMITS, INTERPRETER_LIMIT)?;
+    problems.extend(excess(
+        "interpreter, verifier and dispatcher",
+        interpreter,
+        interpreter_limit,
+    ));
     problems.extend(missions::excesses(&missions));
     problems.extend(expected.differences(&table, &missions, &compiler));
     for problem in &problems {
@@ -261,7 +313,7 @@ pub fn check_stack(root: &Path, summary_file: &Path) -> Result<(), Failure> {
         .split_once(KEY)
         .and_then(|(_, rest)| rest.split([',', '\n', '}']).next()?.trim().parse().ok())
         .ok_or_else(|| fail("does not tell the deepest stack"))?;
-    let limit = Limits::read(root)?.stack;
+    let limit = Limits::read(root, LIMITS)?.stack;
     println!("Deepest stack: {bytes} bytes, limit {limit}.");
     if bytes > limit {
         return Err(fail("tells of a stack deeper than its limit"));
@@ -269,33 +321,39 @@ pub fn check_stack(root: &Path, summary_file: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn excesses(firmware: &Image, interpreter: u32, limits: &Limits) -> Vec<String> {
+fn excesses(what: &str, firmware: &Image, limits: &Limits) -> Vec<String> {
     [
-        (
-            "flash of the firmware",
+        excess(
+            &format!("flash of {what}"),
             firmware.flash_bytes(),
             limits.flash,
         ),
-        (
-            "variables in RAM, beside the stack",
+        excess(
+            &format!("variables in RAM of {what}, beside the stack"),
             firmware.ram_bytes(),
             limits.ram.saturating_sub(limits.stack),
         ),
-        (
-            "interpreter, verifier and dispatcher",
-            interpreter,
-            limits.interpreter,
-        ),
     ]
     .into_iter()
-    .filter(|(_, bytes, limit)| bytes > limit)
-    .map(|(what, bytes, limit)| format!("Too large: {what}: {bytes} bytes, limit {limit}"))
+    .flatten()
     .collect()
 }
 
-/// How the firmware's bytes divide up.
-fn parts_of(image: &Image) -> Table {
-    let mut table = Table::new();
+fn excess(what: &str, bytes: u32, limit: u32) -> Option<String> {
+    (bytes > limit).then(|| format!("Too large: {what}: {bytes} bytes, limit {limit}"))
+}
+
+/// All of a firmware's bytes.
+fn whole(image: &Image) -> Size {
+    Size {
+        flash: image.flash_bytes(),
+        ram: image.ram_bytes(),
+    }
+}
+
+/// How a firmware's bytes divide up.
+fn parts_of(image: &Image) -> BTreeMap<String, Size> {
+    let mut table = BTreeMap::<String, Size>::new();
     for symbol in &image.symbols {
         let address = symbol.address & !1;
         let section = image
@@ -340,13 +398,21 @@ fn part_of(name: &str) -> &'static str {
 
 fn render(table: &Table, missions: &missions::Table, compiler: &str) -> String {
     let mut text = String::from(
-        "# Flash and RAM of the default firmware and what missions take, in bytes; kept by `cargo xtask size --write`, compared by `cargo xtask test`.\n",
+        "# Flash and RAM of the default firmware, with its features and without (lean), and what missions take, in bytes; kept by `cargo xtask size --write`, compared by `cargo xtask test`.\n",
     );
     // Writing to a string cannot fail.
     let _ = writeln!(text, "{COMPILER_LINE}{compiler}");
-    let _ = writeln!(text, "{:<32} {:>7} {:>7}", "# part", "flash", "ram");
-    for (part, size) in table {
-        let _ = writeln!(text, "{part:<32} {:>7} {:>7}", size.flash, size.ram);
+    let _ = writeln!(
+        text,
+        "{:<32} {:>7} {:>7} {:>10} {:>8}",
+        "# part", "flash", "ram", "lean-flash", "lean-ram"
+    );
+    for (part, Row { full, lean }) in table {
+        let _ = writeln!(
+            text,
+            "{part:<32} {:>7} {:>7} {:>10} {:>8}",
+            full.flash, full.ram, lean.flash, lean.ram
+        );
     }
     text + &missions::render(missions)
 }
@@ -429,8 +495,7 @@ impl Expected {
             }
             let now = table.get(name).copied().unwrap_or_default();
             let then = self.firmware.get(name).copied().unwrap_or_default();
-            for (what, now, then) in [("flash", now.flash, then.flash), ("RAM", now.ram, then.ram)]
-            {
+            for ((what, now), (_, then)) in now.columns().into_iter().zip(then.columns()) {
                 if now.abs_diff(then) > (then / TOLERANCE_PART).max(TOLERANCE_BYTES) {
                     problems.push(format!(
                         "Not as expected: {name}: {now} bytes of {what}, expected {then}. {MEANT}"
@@ -453,13 +518,21 @@ impl Expected {
 fn parse<'t>(lines: impl Iterator<Item = &'t str>) -> Option<Table> {
     let mut table = Table::new();
     for line in lines {
-        let (line, ram) = line.rsplit_once(' ')?;
-        let (name, flash) = line.trim_end().rsplit_once(' ')?;
-        let size = Size {
-            flash: flash.parse().ok()?,
-            ram: ram.parse().ok()?,
+        let mut name = line;
+        let mut last = || {
+            let (rest, number) = name.trim_end().rsplit_once(' ')?;
+            name = rest;
+            number.parse().ok()
         };
-        table.insert(name.trim_end().to_owned(), size);
+        let (lean_ram, lean_flash, ram, flash) = (last()?, last()?, last()?, last()?);
+        let row = Row {
+            full: Size { flash, ram },
+            lean: Size {
+                flash: lean_flash,
+                ram: lean_ram,
+            },
+        };
+        table.insert(name.trim_end().to_owned(), row);
     }
     Some(table)
 }
@@ -471,16 +544,19 @@ mod tests {
     #[test]
     fn a_table_reads_back_as_it_was_written() {
         let table: Table = [
-            (
-                "whole firmware",
-                Size {
-                    flash: 61_234,
-                    ram: 12_345,
-                },
-            ),
-            ("link", Size { flash: 0, ram: 7 }),
+            ("whole firmware", [91_234, 22_345, 61_234, 12_345]),
+            ("link", [0, 7, 0, 5]),
         ]
-        .map(|(name, size)| (name.to_owned(), size))
+        .map(|(name, [flash, ram, lean_flash, lean_ram])| {
+            let row = Row {
+                full: Size { flash, ram },
+                lean: Size {
+                    flash: lean_flash,
+                    ram: lean_ram,
+                },
+            };
+            (name.to_owned(), row)
+        })
         .into();
         let missions = missions::parse(["cd51 1022 8.37 96.00"].into_iter()).unwrap();
         let expected = Expected::parse(&render(&table, &missions, "rustc 1")).unwrap();
@@ -499,8 +575,11 @@ mod tests {
     #[test]
     fn firmware_may_differ_a_little_and_missions_may_not() {
         let of = |flash: u32| {
-            let size = Size { flash, ram: 0 };
-            Table::from([(WHOLE.to_owned(), size), ("link".to_owned(), size)])
+            let row = Row {
+                full: Size { flash, ram: 0 },
+                ..Row::default()
+            };
+            Table::from([(WHOLE.to_owned(), row), ("link".to_owned(), row)])
         };
         let missions = |transition: &str| {
             missions::parse([format!("cd51 1022 {transition} 96.00").as_str()].into_iter()).unwrap()
