@@ -22,7 +22,7 @@
 //! | 1024 | length | payload; its last block is filled up with 0xFF |
 //!
 //! Every word is its own block, so that flashes that program up to 32 bytes at once can be used. What is kept besides missions (saved parameters, the counter
-//! of signed uploads) is to lie behind slot B, in two more erase units, as a log of records.
+//! of signed uploads) are [`records`], behind slot B, in two more slots.
 //!
 //! # Torn words
 //! A write that is cut leaves any of its bits programmed, and some of them *weak*: they read like this today and like that tomorrow, and no reading tells. So no
@@ -46,6 +46,8 @@
 //! | begin | 1 (a slot) | at most 2 | 3072 |
 //! | append | 0 | 1 each 32 bytes | 0 |
 //! | finish | 0 | 3, and what is left of the payload | the payload and 1024 |
+//! | begin a trial | 0 | 1 | 32 |
+//! | fall back | 0 | 0 | 0 |
 //! | confirm | 0 | 2 | 1200 |
 //!
 //! A block that the flash refuses is passed over, and the next of its kind is taken: then there are more writes, at most as many as there are blocks. Checksums
@@ -78,9 +80,12 @@ mod layout;
 #[cfg(test)]
 mod nor;
 #[cfg(test)]
-mod planted;
+pub(crate) mod planted;
 #[cfg(test)]
 mod power_cuts;
+pub mod records;
+#[cfg(test)]
+mod records_power_cuts;
 
 pub use layout::{
     ADVANCES, BLOCK_BYTES, CONFIRMATIONS, HEAD_BYTES, Layout, LayoutError, PROMOTIONS, Slot,
@@ -96,7 +101,11 @@ pub struct Store<F> {
     layout: Layout,
     /// The slot whose mission runs: it is not touched but for its notes.
     running: Option<Running>,
+    /// What ran before the trial, where that began since the choice.
+    before: Option<Option<Running>>,
     upload: Option<Upload>,
+    /// The slot of the upload that has ended and that nobody has tried.
+    ended: Option<Slot>,
 }
 
 #[derive(Clone, Copy)]
@@ -111,6 +120,8 @@ struct Running {
 struct Upload {
     slot: Slot,
     header: Header,
+    /// What of the slot is not erased yet.
+    to_erase: Range<u32>,
     received: u32,
     /// Bytes that are not written yet, for they do not fill a block.
     block: Block,
@@ -195,6 +206,8 @@ pub enum BeginError {
 pub enum AppendError {
     /// There is no upload. Begin one.
     NoUpload,
+    /// The slot is not erased yet.
+    NotErased,
     /// These are not the next bytes.
     Offset {
         /// Offset of the next byte.
@@ -220,6 +233,15 @@ pub enum FinishError {
     Flash(NorFlashErrorKind),
     /// What the flash holds is not what was announced: other bytes were sent, or it is worn. The upload is over.
     ReadBack,
+}
+
+/// Why a mission cannot be put on trial.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrialError {
+    /// No upload has ended since the start or the last trial.
+    NoUpload,
+    /// The flash did not take the word that says so. The mission may not run; whether it does after the next start is open.
+    NotRecorded,
 }
 
 /// Why the mission that runs cannot be confirmed.
@@ -284,15 +306,25 @@ impl<F: NorFlash> Store<F> {
         room: &mut [u8],
         accepts: impl FnMut(&[u8]) -> bool,
     ) -> Result<(Self, Choice), LayoutError> {
+        let mut store = Self::new(flash, layout)?;
+        let choice = store.choose(room, accepts);
+        Ok((store, choice))
+    }
+
+    /// Opens the store, in which no mission runs yet. [`choose`](Store::choose) is to be called before anything else.
+    ///
+    /// # Errors
+    /// The layout does not fit the flash.
+    pub fn new(flash: F, layout: Layout) -> Result<Self, LayoutError> {
         layout.check(&flash)?;
-        let mut store = Store {
+        Ok(Store {
             flash,
             layout,
             running: None,
+            before: None,
             upload: None,
-        };
-        let choice = store.choose(room, accepts);
-        Ok((store, choice))
+            ended: None,
+        })
     }
 
     /// Chooses the mission that is to run from now on, and reads it into `room`. Whoever runs on trial and is not confirmed has failed: so this is
@@ -308,7 +340,9 @@ impl<F: NorFlash> Store<F> {
             let _ = self.seal(&upload);
         }
         self.upload = None;
+        self.ended = None;
         self.running = None;
+        self.before = None;
         let [a, b] = [Slot::A, Slot::B].map(|slot| self.head(slot));
         let first = newest([a.sealed_rank(), b.sealed_rank()]).unwrap_or(Slot::A);
         let mut mission = None;
@@ -384,6 +418,37 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
+    /// Puts the mission whose upload has ended on trial, for a robot that has its bytes and is about to run it. Until it is confirmed or left
+    /// ([`fall_back`](Store::fall_back)), the slot of the mission before is not touched.
+    ///
+    /// # Errors
+    /// Why it may not run.
+    pub fn begin_trial(&mut self) -> Result<(), TrialError> {
+        let slot = self.ended.take().ok_or(TrialError::NoUpload)?;
+        if !planted!(LiveTrialOffTheRecord) && !self.record(slot, TRIED_AT, &TRIED) {
+            return Err(TrialError::NotRecorded);
+        }
+        self.before = Some(self.running);
+        self.running = Some(Running {
+            slot,
+            on_trial: true,
+            is_certain: false,
+        });
+        Ok(())
+    }
+
+    /// Leaves the trial that began with [`begin_trial`](Store::begin_trial): the mission before runs again. Nothing is written: a trial that was not
+    /// confirmed has failed. Returns whether there was such a trial; one that a choice began is left by another [`choose`](Store::choose).
+    pub fn fall_back(&mut self) -> bool {
+        let Some(before) = self.before.take() else {
+            return false;
+        };
+        if !planted!(FallbackForgotten) {
+            self.running = before;
+        }
+        true
+    }
+
     /// Makes the mission that runs the one that is run from now on.
     ///
     /// # Errors
@@ -412,6 +477,7 @@ impl<F: NorFlash> Store<F> {
             is_certain: true,
             ..running
         });
+        self.before = None;
         Ok(())
     }
 
@@ -421,6 +487,40 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// Why there is no upload now. One that was under way goes on, but after an error of the flash.
     pub fn begin(&mut self, len: u32, crc: u32) -> Result<u32, BeginError> {
+        let received = self.prepare(len, crc)?;
+        while self.erase_next()? {}
+        Ok(received)
+    }
+
+    /// Erases one more unit of the slot that [`prepare`](Store::prepare) has chosen. Returns whether there is more to erase.
+    ///
+    /// # Errors
+    /// The flash did not erase it. The upload is over.
+    pub fn erase_next(&mut self) -> Result<bool, BeginError> {
+        let Some(upload) = &mut self.upload else {
+            return Ok(false);
+        };
+        let from = upload.to_erase.start;
+        if from >= upload.to_erase.end {
+            return Ok(false);
+        }
+        upload.to_erase.start = from + F::ERASE_SIZE as u32;
+        let goes_on = !upload.to_erase.is_empty();
+        if !planted!(Unerased)
+            && let Err(error) = self.flash.erase(from, from + F::ERASE_SIZE as u32)
+        {
+            self.upload = None;
+            return Err(BeginError::Flash(error.kind()));
+        }
+        Ok(goes_on)
+    }
+
+    /// The first part of [`begin`](Store::begin), for those who cannot wait until a slot is erased: [`erase_next`](Store::erase_next) is to be called until there
+    /// is nothing left to erase.
+    ///
+    /// # Errors
+    /// As of `begin`.
+    pub fn prepare(&mut self, len: u32, crc: u32) -> Result<u32, BeginError> {
         if let Some(upload) = &self.upload
             && (upload.header.len, upload.header.crc) == (len, crc)
         {
@@ -435,6 +535,7 @@ impl<F: NorFlash> Store<F> {
             return Err(BeginError::OnTrial);
         }
         self.upload = None;
+        self.ended = None;
         // What is erased may be all that there is beside the mission that runs: that it is confirmed must be certain. If the flash does not even
         // take a word more, so be it: new missions must find a way in.
         if running.is_some() && !planted!(ConfirmationTaken) {
@@ -485,11 +586,6 @@ impl<F: NorFlash> Store<F> {
             }
         }
         let (from, to) = self.layout.bounds(slot);
-        if !planted!(Unerased) {
-            self.flash
-                .erase(from, to)
-                .map_err(|error| BeginError::Flash(error.kind()))?;
-        }
         // Over the next note, too: there may be one whose writing was cut and that reads as blank today.
         let seq = newest_rank.wrapping_add(if planted!(CutNoteForgotten) {
             1
@@ -505,6 +601,7 @@ impl<F: NorFlash> Store<F> {
         self.upload = Some(Upload {
             slot,
             header,
+            to_erase: from..to,
             received: 0,
             block: BLANK,
         });
@@ -519,6 +616,9 @@ impl<F: NorFlash> Store<F> {
         let Some(upload) = &mut self.upload else {
             return Err(AppendError::NoUpload);
         };
+        if !upload.to_erase.is_empty() {
+            return Err(AppendError::NotErased);
+        }
         if offset != upload.received && !planted!(OffsetUnchecked) {
             return Err(AppendError::Offset {
                 expected: upload.received,
@@ -573,6 +673,7 @@ impl<F: NorFlash> Store<F> {
             return Ok(seq);
         }
         self.seal(&upload)?;
+        self.ended = Some(upload.slot);
         Ok(seq)
     }
 

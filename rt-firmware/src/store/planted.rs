@@ -31,6 +31,8 @@ bugs! {
     TornTriedAsUnset: "a torn trial word counts as not set",
     TrialRepeated: "a mission whose trial failed is tried again",
     TrialOffTheRecord: "a mission runs on trial although the word for it was not taken",
+    LiveTrialOffTheRecord: "a mission is put on trial while the robot runs, and no word says so",
+    FallbackForgotten: "a trial that was left is still the mission that can be confirmed",
     TornConfirmedAsSet: "a torn confirmation counts as set",
     ConfirmedInMemoryOnly: "a confirmation is acknowledged and not written",
     ConfirmedByReading: "a confirmation that was read is taken for certain when it is asked for again",
@@ -45,6 +47,12 @@ bugs! {
     ErasedUnnoted: "a slot is erased before the other one notes it",
     AdvanceForgotten: "the note before an erase does not take the mission that runs ahead of the other",
     CutNoteForgotten: "a new mission has a number that a note whose writing was cut may outrank",
+    RecordUnconfirmed: "a record is acknowledged before its table is confirmed",
+    RecordsUnformatted: "a start on a blank flash makes no table",
+    CutRecordUnsettled: "a table whose writing was cut is left as it is",
+    RecordUnsettled: "a table that a start finds is not confirmed by it",
+    RecordKeptInMemoryOnly: "a record that the flash did not take is there all the same, until the next start",
+    RecordTwice: "a record is kept behind the one that it replaces",
     GivenUpRuns: "a mission that was given up is tried",
 }
 

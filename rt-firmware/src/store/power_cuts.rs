@@ -187,6 +187,10 @@ enum Step {
     Reboot,
     /// The store is asked again while the robot stays on.
     Choose,
+    /// What was uploaded runs on trial while the robot stays on.
+    Try,
+    /// The trial is left while the robot stays on.
+    FallBack,
     Confirm,
     /// In pieces of some size.
     Upload,
@@ -197,7 +201,9 @@ enum Step {
     /// One that is longer than a slot.
     LongUpload,
 }
-use Step::{Choose, Confirm, HalfUpload, LongUpload, Reboot, Upload, UploadWithTrouble};
+use Step::{
+    Choose, Confirm, FallBack, HalfUpload, LongUpload, Reboot, Try, Upload, UploadWithTrouble,
+};
 
 /// Power was lost; or a law was broken.
 enum Stop {
@@ -216,6 +222,10 @@ struct World<const WRITE: usize, const ERASE: usize> {
     store: Option<Store<Chip<WRITE, ERASE>>>,
     layout: Layout,
     oracle: Oracle,
+    /// The mission whose upload ended since the last choice, and that nobody has tried.
+    ended: Option<Id>,
+    /// What ran before the trial, where that began since the last choice.
+    before: Option<Option<Runs>>,
     next: Id,
     room: [u8; 128],
 }
@@ -233,6 +243,8 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             store: None,
             layout: Layout::new(ERASE as u32, slot_bytes as u32),
             oracle: Oracle::default(),
+            ended: None,
+            before: None,
             next: 1,
             room: [0; 128],
         }
@@ -245,13 +257,17 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             flash: Chip(nor.clone()),
             layout: store.layout,
             running: store.running,
+            before: store.before,
             upload: None,
+            ended: store.ended,
         });
         World {
             nor,
             store,
             layout: self.layout,
             oracle: self.oracle.clone(),
+            ended: self.ended,
+            before: self.before,
             next: self.next,
             room: [0; 128],
         }
@@ -292,6 +308,8 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             Reboot => self.boot(),
             Choose => self.choose(),
             Confirm => self.confirm(),
+            Try => self.begin_trial(),
+            FallBack => self.fall_back(),
             Upload => self.upload(33, false, true),
             UploadWithTrouble => self.upload(5, true, true),
             HalfUpload => self.upload(32, false, false),
@@ -334,6 +352,7 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             self.oracle.choice_cut();
         }
         self.look()?;
+        (self.ended, self.before) = (None, None);
         let runs = match choice.mission {
             None => Runs::Default,
             Some(chosen) => {
@@ -351,11 +370,57 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             .chosen(runs)
             .map_err(|broken| format!("{broken}; {choice:?}"))?;
         says_why(&choice)?;
-        if let Some(chosen) = choice.mission {
-            let (from, to) = self.layout.bounds(chosen.slot);
-            let notes = self.layout.address(chosen.slot, NOTES_AT) as usize
-                ..self.layout.address(chosen.slot, HEADER_AT) as usize;
-            self.nor.borrow_mut().running = Some((from as usize..to as usize, notes));
+        self.guard(choice.mission.map(|chosen| chosen.slot));
+        Ok(())
+    }
+
+    /// From now on nothing may touch this slot but for its notes.
+    fn guard(&self, slot: Option<Slot>) {
+        let guarded = slot.map(|slot| {
+            let (from, to) = self.layout.bounds(slot);
+            let notes = self.layout.address(slot, NOTES_AT) as usize
+                ..self.layout.address(slot, HEADER_AT) as usize;
+            (from as usize..to as usize, notes)
+        });
+        self.nor.borrow_mut().running = guarded;
+    }
+
+    fn begin_trial(&mut self) -> Result<(), Stop> {
+        let store = self.store.as_mut().unwrap();
+        let result = store.begin_trial();
+        let slot = store.running.map(|running| running.slot);
+        let cut = self.cut();
+        let ended = self.ended.take();
+        if cut.is_some() {
+            self.oracle.choice_cut();
+        }
+        self.look()?;
+        match (result, ended) {
+            (Ok(()), Some(id)) => {
+                self.before = Some(self.oracle.runs);
+                self.oracle.chosen(Runs::Trial(id))?;
+                self.guard(slot);
+                Ok(())
+            }
+            (Err(TrialError::NoUpload), None) => Ok(()),
+            (Err(TrialError::NotRecorded), Some(_)) if cut.is_some() => Ok(()),
+            (result, ended) => Err(format!("{result:?} when {ended:?} was put on trial").into()),
+        }
+    }
+
+    fn fall_back(&mut self) -> Result<(), Stop> {
+        let store = self.store.as_mut().unwrap();
+        let result = store.fall_back();
+        let slot = store.running.map(|running| running.slot);
+        self.look()?;
+        let before = self.before.take();
+        if result != before.is_some() {
+            return Err(format!("falling back to {before:?}: {result}").into());
+        }
+        if let Some(before) = before {
+            self.oracle.choice_begins();
+            self.oracle.runs = before;
+            self.guard(slot);
         }
         Ok(())
     }
@@ -368,7 +433,10 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
         }
         self.look()?;
         match (result, self.oracle.running()) {
-            (Ok(()), Some(_)) => self.oracle.confirmed(),
+            (Ok(()), Some(_)) => {
+                self.oracle.confirmed();
+                self.before = None;
+            }
             (Err(ConfirmError::NoMission), None) => {}
             (Err(ConfirmError::NotRecorded), Some(_)) if cut.is_some() => {}
             (result, running) => {
@@ -433,7 +501,10 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
         let cut = self.cut();
         let result = match ended {
             _ if cut.is_some() => Ok(Stage::MaybeThere),
-            Ok(_) => Ok(Stage::There),
+            Ok(_) => {
+                self.ended = Some(id);
+                Ok(Stage::There)
+            }
             Err(error) => Err(format!("an upload ends in {error:?}")),
         };
         if let Ok(stage) = result {
@@ -452,6 +523,7 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             .begin(bytes.len() as u32, crc_of(bytes));
         let cut = self.cut();
         if cut == Some(Kind::Erase) || result.is_ok() {
+            self.ended = None;
             self.oracle.erases();
         } else if cut == Some(Kind::Write) {
             self.oracle.erase_cut();
@@ -583,6 +655,11 @@ const HISTORIES: &[&[Step]] = &[
         Reboot, Upload, Choose, Confirm, Upload, Confirm, HalfUpload, LongUpload, Upload, Reboot,
         Confirm, HalfUpload, Reboot, Upload, Upload, Choose,
     ],
+    // Trials while the robot stays on.
+    &[
+        Reboot, Upload, Try, Confirm, Upload, Try, FallBack, Confirm, FallBack, Upload, Try, Try,
+        Upload, Reboot, Upload, Try, Reboot, FallBack,
+    ],
 ];
 
 /// What happens after it, up to the second.
@@ -591,6 +668,9 @@ const RECOVERIES: &[&[Step]] = &[
     &[Reboot, Reboot, Upload, Reboot],
     &[Reboot, Upload, Reboot, Upload, Choose, Confirm, Reboot],
     &[Reboot, Choose, HalfUpload, Confirm, Choose, Upload],
+    &[
+        Reboot, FallBack, Upload, Try, FallBack, Upload, Try, Confirm,
+    ],
 ];
 
 const WRITE_TEARS: &[Tear] = &[
