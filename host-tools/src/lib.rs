@@ -27,4 +27,5 @@ pub mod sim;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;
+pub mod trial;
 pub mod world;

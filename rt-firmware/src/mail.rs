@@ -7,12 +7,15 @@
 use esm_core::Verified;
 use heapless::spsc::Queue;
 
-use crate::link::message::{LinkError, MAX_PART, SlotCounters, TaskCounters};
+use crate::link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
+use crate::link::trial::FallBack;
 use crate::ports::Job;
 use esm_core::BlobBuffer;
 
 /// One letter or job at a time; a queue holds one less than its length.
 const PLACES: usize = 2;
+/// There are two buffers for blobs, and a queue holds one less than its length.
+const BUFFER_PLACES: usize = 3;
 
 /// The ways between the sides.
 pub struct Mail<'m> {
@@ -20,6 +23,14 @@ pub struct Mail<'m> {
     pub(crate) to_link: Queue<&'m mut Letter<'m>, PLACES>,
     pub(crate) to_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
     pub(crate) from_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
+    pub(crate) freed: Queue<Freed<'m>, BUFFER_PLACES>,
+}
+
+/// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls back answers nobody.
+pub(crate) struct Freed<'m> {
+    pub(crate) blob: BlobBuffer<'m>,
+    /// The mission in it was given up.
+    pub(crate) fell_back: Option<FallBack>,
 }
 
 impl Default for Mail<'_> {
@@ -36,6 +47,7 @@ impl Mail<'_> {
             to_link: Queue::new(),
             to_background: Queue::new(),
             from_background: Queue::new(),
+            freed: Queue::new(),
         }
     }
 }
@@ -45,22 +57,40 @@ pub enum Letter<'m> {
     /// Nothing.
     Empty,
     /// Link: switch to this mission.
-    Swap(Verified<BlobBuffer<'m>>),
-    /// Real time: it runs; here is the buffer of the one before.
+    Swap {
+        /// The mission.
+        mission: Verified<BlobBuffer<'m>>,
+        /// How.
+        swap: Swap,
+    },
+    /// Real time: it runs.
     Swapped {
         /// Hash of the new mission.
         mission: u32,
-        /// The buffer that is free now, if there was a mission.
-        old: Option<BlobBuffer<'m>>,
+        /// Whether it runs on trial.
+        on_trial: bool,
     },
     /// Real time: it cannot run.
     SwapFailed {
+        /// Hash of the mission.
+        mission: u32,
         /// Why.
         error: LinkError,
-        /// Its buffer.
-        blob: BlobBuffer<'m>,
-        /// The buffer of the mission before, which is gone too.
-        old: Option<BlobBuffer<'m>>,
+    },
+    /// Link: the mission on trial stays.
+    Confirm {
+        /// Its hash.
+        mission: u32,
+    },
+    /// Real time: it does.
+    Confirmed {
+        /// Its hash.
+        mission: u32,
+    },
+    /// Link: back to the mission before.
+    FallBack {
+        /// Hash of the mission on trial.
+        mission: u32,
     },
     /// Link: motors off.
     Stop,

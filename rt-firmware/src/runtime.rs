@@ -205,6 +205,7 @@ pub fn split<
     let (to_link, from_real_time) = mail.to_link.split();
     let (to_background, jobs) = mail.to_background.split();
     let (ended, from_background) = mail.from_background.split();
+    let (freed, from_missions) = mail.freed.split();
     let trace_wanted = &memory.trace_wanted;
     let real_time = RealTime::new(Parts {
         executor,
@@ -217,6 +218,7 @@ pub fn split<
         from_background,
         from_link,
         to_link,
+        freed,
         trace: Trace::new(trace_writer, trace_wanted),
         snapshot: snapshot_writer,
     });
@@ -238,6 +240,7 @@ pub fn split<
         asked: None,
         to_real_time,
         from_real_time,
+        freed: from_missions,
         snapshot: snapshot_reader,
         trace: trace_reader,
         trace_wanted,

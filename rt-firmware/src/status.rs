@@ -3,6 +3,7 @@
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 
 use crate::link::message::{Mode, SafeReason};
+use crate::link::trial::{FallBack, FallBackReason, Trial};
 
 /// How the real-time side is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +26,10 @@ pub struct Health {
     pub max_delay_ns: u32,
     /// Whether a slot-0 run is under way.
     pub background_busy: bool,
+    /// If the mission runs on trial.
+    pub trial: Option<Trial>,
+    /// The last mission that was given up on trial.
+    pub fell_back: Option<FallBack>,
 }
 
 impl Health {
@@ -39,12 +44,19 @@ impl Health {
         overruns: 0,
         max_delay_ns: 0,
         background_busy: false,
+        trial: None,
+        fell_back: None,
     };
 }
 
-const WORDS: usize = 10;
+const WORDS: usize = 13;
 const HAS_MISSION: u32 = 1 << 16;
 const BACKGROUND_BUSY: u32 = 1 << 17;
+const ON_TRIAL: u32 = 1 << 18;
+const TRIAL_HAS_BEFORE: u32 = 1 << 19;
+const HAS_FALLEN_BACK: u32 = 1 << 20;
+/// From this bit on the reason of the last fall-back.
+const FALL_BACK_SHIFT: u32 = 24;
 /// Attempts to read a snapshot between two writes. On one core, with the writer above the reader, the first fails at most once.
 const ATTEMPTS: usize = 64;
 
@@ -134,8 +146,19 @@ fn pack(health: &Health) -> [u32; WORDS] {
     } else {
         0
     };
+    let (trial, left_ms, before) = match health.trial {
+        Some(Trial { left_ms, before }) => match before {
+            Some(before) => (ON_TRIAL | TRIAL_HAS_BEFORE, left_ms, before),
+            None => (ON_TRIAL, left_ms, 0),
+        },
+        None => (0, 0, 0),
+    };
+    let (fell_back, failed) = health.fell_back.map_or((0, 0), |fell_back| {
+        let reason = u32::from(fell_back.reason.number()) << FALL_BACK_SHIFT;
+        (HAS_FALLEN_BACK | reason, fell_back.mission)
+    });
     [
-        mode | mission | background,
+        mode | mission | background | trial | fell_back,
         health.mission.unwrap_or(0),
         health.steps as u32,
         (health.steps >> 32) as u32,
@@ -145,6 +168,9 @@ fn pack(health: &Health) -> [u32; WORDS] {
         health.missed,
         health.overruns,
         health.max_delay_ns,
+        left_ms,
+        before,
+        failed,
     ]
 }
 
@@ -160,6 +186,9 @@ fn unpack(words: &[u32; WORDS]) -> Health {
         missed,
         overruns,
         max_delay_ns,
+        left_ms,
+        before,
+        failed,
     ] = *words;
     let wide = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
     Health {
@@ -177,6 +206,15 @@ fn unpack(words: &[u32; WORDS]) -> Health {
         overruns,
         max_delay_ns,
         background_busy: first & BACKGROUND_BUSY != 0,
+        trial: (first & ON_TRIAL != 0).then_some(Trial {
+            left_ms,
+            before: (first & TRIAL_HAS_BEFORE != 0).then_some(before),
+        }),
+        fell_back: (first & HAS_FALLEN_BACK != 0).then_some(FallBack {
+            mission: failed,
+            reason: FallBackReason::from_number((first >> FALL_BACK_SHIFT) as u8)
+                .unwrap_or(FallBackReason::Failed(SafeReason::Board)),
+        }),
     }
 }
 
@@ -215,6 +253,7 @@ mod tests {
             for (mission, background_busy) in
                 [(None, true), (Some(0), false), (Some(u32::MAX), true)]
             {
+                let before = mission.map(|mission| mission ^ 0x5555);
                 let health = Health {
                     mode,
                     mission,
@@ -225,6 +264,11 @@ mod tests {
                     overruns: 3,
                     max_delay_ns: 4,
                     background_busy,
+                    trial: background_busy.then_some(Trial { left_ms: 5, before }),
+                    fell_back: mission.map(|mission| FallBack {
+                        mission,
+                        reason: FallBackReason::Failed(SafeReason::Board),
+                    }),
                 };
                 let mut snapshot = Snapshot::new();
                 let (mut writer, reader) = snapshot.split();

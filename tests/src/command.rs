@@ -105,6 +105,16 @@ impl Done {
         self
     }
 
+    /// The command, which is to have ended with this status.
+    ///
+    /// # Panics
+    /// If it has another one.
+    #[track_caller]
+    pub fn ended(self, status: i32) -> Self {
+        assert_eq!(self.status, Some(status), "{self:#?}");
+        self
+    }
+
     /// Standard output as one JSON value.
     ///
     /// # Panics

@@ -14,7 +14,7 @@ use rt_firmware::body::{
 };
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    FromDevice, MAX_CHUNK, Mode, Request, Response, SafeReason, Status, ToDevice,
+    FromDevice, MAX_CHUNK, Mode, Request, Response, SafeReason, Status, Swap, ToDevice,
 };
 use rt_firmware::rover::PinRover;
 use rt_firmware::{
@@ -299,7 +299,7 @@ impl Robot<'_, '_, '_> {
             let offset = (part * MAX_CHUNK) as u32;
             self.ask(Request::Chunk { offset, data }, done)?;
         }
-        self.ask(Request::Commit, done)
+        self.ask(Request::Commit(Swap::default()), done)
     }
 }
 

@@ -144,10 +144,18 @@ class Client:
 
     # Uploads.
 
-    def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> int:
-        """Brings a mission to the robot and lets it take over. Returns its hash when it runs."""
+    def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None, trial_ms: int = 0) -> int:
+        """Brings a mission to the robot and lets it take over, on trial for so long if that is above 0. Returns its hash when it runs."""
         self.stage(blob, progress)
-        return self._ask("commit", messages.Committed, messages.COMMIT).mission
+        return self._ask("commit", messages.Committed, messages.COMMIT, trial_ms).mission
+
+    def confirm(self, mission: int) -> None:
+        """The mission of this hash, which is on trial, is to stay."""
+        self._ask("confirm", messages.Done, messages.CONFIRM, mission)
+
+    def fall_back(self, mission: int) -> None:
+        """Back to the mission before the one of this hash, which is on trial."""
+        self._ask("fall back", messages.Done, messages.FALL_BACK, mission)
 
     def stage(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> None:
         """Brings a mission to the robot without letting it take over."""

@@ -5,7 +5,7 @@ from typing import List, Optional, Tuple, Union
 
 PROTOCOL_VERSION = 3
 
-HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS = range(14)
+HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS, CONFIRM, FALL_BACK = range(16)
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -18,6 +18,7 @@ SAFE_REASONS = (
     "link lost",
     "board",
 )
+FALL_BACKS = ("not confirmed", "asked for", "failed")
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
 CHANNELS = ("trace", "log")
 
@@ -150,6 +151,18 @@ class Done:
 
 
 @dataclass
+class Trial:
+    left_ms: int
+    before: Optional[int]
+
+
+@dataclass
+class FallBack:
+    mission: int
+    reason: str
+
+
+@dataclass
 class Status:
     mode: str
     mission: Optional[int]
@@ -163,6 +176,8 @@ class Status:
     background_busy: bool
     stack_bytes: Optional[int]
     reset: str
+    trial: Optional[Trial]
+    fell_back: Optional[FallBack]
 
 
 @dataclass
@@ -309,7 +324,15 @@ def _status(fields: Fields) -> Status:
         mode = f"safe: {fields.one_of(SAFE_REASONS)}"
     mission, steps, t_us = fields.option_u32(), fields.number(64), fields.number(64)
     counts = [fields.number(32) for _ in range(5)]
-    return Status(mode, mission, steps, t_us, *counts, fields.boolean(), fields.option_u32(), fields.one_of(RESETS))
+    busy, stack, reset = fields.boolean(), fields.option_u32(), fields.one_of(RESETS)
+    trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
+    fell_back = FallBack(fields.number(32), _fall_back_reason(fields)) if fields.boolean() else None
+    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back)
+
+
+def _fall_back_reason(fields: Fields) -> str:
+    reason = fields.one_of(FALL_BACKS)
+    return f"{reason}: {fields.one_of(SAFE_REASONS)}" if reason == "failed" else reason
 
 
 def _error(fields: Fields) -> Error:
@@ -325,6 +348,8 @@ def _error(fields: Fields) -> Error:
         12: "NoSuchIndex",
         13: "Busy",
         14: "NoAnswer",
+        17: "OnTrial",
+        18: "NotOnTrial",
     }
     if kind in plain:
         return Error(plain[kind], {})

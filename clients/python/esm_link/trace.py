@@ -47,6 +47,8 @@ def take_record(fields: Fields) -> dict:
     if kind == 9:
         reason = fields.u8()
         return {"kind": "motors off", "reason": reason - 1 if reason else None}
+    if kind == 10:
+        return {"kind": "fell back", "mission": int.from_bytes(fields.take(4), "little"), "reason": fields.u8()}
     raise Malformed(f"a record of kind {kind}")
 
 

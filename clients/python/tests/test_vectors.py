@@ -56,7 +56,7 @@ class Messages(unittest.TestCase):
             "request chunk of nothing": (messages.CHUNK, 0, b""),
             "request chunk of zeros": (messages.CHUNK, 127, bytes(16)),
             "request chunk, the longest": (messages.CHUNK, 0xFFFFFFFF, chunk),
-            "request commit": (messages.COMMIT,),
+            "request commit": (messages.COMMIT, 10_000),
             "request abort": (messages.ABORT,),
             "request status": (messages.STATUS,),
             "request stop": (messages.STOP,),
@@ -67,6 +67,8 @@ class Messages(unittest.TestCase):
             "request slot counters": (messages.SLOT_COUNTERS, messages.U8(3)),
             "request subscribe": (messages.SUBSCRIBE, True, False),
             "request task counters": (messages.TASK_COUNTERS, 1000),
+            "request confirm": (messages.CONFIRM, 0x1234ABCD),
+            "request fall back": (messages.FALL_BACK, 0x1234ABCD),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):

@@ -19,11 +19,13 @@ pub mod board;
 pub mod bound;
 pub mod build;
 pub mod check;
+pub mod confirm;
 pub mod console;
 pub mod difference;
 pub mod draw;
 pub mod exit;
 pub mod explain;
+pub mod fallback;
 pub mod file;
 pub mod fmt;
 pub mod inspect;
@@ -99,6 +101,8 @@ pub enum Command {
     Run(run::RunArgs),
     Board(board::BoardArgs),
     Upload(upload::UploadArgs),
+    Confirm(confirm::ConfirmArgs),
+    Fallback(fallback::FallbackArgs),
     Log(log::LogArgs),
     Status(status::StatusArgs),
     Top(top::TopArgs),
@@ -173,6 +177,8 @@ pub fn execute(
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Upload(args) => upload::execute(args, console),
+        Command::Confirm(args) => confirm::execute(args, console),
+        Command::Fallback(args) => fallback::execute(args, console),
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
         Command::Top(args) => top::execute(args, console),

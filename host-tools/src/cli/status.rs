@@ -4,6 +4,7 @@ use std::fmt;
 
 use clap::Args;
 use rt_firmware::link::message::{Mode, ResetReason};
+use rt_firmware::link::trial::{FallBack, Trial};
 use serde::Serialize;
 
 use super::console::Console;
@@ -44,6 +45,10 @@ pub struct StatusReport {
     pub safe_reason: Option<&'static str>,
     /// Hash of its mission, if it has one.
     pub mission: Option<String>,
+    /// If it runs on trial.
+    pub trial: Option<TrialReport>,
+    /// The last mission that was given up on trial since the robot started.
+    pub fell_back: Option<FallBackReport>,
     /// Current local states, depth first.
     pub active: Vec<String>,
     /// Macro steps since the mission started.
@@ -66,6 +71,42 @@ pub struct StatusReport {
     pub last_reset: &'static str,
     /// Counters of each slot.
     pub slots: Vec<SlotReport>,
+}
+
+/// A mission on trial, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct TrialReport {
+    /// Time until the robot goes back by itself, in milliseconds.
+    pub left_ms: u32,
+    /// Hash of the mission that it goes back to, if there was one.
+    pub before: Option<String>,
+}
+
+/// A mission that was given up, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FallBackReport {
+    /// Its hash.
+    pub mission: String,
+    /// Why.
+    pub reason: &'static str,
+}
+
+impl From<Trial> for TrialReport {
+    fn from(trial: Trial) -> Self {
+        TrialReport {
+            left_ms: trial.left_ms,
+            before: trial.before.map(hash_text),
+        }
+    }
+}
+
+impl From<FallBack> for FallBackReport {
+    fn from(fell_back: FallBack) -> Self {
+        FallBackReport {
+            mission: hash_text(fell_back.mission),
+            reason: story::fall_back_reason(fell_back.reason),
+        }
+    }
 }
 
 /// Runs the command.
@@ -104,6 +145,8 @@ impl StatusReport {
             mode,
             safe_reason,
             mission: status.mission.map(hash_text),
+            trial: status.trial.map(TrialReport::from),
+            fell_back: status.fell_back.map(FallBackReport::from),
             active: reading.active,
             steps: status.steps,
             t_us: status.t_us,
@@ -139,6 +182,19 @@ impl fmt::Display for StatusReport {
                 format!("{mission}, for {seconds:.1} s, {} macro steps", self.steps),
             )?;
             row("current states", self.active.join(", "))?;
+        }
+        if let Some(TrialReport { left_ms, before }) = &self.trial {
+            let seconds = f64::from(*left_ms) / 1e3;
+            let before = before.as_deref().unwrap_or("no mission, motors off");
+            row(
+                "on trial",
+                format!(
+                    "for {seconds:.1} s more, then back to {before}: `esm confirm`, `esm fallback`"
+                ),
+            )?;
+        }
+        if let Some(FallBackReport { mission, reason }) = &self.fell_back {
+            row("last fall-back", format!("gave {mission} up: {reason}"))?;
         }
         row("slots executed", self.slots_executed.to_string())?;
         // Those of the slots below begin anew with each mission.

@@ -2,26 +2,32 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::{Capacities, LinkError};
+use rt_firmware::link::message::{Capacities, LinkError, Swap};
 use serde::Serialize;
 
+use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::stage;
 use crate::inspect::refusal::Explained;
 use crate::link_client::RobotInfo;
-use crate::run::mission::Mission;
+use crate::run::mission::{Mission, hash_text};
+use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
+use crate::trial::{self, Outcome};
 
 /// Gives a robot that is on a new mission
 ///
 /// Compiles FILE if it is a source, checks it against what the robot says of itself, uploads it while the old mission runs, and
 /// lets the robot switch between two macro steps. A robot that refuses the blob says why and drives on with what it has.
+///
+/// The new mission runs on trial first. If it faults, or takes longer than its slots too often, the robot goes back to the mission before by itself, and so it
+/// does if nothing is heard from here. When it has run well for a second, it is confirmed. With `--trial` that is left to you: `esm confirm`, `esm fallback`.
 ///
 /// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
 /// to; which, and the one longer gap of each, is said before anything is sent. The starts in a blob are what they are.
@@ -30,6 +36,7 @@ use crate::schedule::handover::{Handover, SlotTable};
 Examples:
   esm upload missions/patrol.esm --port /dev/ttyUSB0
   esm upload patrol.blob --port tcp:robot.local:4000
+  esm upload missions/patrol.esm --port /dev/ttyUSB0 --trial '60 s'
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --no-gap --json")]
 pub struct UploadArgs {
     /// The mission, or a blob that `esm build` made of it
@@ -39,6 +46,10 @@ pub struct UploadArgs {
     /// Sends nothing where a slot that both missions have cannot go on as it runs
     #[arg(long)]
     pub no_gap: bool,
+
+    /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to the one before. 1 s to 3600 s
+    #[arg(long, value_name = "TIME", value_parser = trial_time)]
+    pub trial: Option<Time>,
 
     /// For programs: what was sent, and what becomes of the slots that both missions have
     #[arg(long)]
@@ -60,6 +71,10 @@ struct Uploaded {
     bytes: usize,
     /// Time that the upload took, in seconds.
     upload_s: f64,
+    /// Whether the mission stays.
+    confirmed: bool,
+    /// Why the robot gave it up, if it did.
+    fell_back: Option<&'static str>,
     #[serde(flatten)]
     handover: Handover,
 }
@@ -82,37 +97,122 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         mission.blob.len() as u64,
     );
     let started = Instant::now();
-    let uploaded = robot.upload(&mission.blob, &mut |bytes| bar.set_position(bytes as u64));
+    let trial_time = args.trial.map_or_else(
+        || trial::trial_time(mission.directory.interpreter_period_us()),
+        |trial| Duration::from_micros(trial.us),
+    );
+    let swap = Swap {
+        trial_ms: trial_time.min(LONGEST_TRIAL).as_millis() as u32,
+    };
+    let uploaded = robot
+        .stage(&mission.blob, &mut |bytes| bar.set_position(bytes as u64))
+        .and_then(|()| robot.commit(swap));
     bar.finish_and_clear();
-    match uploaded {
-        Ok(_) => {
-            let upload_s = started.elapsed().as_secs_f64();
-            if args.json {
-                return console.json_line(&Uploaded {
-                    file: mission.file.display().to_string(),
-                    hash: mission.hash_text(),
-                    bytes: mission.blob.len(),
-                    upload_s,
-                    handover,
-                });
-            }
-            writeln!(
-                console.out(),
-                "{} ({}) runs: {} bytes in {upload_s:.2} s",
-                mission.file.display(),
-                mission.hash_text(),
-                mission.blob.len()
-            )?;
-            Ok(())
+    let upload_s = started.elapsed().as_secs_f64();
+    let hash = uploaded.map_err(|error| match error.refusal() {
+        Some(refusal) => CommandError::Input(anyhow!(
+            "the robot refused {}: {}; it goes on with what it had",
+            mission.file.display(),
+            mission.refusal(refusal)
+        )),
+        None => error.into(),
+    })?;
+    let outcome = match args.trial {
+        Some(_) => None,
+        None => Some(trial::watch(&mut robot, hash)?),
+    };
+    let told = Uploaded {
+        file: mission.file.display().to_string(),
+        hash: mission.hash_text(),
+        bytes: mission.blob.len(),
+        upload_s,
+        confirmed: matches!(outcome, Some(Outcome::Confirmed | Outcome::ConfirmedUnseen)),
+        fell_back: match outcome {
+            Some(Outcome::FellBack(fell_back)) => Some(story::fall_back_reason(fell_back.reason)),
+            _ => None,
+        },
+        handover,
+    };
+    if args.json {
+        console.json_line(&told)?;
+    } else if told.fell_back.is_none() {
+        let Uploaded {
+            file, hash, bytes, ..
+        } = &told;
+        writeln!(
+            console.out(),
+            "{file} ({hash}) runs: {bytes} bytes in {upload_s:.2} s"
+        )?;
+        tell_trial(&told, args.trial, outcome, console)?;
+    }
+    failure(&told, outcome, &mut robot)
+}
+
+/// The longest trial.
+const LONGEST_TRIAL: Duration = Duration::from_secs(3600);
+
+/// Reads how long a trial is.
+fn trial_time(text: &str) -> Result<Time, String> {
+    let time: Time = text.parse().map_err(|error| format!("{error}"))?;
+    let allowed = 1_000_000..=LONGEST_TRIAL.as_micros() as u64;
+    if allowed.contains(&time.us) {
+        Ok(time)
+    } else {
+        Err("a trial is 1 s to 3600 s long".to_owned())
+    }
+}
+
+/// Says what the person is to do about the trial, if anything.
+fn tell_trial(
+    told: &Uploaded,
+    trial: Option<Time>,
+    outcome: Option<Outcome>,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    if let Some(trial) = trial {
+        let seconds = trial.us as f64 / 1e6;
+        writeln!(
+            console.out(),
+            "on trial for {seconds} s: `esm confirm` keeps it, `esm fallback` goes back"
+        )?;
+    } else if outcome == Some(Outcome::ConfirmedUnseen) {
+        console.note(&format!(
+            "the robot is stopped: {} is confirmed without having been seen to run",
+            told.hash
+        ));
+    }
+    Ok(())
+}
+
+/// What an outcome is as the end of the command.
+fn failure(
+    told: &Uploaded,
+    outcome: Option<Outcome>,
+    robot: &mut Robot,
+) -> Result<(), CommandError> {
+    let Uploaded { file, hash, .. } = told;
+    let left_alone = |why: String| {
+        Err(CommandError::World(anyhow!(
+            "{file} ({hash}) is not confirmed: {why}; the robot goes back to the mission before when the time of the trial is over"
+        )))
+    };
+    match outcome {
+        None | Some(Outcome::Confirmed | Outcome::ConfirmedUnseen) => Ok(()),
+        Some(Outcome::FellBack(fell_back)) => {
+            let why = story::fall_back_reason(fell_back.reason);
+            let now = match robot.status()?.mission {
+                Some(mission) => format!("{} runs again, from its beginning", hash_text(mission)),
+                None => "there was no mission before, its motors are off".to_owned(),
+            };
+            Err(CommandError::Input(anyhow!(
+                "the robot gave {file} ({hash}) up: {why}; {now}"
+            )))
         }
-        Err(error) => Err(match error.refusal() {
-            Some(refusal) => CommandError::Input(anyhow!(
-                "the robot refused {}: {}; it goes on with what it had",
-                mission.file.display(),
-                mission.refusal(refusal)
-            )),
-            None => error.into(),
-        }),
+        Some(Outcome::Safe(reason)) => left_alone(story::safe_reason(reason).to_owned()),
+        Some(Outcome::Standstill) => left_alone("the robot's time stands still".to_owned()),
+        Some(Outcome::Unknown) => Err(CommandError::World(anyhow!(
+            "{file} ({hash}) runs no more, and the robot does not say why: it was reset, or somebody else gave it another mission; `esm status` says what it runs"
+        ))),
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    Capacities, Capacity, FromDevice, LinkError, MAX_CHUNK, Request, ToDevice,
+    Capacities, Capacity, FromDevice, LinkError, MAX_CHUNK, Request, Swap, ToDevice,
 };
 use rt_firmware::{
     About, Bank, Io, Limits, LinkPort, Mail, Memory, Step, Task, registry, split, task,
@@ -136,7 +136,7 @@ fn upload(blob: &[u8]) -> Result<(), LinkError> {
         let offset = (part * MAX_CHUNK) as u32;
         ask(Request::Chunk { offset, data })?;
     }
-    ask(Request::Commit)
+    ask(Request::Commit(Swap::default()))
 }
 
 // ─── Missions of every size ───────────────────────────────────────────────────────────────────────────────────────────

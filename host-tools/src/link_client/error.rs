@@ -125,6 +125,8 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoMission => "it has no mission; upload one first".into(),
         LinkError::NoSuchIndex => "it has nothing of that number".into(),
         LinkError::Busy => "it still works on the request before".into(),
+        LinkError::OnTrial => "a mission is on trial, and the one before is kept until then; `esm confirm` or `esm fallback` first".into(),
+        LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),
         LinkError::NoAnswer => {
             "its real-time side did not answer in time; `esm status` says how it is".into()
         }

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
-    Response, SlotCounters, Status, TaskCounters, ToDevice, Uploads, version_in_hello,
+    Response, SlotCounters, Status, Swap, TaskCounters, ToDevice, Uploads, version_in_hello,
 };
 
 use crate::serial::ByteLink;
@@ -260,7 +260,7 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Brings a mission to the robot and lets it take over between two macro steps. `progress` is told the bytes that are there.
+    /// Brings a mission to the robot and lets it take over between two macro steps, without a trial. `progress` is told the bytes that are there.
     /// Answers the mission's hash when it runs.
     ///
     /// # Errors
@@ -271,18 +271,34 @@ impl<L: ByteLink> LinkClient<L> {
         progress: &mut dyn FnMut(usize),
     ) -> Result<u32, ClientError> {
         self.stage(blob, progress)?;
-        self.commit()
+        self.commit(Swap::default())
     }
 
     /// Lets the mission that was brought take over. Answers its hash when it runs.
     ///
     /// # Errors
     /// [`ClientError`]
-    pub fn commit(&mut self) -> Result<u32, ClientError> {
-        self.ask("commit", Request::Commit, |response| match response {
+    pub fn commit(&mut self, swap: Swap) -> Result<u32, ClientError> {
+        self.ask("commit", Request::Commit(swap), |response| match response {
             Response::Committed { mission } => Some(mission),
             _ => None,
         })
+    }
+
+    /// The mission of this hash, which is on trial, is to stay.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none is on trial.
+    pub fn confirm(&mut self, mission: u32) -> Result<(), ClientError> {
+        self.ask_to_do("confirm", Request::Confirm { mission })
+    }
+
+    /// Back to the mission before the one of this hash, which is on trial.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none is on trial.
+    pub fn fall_back(&mut self, mission: u32) -> Result<(), ClientError> {
+        self.ask_to_do("fall back", Request::FallBack { mission })
     }
 
     /// Lets the robot forget an upload.

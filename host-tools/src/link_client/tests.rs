@@ -75,7 +75,7 @@ fn over_a_bad_line_an_upload_arrives_as_it_was_sent() {
         client.stage(&blob, &mut |bytes| told.push(bytes)).unwrap();
         assert_eq!(told.last(), Some(&blob.len()));
         // The robot looks at the checksum of the whole before it looks at what it means.
-        let refused = client.commit().unwrap_err().refusal();
+        let refused = client.commit(Swap::default()).unwrap_err().refusal();
         assert_eq!(
             refused,
             Some(LinkError::Invalid(Refusal::Magic)),
@@ -104,9 +104,9 @@ fn an_upload_goes_on_where_a_lost_client_left_it() {
     let mut told = Vec::new();
     client.stage(&blob, &mut |bytes| told.push(bytes)).unwrap();
     assert_eq!(told.first(), Some(&100));
-    let refused = client.commit().unwrap_err().refusal();
+    let refused = client.commit(Swap::default()).unwrap_err().refusal();
     assert_eq!(refused, Some(LinkError::Invalid(Refusal::Magic)));
-    let refused = client.commit().unwrap_err().refusal();
+    let refused = client.commit(Swap::default()).unwrap_err().refusal();
     assert_eq!(refused, Some(LinkError::NoUpload), "it was forgotten");
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rt_firmware::link::message::{Channel, LinkError, Mode, Status};
+use rt_firmware::link::message::{Channel, LinkError, Mode, Status, Swap};
 use rt_firmware::link::trace::TraceRecord;
 use thiserror::Error;
 
@@ -359,7 +359,7 @@ impl<W: Write> Driver<W> {
             RunningBoard::Host(board) => board.set_gate(next_us),
             RunningBoard::Emulated(_) => {}
         }
-        self.robot.commit().map_err(wrap)?;
+        self.robot.commit(Swap::default()).map_err(wrap)?;
         let upload_s = started.elapsed().as_secs_f64();
         let missed = self.robot.status().map_err(wrap)?.missed;
         drop(hold);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use rt_firmware::link::message::SafeReason;
 use rt_firmware::link::trace::TraceRecord;
+use rt_firmware::link::trial::FallBackReason;
 
 use super::recording::Entry;
 use crate::pictures::{Mark, MissionStates, StatesRecorder};
@@ -200,6 +201,15 @@ impl<W: Write> Story<W> {
                     label: format!("motors off: {why}"),
                 });
             }
+            TraceRecord::FellBack { reason, .. } => {
+                let why =
+                    FallBackReason::from_number(reason).map_or(UNKNOWN_REASON, fall_back_reason);
+                tell(format!("{time:>9.3} s  falls back: {why}"));
+                self.marks.push(Mark {
+                    t_us: at_us,
+                    label: format!("falls back: {why}"),
+                });
+            }
             TraceRecord::Started { .. }
             | TraceRecord::Step { .. }
             | TraceRecord::Same { .. }
@@ -311,10 +321,20 @@ pub fn safe_reason(reason: SafeReason) -> &'static str {
     }
 }
 
+/// Why a mission on trial was given up, in words.
+pub fn fall_back_reason(reason: FallBackReason) -> &'static str {
+    match reason {
+        FallBackReason::NotConfirmed => "it was not confirmed in time",
+        FallBackReason::Asked => "it was asked to",
+        FallBackReason::Failed(reason) => safe_reason(reason),
+    }
+}
+
+const UNKNOWN_REASON: &str = "for a reason that this program does not know";
+
 fn motors_off_reason(number: Option<u8>) -> &'static str {
     match number {
         None => "stopped by request",
-        Some(number) => SafeReason::from_number(number)
-            .map_or("for a reason that this program does not know", safe_reason),
+        Some(number) => SafeReason::from_number(number).map_or(UNKNOWN_REASON, safe_reason),
     }
 }

@@ -129,7 +129,8 @@ impl<W: Write> RecordTrace<W> {
             | TraceRecord::JobEnded { .. }
             | TraceRecord::Overrun { .. }
             | TraceRecord::Missed { .. }
-            | TraceRecord::MotorsOff { .. } => Ok(None),
+            | TraceRecord::MotorsOff { .. }
+            | TraceRecord::FellBack { .. } => Ok(None),
         }
     }
 

@@ -10,10 +10,11 @@ use super::frame::{
 };
 use super::message::{
     Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_PART,
-    MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, ToDevice, Uploads,
+    MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap, ToDevice, Uploads,
 };
+use super::trial::MissionKeeper;
 use crate::check::check;
-use crate::mail::Letter;
+use crate::mail::{Freed, Letter};
 use crate::ports::Registry;
 use crate::ring::RingReader;
 use crate::runtime::About;
@@ -52,6 +53,11 @@ pub trait LinkPort {
 
     /// The most bytes of stack that were in use since the start, where the board measures it. Asked for with each status.
     fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        None
+    }
+
+    /// Who remembers across a reset which mission is on trial and which was confirmed, if the board has somebody for it.
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
         None
     }
 }
@@ -131,6 +137,7 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) asked: Option<u8>,
     pub(crate) to_real_time: Producer<'q, &'m mut Letter<'m>>,
     pub(crate) from_real_time: Consumer<'q, &'m mut Letter<'m>>,
+    pub(crate) freed: Consumer<'q, Freed<'m>>,
     pub(crate) snapshot: SnapshotReader<'m>,
     pub(crate) trace: RingReader<'m>,
     pub(crate) trace_wanted: &'m AtomicBool,
@@ -177,7 +184,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
         loop {
-            self.take_answer();
+            self.desk.take_freed(port);
+            self.take_answer(port);
             self.receive(port);
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
@@ -253,10 +261,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     /// Passes an answer of the real-time side on.
-    fn take_answer(&mut self) {
+    fn take_answer(&mut self, port: &mut impl LinkPort) {
         let Some((seq, letter)) = self.desk.open_letter() else {
             return;
         };
+        let kept = keep_in_mind(letter, port.keeper());
         if let (true, Some((last, _))) = (self.awaited, self.last)
             && Some(last) == seq
         {
@@ -264,7 +273,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.acknowledges = false;
             self.reply.set(&FromDevice::Reply {
                 seq: last,
-                result: answer_of(letter),
+                result: kept.and_then(|()| answer_of(letter)),
             });
         }
         self.desk.put_away(letter);
@@ -319,6 +328,26 @@ fn verified(blob: BlobBuffer<'_>) -> Result<Verified<BlobBuffer<'_>>, (BlobBuffe
     esm_core::verify(blob)
 }
 
+/// Lets the keeper remember what a letter says of a trial.
+fn keep_in_mind(
+    letter: &Letter<'_>,
+    keeper: Option<&mut dyn MissionKeeper>,
+) -> Result<(), LinkError> {
+    let Some(keeper) = keeper else { return Ok(()) };
+    match *letter {
+        Letter::Swapped {
+            mission,
+            on_trial: false,
+        }
+        | Letter::Confirmed { mission } => keeper.trial_confirmed(mission),
+        Letter::SwapFailed { mission, .. } => {
+            keeper.trial_failed(mission);
+            Ok(())
+        }
+        _ => Ok(()),
+    }
+}
+
 /// The answer that a letter brings.
 fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
     match letter {
@@ -352,9 +381,9 @@ impl<'m> Desk<'_, 'm> {
                 self.log_wanted = false;
                 Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES))))
             }
-            Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc)),
+            Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc, port)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
-            Request::Commit => self.commit(seq),
+            Request::Commit(swap) => self.commit(seq, swap, port),
             Request::Abort => {
                 self.end_upload();
                 Reaction::Answer(Ok(Response::Done))
@@ -369,6 +398,8 @@ impl<'m> Desk<'_, 'm> {
             Request::TaskCounters { task_instance } => {
                 self.ask(seq, Letter::ReadTask { task_instance })
             }
+            Request::Confirm { mission } => self.ask(seq, Letter::Confirm { mission }),
+            Request::FallBack { mission } => self.ask(seq, Letter::FallBack { mission }),
             Request::Subscribe { trace, log } => {
                 self.trace_wanted.store(trace, Ordering::Relaxed);
                 self.log_wanted = log;
@@ -408,6 +439,8 @@ impl<'m> Desk<'_, 'm> {
             background_busy: health.background_busy,
             stack_bytes,
             reset: self.about.reset,
+            trial: health.trial,
+            fell_back: health.fell_back,
         }))
     }
 
@@ -424,7 +457,21 @@ impl<'m> Desk<'_, 'm> {
         })
     }
 
-    fn begin(&mut self, len: u32, crc: u32) -> Result<Response<'_>, LinkError> {
+    /// The buffer for the next mission holds the one before as long as one is on trial.
+    fn refuse_on_trial(&self) -> Result<(), LinkError> {
+        let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
+        health.trial.map_or(Ok(()), |_| Err(LinkError::OnTrial))
+    }
+
+    fn begin(
+        &mut self,
+        len: u32,
+        crc: u32,
+        port: &mut impl LinkPort,
+    ) -> Result<Response<'_>, LinkError> {
+        self.refuse_on_trial()?;
+        // Whose trial has just ended has given its buffer back before it said so.
+        self.take_freed(port);
         let resumed = self
             .upload
             .as_ref()
@@ -471,18 +518,23 @@ impl<'m> Desk<'_, 'm> {
     /// Checks the blob that was uploaded, and hands it over.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
-    fn commit<'a>(&mut self, seq: u8) -> Reaction<'a> {
-        match self.stage() {
+    fn commit<'a>(&mut self, seq: u8, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
+        match self.stage(swap, port.keeper()) {
             Ok(()) => self.post(seq),
             Err(error) => Reaction::Answer(Err(error)),
         }
     }
 
     /// Checks the blob that was uploaded, and puts it into the letter.
-    fn stage(&mut self) -> Result<(), LinkError> {
+    fn stage(
+        &mut self,
+        swap: Swap,
+        keeper: Option<&mut dyn MissionKeeper>,
+    ) -> Result<(), LinkError> {
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
+        self.refuse_on_trial()?;
         let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
         if upload.received() != upload.len {
             return Err(LinkError::Incomplete {
@@ -504,12 +556,17 @@ impl<'m> Desk<'_, 'm> {
                 return Err(LinkError::Invalid(refusal));
             }
         };
-        match (
-            check(&verified, self.registry, &self.capacities),
-            &mut self.letter,
-        ) {
+        let checked =
+            check(&verified, self.registry, &self.capacities).and_then(|()| match keeper {
+                Some(keeper) => keeper.trial_begins(verified.bytes()),
+                None => Ok(()),
+            });
+        match (checked, &mut self.letter) {
             (Ok(()), Some(letter)) => {
-                **letter = Letter::Swap(verified);
+                **letter = Letter::Swap {
+                    mission: verified,
+                    swap,
+                };
                 Ok(())
             }
             (Ok(()), None) => {
@@ -519,6 +576,16 @@ impl<'m> Desk<'_, 'm> {
             (Err(error), _) => {
                 self.keep(verified.into_bytes());
                 Err(error)
+            }
+        }
+    }
+
+    /// Takes buffers that missions were in, and lets the keeper remember which of them failed.
+    fn take_freed(&mut self, port: &mut impl LinkPort) {
+        while let Some(Freed { blob, fell_back }) = self.freed.dequeue() {
+            self.keep(blob);
+            if let (Some(fell_back), Some(keeper)) = (fell_back, port.keeper()) {
+                keeper.trial_failed(fell_back.mission);
             }
         }
     }
@@ -572,16 +639,10 @@ impl<'m> Desk<'_, 'm> {
         Some((self.asked.take(), letter))
     }
 
-    /// Keeps the letter until there is something to ask, and the buffers that were in it.
+    /// Keeps the letter until there is something to ask, and the buffer that is in one that could not be sent.
     fn put_away(&mut self, letter: &'m mut Letter<'m>) {
-        let buffers = match core::mem::replace(letter, Letter::Empty) {
-            Letter::Swapped { old, .. } => [old, None],
-            Letter::SwapFailed { blob, old, .. } => [Some(blob), old],
-            Letter::Swap(verified) => [Some(verified.into_bytes()), None],
-            _ => [None, None],
-        };
-        for blob in buffers.into_iter().flatten() {
-            self.keep(blob);
+        if let Letter::Swap { mission, .. } = core::mem::replace(letter, Letter::Empty) {
+            self.keep(mission.into_bytes());
         }
         self.letter = Some(letter);
     }

@@ -3,6 +3,8 @@
 use esm_core::Refusal;
 use serde::{Deserialize, Serialize};
 
+use super::trial::{FallBack, Trial};
+
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
 pub const PROTOCOL_VERSION: u16 = 3;
@@ -57,7 +59,7 @@ pub enum Request<'a> {
         data: &'a [u8],
     },
     /// Check the blob and switch to it between two macro steps. Answer, when it runs: [`Response::Committed`].
-    Commit,
+    Commit(Swap),
     /// Forget the upload. Answer: [`Response::Done`].
     Abort,
     /// How are you? Answer: [`Response::Status`].
@@ -100,6 +102,24 @@ pub enum Request<'a> {
         /// Index of the task instance in the running mission's blob.
         task_instance: u16,
     },
+    /// The mission on trial is to stay. Answer, when the one before is forgotten: [`Response::Done`].
+    Confirm {
+        /// Its hash: what is confirmed is what the host has seen.
+        mission: u32,
+    },
+    /// Back to the mission before the one on trial, between two macro steps. Answer, when it runs: [`Response::Done`].
+    FallBack {
+        /// Hash of the mission on trial.
+        mission: u32,
+    },
+}
+
+/// How a mission takes over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Swap {
+    /// How long it runs on trial, in milliseconds: if it is not [confirmed](Request::Confirm) until then, or fails before, the robot goes back to the mission before by itself.
+    /// 0: it stays whatever comes.
+    pub trial_ms: u32,
 }
 
 /// A message from the robot.
@@ -349,6 +369,10 @@ pub enum LinkError {
         /// The parameter, by its place among those of the signature.
         param: u16,
     },
+    /// A mission is on trial, and the buffer for the next holds the one before: confirm it or fall back first.
+    OnTrial,
+    /// The mission of this hash is not on trial: it was confirmed already, or the robot has gone back to the one before.
+    NotOnTrial,
 }
 
 /// How the robot is.
@@ -378,6 +402,10 @@ pub struct Status {
     pub stack_bytes: Option<u32>,
     /// Why the robot started the last time.
     pub reset: ResetReason,
+    /// If the mission runs on trial.
+    pub trial: Option<Trial>,
+    /// The last mission that was given up on trial since the robot started.
+    pub fell_back: Option<FallBack>,
 }
 
 /// What a robot is doing.
@@ -488,6 +516,7 @@ pub struct TaskCounters {
 
 #[cfg(test)]
 mod tests {
+    use super::super::trial::FallBackReason;
     use super::*;
     use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
 
@@ -565,6 +594,14 @@ mod tests {
             background_busy: true,
             stack_bytes: Some(u32::MAX),
             reset: ResetReason::Software,
+            trial: Some(Trial {
+                left_ms: u32::MAX,
+                before: Some(u32::MAX),
+            }),
+            fell_back: Some(FallBack {
+                mission: u32::MAX,
+                reason: FallBackReason::Failed(SafeReason::Board),
+            }),
         };
         let requests = [Request::Chunk {
             offset: u32::MAX,

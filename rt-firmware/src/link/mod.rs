@@ -9,3 +9,4 @@ pub mod device;
 pub mod frame;
 pub mod message;
 pub mod trace;
+pub mod trial;

@@ -80,6 +80,13 @@ pub enum TraceRecord<'a> {
         /// Why.
         reason: Option<u8>,
     },
+    /// A mission on trial was given up. What comes next is the start of the one before, if there was one.
+    FellBack {
+        /// Its hash.
+        mission: u32,
+        /// The number of a [`FallBackReason`](super::trial::FallBackReason).
+        reason: u8,
+    },
 }
 
 /// Why a machine stopped.
@@ -183,6 +190,7 @@ mod kind {
     pub const OVERRUN: u8 = 7;
     pub const MISSED: u8 = 8;
     pub const MOTORS_OFF: u8 = 9;
+    pub const FELL_BACK: u8 = 10;
 }
 
 /// Where the bytes of a record go.
@@ -305,6 +313,13 @@ impl<'a> TraceRecord<'a> {
                 sink.put(kind::MOTORS_OFF);
                 sink.put(reason.map_or(0, |reason| reason.saturating_add(1)));
             }
+            TraceRecord::FellBack { mission, reason } => {
+                sink.put(kind::FELL_BACK);
+                for byte in mission.to_le_bytes() {
+                    sink.put(byte);
+                }
+                sink.put(reason);
+            }
         }
     }
 
@@ -316,12 +331,7 @@ impl<'a> TraceRecord<'a> {
     pub fn take(bytes: &mut &'a [u8]) -> Result<TraceRecord<'a>, TraceError> {
         Ok(match byte(bytes)? {
             kind::STARTED => TraceRecord::Started {
-                mission: u32::from_le_bytes([
-                    byte(bytes)?,
-                    byte(bytes)?,
-                    byte(bytes)?,
-                    byte(bytes)?,
-                ]),
+                mission: hash(bytes)?,
                 start_us: take(bytes)?,
             },
             kind::TRANSITION => TraceRecord::Transition {
@@ -369,6 +379,10 @@ impl<'a> TraceRecord<'a> {
             kind::MOTORS_OFF => TraceRecord::MotorsOff {
                 reason: byte(bytes)?.checked_sub(1),
             },
+            kind::FELL_BACK => TraceRecord::FellBack {
+                mission: hash(bytes)?,
+                reason: byte(bytes)?,
+            },
             _ => return Err(TraceError::Unknown),
         })
     }
@@ -411,6 +425,13 @@ fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
     let (first, rest) = bytes.split_first().ok_or(TraceError::Incomplete)?;
     *bytes = rest;
     Ok(*first)
+}
+
+/// Takes the hash of a mission.
+fn hash(bytes: &mut &[u8]) -> Result<u32, TraceError> {
+    let (hash, rest) = bytes.split_first_chunk().ok_or(TraceError::Incomplete)?;
+    *bytes = rest;
+    Ok(u32::from_le_bytes(*hash))
 }
 
 fn take<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Result<N, TraceError> {
@@ -527,6 +548,13 @@ mod tests {
             (TraceRecord::Missed { slot: 1, count: 2 }, 3),
             (TraceRecord::MotorsOff { reason: None }, 2),
             (TraceRecord::MotorsOff { reason: Some(3) }, 2),
+            (
+                TraceRecord::FellBack {
+                    mission: 0x8765_4321,
+                    reason: 4
+                },
+                6
+            ),
         ]
     }
 

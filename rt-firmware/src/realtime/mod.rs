@@ -18,9 +18,10 @@ use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
 use crate::board::{Board, OccurrenceStart, microseconds};
-use crate::link::message::{Capacity, LinkError, Mode, SafeReason, TaskCounters};
+use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCounters};
 use crate::link::trace::TraceRecord;
-use crate::mail::{Bytes, Letter};
+use crate::link::trial::{self, FallBack, FallBackReason};
+use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
 use crate::status::{Health, SnapshotWriter};
 use crate::task::{Declaration, Step};
@@ -75,6 +76,16 @@ impl Mission<'_> {
     }
 }
 
+/// What is known of the mission that runs while it is on trial.
+struct Trial<'m> {
+    /// The mission before, to fall back to.
+    before: Option<Verified<BlobBuffer<'m>>>,
+    /// When it ends, in microseconds since the first macro step of the first mission.
+    until_us: u64,
+    /// Why it has failed: the robot falls back at the interpreter's next occurrence.
+    failed: Option<SafeReason>,
+}
+
 /// What the starts of slots are counted from: the first macro step of a mission that started from standing still. It stays where it is
 /// as long as missions follow one another whose interpreter slots have one period.
 #[derive(Clone, Copy)]
@@ -117,8 +128,11 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
     from_link: Consumer<'q, &'m mut Letter<'m>>,
     to_link: Producer<'q, &'m mut Letter<'m>>,
-    /// A swap or a start, to be done at the interpreter's next occurrence.
+    /// Buffers that no mission is in any more.
+    freed: Producer<'q, Freed<'m>>,
+    /// A swap, a start or a fall-back, to be done at the interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
+    trial: Option<Trial<'m>>,
     trace: Trace<'m>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
@@ -177,6 +191,7 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
     pub(crate) from_link: Consumer<'q, &'m mut Letter<'m>>,
     pub(crate) to_link: Producer<'q, &'m mut Letter<'m>>,
+    pub(crate) freed: Producer<'q, Freed<'m>>,
     pub(crate) trace: Trace<'m>,
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
@@ -199,7 +214,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             from_background: parts.from_background,
             from_link: parts.from_link,
             to_link: parts.to_link,
+            freed: parts.freed,
             waiting: None,
+            trial: None,
             trace: parts.trace,
             snapshot: parts.snapshot,
             health: Health::EMPTY,
@@ -478,7 +495,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
             let interpreter = taken.slot == mission.interpreter_slot;
-            if interpreter && self.waiting.is_some() {
+            if interpreter
+                && (self.waiting.is_some()
+                    || (self.trial.as_ref())
+                        .is_some_and(|trial| trial.is_over(mission.origin.us + taken.start_us)))
+            {
                 let at = Origin {
                     ticks: mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US),
                     us: mission.origin.us + taken.start_us,
@@ -515,6 +536,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.ready = Ready::NOTHING;
         if self.mode != Mode::Stopped {
             self.mode = Mode::Safe(reason);
+        }
+        if let Some(trial) = &mut self.trial
+            && is_the_missions_fault(reason)
+        {
+            trial.failed.get_or_insert(reason);
         }
         self.trace.record(TraceRecord::MotorsOff {
             reason: Some(reason.number()),
@@ -915,44 +941,143 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Switches to the mission that waits, or starts the present one anew, at this time.
+    /// Switches to the mission that waits, falls back to the one before, or starts the present one anew, at this time.
     fn change_mission(&mut self, at: Origin) {
+        if let Some(reason) = self.trial.as_ref().and_then(|trial| trial.end_at(at.us)) {
+            // Whatever waits comes after it, unless it is what was asked for.
+            self.fall_back(reason, at);
+            if let Some(letter) =
+                (self.waiting).take_if(|letter| matches!(letter, Letter::FallBack { .. }))
+            {
+                *letter = Letter::Done;
+                self.send(letter);
+            }
+            return;
+        }
         let Some(letter) = self.waiting.take() else {
             return;
         };
-        let (old, running) = self.end_mission().unzip();
-        let arena = self.arena.take();
-        *letter = match (core::mem::replace(letter, Letter::Empty), arena) {
-            (Letter::Swap(new), Some(arena)) => {
-                let old = old.map(Verified::into_bytes);
-                let mission = new.hash();
-                match self.start_mission(new, arena, running, at) {
-                    Ok(()) => Letter::Swapped { mission, old },
-                    Err((error, blob)) => Letter::SwapFailed { error, blob, old },
-                }
+        *letter = match core::mem::replace(letter, Letter::Empty) {
+            Letter::FallBack { .. } => {
+                self.fall_back(FallBackReason::Asked, at);
+                Letter::Done
             }
-            (_, Some(arena)) => match old {
-                Some(verified) => {
-                    self.mode = Mode::Running;
-                    match self.start_mission(verified, arena, running, at) {
-                        Ok(()) => Letter::Done,
-                        Err((error, blob)) => Letter::SwapFailed {
-                            error,
-                            blob,
-                            old: None,
-                        },
-                    }
-                }
-                None => {
-                    self.arena = Some(arena);
-                    Letter::Failed(LinkError::NoMission)
-                }
-            },
-            // The arena is either in use or at hand.
-            (_, None) => Letter::Failed(LinkError::NoMission),
+            Letter::Swap { mission, swap } => self.swap(mission, swap, at),
+            _ => self.start_anew(at),
         };
         self.tell_health();
         self.send(letter);
+    }
+
+    /// Switches to another mission.
+    // Not inlined, as nothing here: no other mission should be made on top of this one.
+    #[inline(never)]
+    fn swap(&mut self, new: Verified<BlobBuffer<'m>>, swap: Swap, at: Origin) -> Letter<'m> {
+        let mission = new.hash();
+        let (old, running) = self.end_mission().unzip();
+        match self.start_mission(new, running, at) {
+            Ok(()) => {
+                let on_trial = swap.trial_ms > 0;
+                if on_trial {
+                    self.trial = Some(Trial {
+                        before: old,
+                        until_us: at.us + u64::from(swap.trial_ms) * 1_000,
+                        failed: None,
+                    });
+                } else if let Some(old) = old {
+                    self.free(old.into_bytes(), None);
+                }
+                Letter::Swapped { mission, on_trial }
+            }
+            Err((error, blob)) => {
+                self.free(blob, None);
+                self.go_back_to(old, running, at);
+                Letter::SwapFailed { mission, error }
+            }
+        }
+    }
+
+    /// Starts the present mission anew.
+    #[inline(never)]
+    fn start_anew(&mut self, at: Origin) -> Letter<'m> {
+        let Some((mission, running)) = self.end_mission() else {
+            return Letter::Failed(LinkError::NoMission);
+        };
+        self.mode = Mode::Running;
+        match self.start_mission(mission, Some(running), at) {
+            Ok(()) => Letter::Done,
+            Err((error, blob)) => {
+                self.free(blob, None);
+                Letter::Failed(error)
+            }
+        }
+    }
+
+    /// Goes back to the mission before the one on trial.
+    #[inline(never)]
+    fn fall_back(&mut self, reason: FallBackReason, at: Origin) {
+        let Some(Trial { before, .. }) = self.trial.take() else {
+            return;
+        };
+        let Some((failed, running)) = self.end_mission() else {
+            return;
+        };
+        let fell_back = FallBack {
+            mission: failed.hash(),
+            reason,
+        };
+        self.trace.record(TraceRecord::FellBack {
+            mission: fell_back.mission,
+            reason: reason.number(),
+        });
+        self.free(failed.into_bytes(), Some(fell_back));
+        self.health.fell_back = Some(fell_back);
+        let mode = self.mode;
+        self.go_back_to(before, Some(running), at);
+        if let Mode::Safe(reason) = mode
+            && !is_the_missions_fault(reason)
+        {
+            // What the mission before would not have helped against.
+            self.mode = mode;
+        }
+        self.tell_health();
+    }
+
+    /// Starts a mission that ran before, or goes without one.
+    fn go_back_to(
+        &mut self,
+        before: Option<Verified<BlobBuffer<'m>>>,
+        running: Option<(Origin, u32)>,
+        at: Origin,
+    ) {
+        self.begin_health();
+        if let Some(before) = before
+            && let Err((_, blob)) = self.start_mission(before, running, at)
+        {
+            // It ran in this memory.
+            self.free(blob, None);
+        }
+    }
+
+    /// Gives a buffer back that no mission is in any more.
+    fn free(&mut self, blob: BlobBuffer<'m>, fell_back: Option<FallBack>) {
+        // There are as many places as buffers.
+        let refused = self.freed.enqueue(Freed { blob, fell_back });
+        debug_assert!(refused.is_ok());
+    }
+
+    /// Counters and mode of a robot before its next mission.
+    fn begin_health(&mut self) {
+        self.health = Health {
+            missed: self.health.missed,
+            overruns: self.health.overruns,
+            fell_back: self.health.fell_back,
+            ..Health::EMPTY
+        };
+        self.max_delay_ticks = 0;
+        if self.mode != Mode::Stopped {
+            self.mode = Mode::Empty;
+        }
     }
 
     /// Takes the mission away, if there is one. What is left are its tables, its origin and the interpreter's period.
@@ -971,23 +1096,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     fn start_mission(
         &mut self,
         verified: Verified<BlobBuffer<'m>>,
-        arena: &'m mut [u32],
         running: Option<(Origin, u32)>,
         at: Origin,
     ) -> Result<(), (LinkError, BlobBuffer<'m>)> {
         self.executor.clear();
         self.running = None;
         self.supervisor = None;
-        self.health = Health {
-            missed: self.health.missed,
-            overruns: self.health.overruns,
-            ..Health::EMPTY
-        };
-        self.max_delay_ticks = 0;
-        self.mode = if self.mode == Mode::Stopped {
-            Mode::Stopped
-        } else {
-            Mode::Empty
+        self.begin_health();
+        // At hand while there is no mission.
+        let Some(arena) = self.arena.take() else {
+            return Err((LinkError::Busy, verified.into_bytes()));
         };
         let interpreter = match Interpreter::new(verified, arena) {
             Ok(interpreter) => interpreter,
@@ -1056,9 +1174,23 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return;
         };
         let answer = match &*letter {
-            Letter::Swap(_) => {
+            Letter::Swap { .. } => {
                 self.waiting = Some(letter);
                 return;
+            }
+            &Letter::FallBack { mission } if self.is_on_trial(mission) => {
+                self.waiting = Some(letter);
+                return;
+            }
+            &Letter::Confirm { mission } if self.is_on_trial(mission) => {
+                let before = self.trial.take().and_then(|trial| trial.before);
+                if let Some(before) = before {
+                    self.free(before.into_bytes(), None);
+                }
+                Letter::Confirmed { mission }
+            }
+            Letter::FallBack { .. } | Letter::Confirm { .. } => {
+                Letter::Failed(LinkError::NotOnTrial)
             }
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
@@ -1082,6 +1214,12 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         *letter = answer;
         self.tell_health();
         self.send(letter);
+    }
+
+    /// Whether the mission of this hash is on trial, and has not failed.
+    fn is_on_trial(&self, mission: u32) -> bool {
+        let goes_on = (self.trial.as_ref()).is_some_and(|trial| trial.failed.is_none());
+        goes_on && self.health.mission == Some(mission)
     }
 
     /// Answers a question about the mission.
@@ -1156,8 +1294,38 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .as_ref()
             .map_or(0, |mission| mission.occurrences as u32);
         self.health.background_busy = self.executor.lent().is_some();
+        self.health.trial = self.trial.as_ref().map(|trial| trial::Trial {
+            left_ms: (trial.until_us.saturating_sub(self.previous_end_us) / 1_000) as u32,
+            before: trial.before.as_ref().map(Verified::hash),
+        });
         self.snapshot.write(&self.health);
     }
+}
+
+impl Trial<'_> {
+    /// Why the robot falls back now, if it does.
+    fn end_at(&self, now_us: u64) -> Option<FallBackReason> {
+        match self.failed {
+            Some(reason) => Some(FallBackReason::Failed(reason)),
+            None => (now_us >= self.until_us).then_some(FallBackReason::NotConfirmed),
+        }
+    }
+
+    fn is_over(&self, now_us: u64) -> bool {
+        self.end_at(now_us).is_some()
+    }
+}
+
+/// Whether what led to the safe state is the doing of the mission that runs, so that the one before would do without. A battery that is low or a body that is lost would be
+/// so with any mission, and motors must not start again for it.
+fn is_the_missions_fault(reason: SafeReason) -> bool {
+    matches!(
+        reason,
+        SafeReason::EventQueueOverflow
+            | SafeReason::MacroStepLimit
+            | SafeReason::Overruns
+            | SafeReason::Missed
+    )
 }
 
 /// Period of the interpreter's slot in microseconds.

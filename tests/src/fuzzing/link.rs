@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use rt_firmware::link::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    FromDevice, LinkError, MAX_CHUNK, Mode, Request, Response, ToDevice,
+    FromDevice, LinkError, MAX_CHUNK, Mode, Request, Response, Swap, ToDevice,
 };
 use rt_firmware::{
     About, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
@@ -327,10 +327,13 @@ pub fn link(bytes: &[u8]) {
         assert_eq!(subject.ask(request, received), end);
         there = end;
     }
-    let hash = subject.ask(Request::Commit, |response| match response {
-        Response::Committed { mission } => Some(mission),
-        _ => None,
-    });
+    let hash = subject.ask(
+        Request::Commit(Swap::default()),
+        |response| match response {
+            Response::Committed { mission } => Some(mission),
+            _ => None,
+        },
+    );
     subject.ask(Request::Start, |response| {
         matches!(response, Response::Done).then_some(())
     });
@@ -353,7 +356,7 @@ pub fn sessions() -> Vec<Seed> {
     let requests = [
         ("hello", Request::Hello),
         ("begin", begin()),
-        ("commit", Request::Commit),
+        ("commit", Request::Commit(Swap::default())),
         ("abort", Request::Abort),
         ("status", Request::Status),
         ("stop", Request::Stop),
@@ -400,7 +403,7 @@ pub fn sessions() -> Vec<Seed> {
     let whole = [
         message(100, Request::Hello),
         uploaded,
-        message(101, Request::Commit),
+        message(101, Request::Commit(Swap::default())),
         vec![part::TIMER, 3],
         requests
             .iter()

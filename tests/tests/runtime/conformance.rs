@@ -10,8 +10,9 @@ use rt_firmware::link::frame::{
 use rt_firmware::link::message::{
     Capacities, Capacity, Channel, DELAY_BUCKETS, DeviceInfo, FromDevice, LinkError, MAX_CHUNK,
     MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, SlotCounters,
-    Status, Stream, TaskCounters, ToDevice, Uploads,
+    Status, Stream, Swap, TaskCounters, ToDevice, Uploads,
 };
+use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use serde::Serialize;
 
 use super::counting;
@@ -109,7 +110,7 @@ fn write_frames(text: &mut String) {
                 data: &chunk,
             },
         ),
-        ("request commit", Request::Commit),
+        ("request commit", Request::Commit(Swap { trial_ms: 10_000 })),
         ("request abort", Request::Abort),
         ("request status", Request::Status),
         ("request stop", Request::Stop),
@@ -137,6 +138,18 @@ fn write_frames(text: &mut String) {
                 task_instance: 1000,
             },
         ),
+        (
+            "request confirm",
+            Request::Confirm {
+                mission: 0x1234_abcd,
+            },
+        ),
+        (
+            "request fall back",
+            Request::FallBack {
+                mission: 0x1234_abcd,
+            },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -155,8 +168,16 @@ fn write_frames(text: &mut String) {
         background_busy: true,
         stack_bytes: None,
         reset: ResetReason::Watchdog,
+        trial: Some(Trial {
+            left_ms: 9_999,
+            before: Some(7),
+        }),
+        fell_back: Some(FallBack {
+            mission: 128,
+            reason: FallBackReason::Failed(SafeReason::Overruns),
+        }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 24] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 26] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -195,6 +216,8 @@ fn write_frames(text: &mut String) {
                 mode: Mode::Empty,
                 mission: None,
                 stack_bytes: Some(900),
+                trial: None,
+                fell_back: None,
                 ..status
             })),
         ),
@@ -289,6 +312,8 @@ fn write_frames(text: &mut String) {
             "error parameter out of range",
             Err(LinkError::ParamOutOfRange { task: 1, param: 2 }),
         ),
+        ("error on trial", Err(LinkError::OnTrial)),
+        ("error not on trial", Err(LinkError::NotOnTrial)),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(
@@ -527,7 +552,7 @@ fn write_exchanges(text: &mut String) {
         for range in [0..176, 176..352, 352..528, 528..700] {
             line.ask(chunk(&junk, range));
         }
-        line.ask(Request::Commit);
+        line.ask(Request::Commit(Swap::default()));
         line.ask(Request::Abort);
     });
     exchange(text, "an upload of 700 bytes with chunks ahead", |line| {
@@ -609,7 +634,7 @@ fn write_exchanges(text: &mut String) {
             line.ask(chunk(&blob, there..end));
             there = end;
         }
-        line.ask(Request::Commit);
+        line.ask(Request::Commit(Swap::default()));
         line.pass_us(45_000);
         line.ask(Request::Status);
         line.ask(Request::States { first: 0 });

@@ -6,6 +6,7 @@ mod conformance;
 mod mission;
 mod readiness;
 mod robot;
+mod trials;
 
 use std::time::Duration;
 
@@ -15,7 +16,7 @@ use host_tools::schedule::handover::{Handover, SlotTable, lay_out};
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
 use rt_firmware::link::frame::checksum;
-use rt_firmware::link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason};
+use rt_firmware::link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason, Swap};
 
 /// Interpreter every 10 ms, and a second slot every 5 ms, 2 ms after it.
 const SLOTS: [(u32, u32, u32); 2] = [(10_000, 1_000, 0), (5_000, 1_000, 2_000)];
@@ -525,7 +526,7 @@ fn what_a_late_swap_leaves_out_of_the_old_mission_is_counted() {
         let start_us = robot.world.now_us();
         robot.run_until_us(start_us + 8_000);
         robot.send(&hogging(1).blob());
-        let commit = robot.frame(Request::Commit);
+        let commit = robot.frame(Request::Commit(Swap::default()));
         robot.wire.to_robot.extend(&commit);
         robot.exchange();
         robot.world.pass_us(25_000);
@@ -581,7 +582,7 @@ fn a_swap_takes_place_at_the_interpreters_next_occurrence_and_misses_nothing() {
         robot.send(&other);
         assert_eq!(robot.status().steps, 4, "sending takes no time here");
         assert!(matches!(
-            robot.ask(Request::Commit),
+            robot.ask(Request::Commit(Swap::default())),
             Ok(Answer::Committed(_))
         ));
         assert_eq!(robot.world.now_us(), epoch_us + 40_000);
@@ -1051,7 +1052,10 @@ fn a_net_of_another_type_is_refused_with_the_task_that_is_on_it() {
 fn a_blob_that_is_spoiled_is_refused() {
     let blob = counting(1).blob();
     with_robot(|robot| {
-        assert_eq!(robot.ask(Request::Commit), Err(LinkError::NoUpload));
+        assert_eq!(
+            robot.ask(Request::Commit(Swap::default())),
+            Err(LinkError::NoUpload)
+        );
         assert_eq!(
             robot.ask(Request::Chunk {
                 offset: 0,
@@ -1082,7 +1086,7 @@ fn a_blob_that_is_spoiled_is_refused() {
             Ok(Answer::Received(0))
         );
         assert_eq!(
-            robot.ask(Request::Commit),
+            robot.ask(Request::Commit(Swap::default())),
             Err(LinkError::Incomplete { received: 0 })
         );
         assert_eq!(
@@ -1097,7 +1101,10 @@ fn a_blob_that_is_spoiled_is_refused() {
             changed[at] ^= 0x10;
             robot.send(&changed);
             assert!(
-                matches!(robot.ask(Request::Commit), Err(LinkError::Invalid(_))),
+                matches!(
+                    robot.ask(Request::Commit(Swap::default())),
+                    Err(LinkError::Invalid(_))
+                ),
                 "byte {at}"
             );
         }
@@ -1120,7 +1127,10 @@ fn a_blob_that_is_spoiled_is_refused() {
             }),
             Err(LinkError::TooLong)
         );
-        assert_eq!(robot.ask(Request::Commit), Err(LinkError::WrongChecksum));
+        assert_eq!(
+            robot.ask(Request::Commit(Swap::default())),
+            Err(LinkError::WrongChecksum)
+        );
         assert_eq!(robot.status().mode, Mode::Empty);
         robot.start(&blob);
     });
@@ -1194,7 +1204,7 @@ fn chunks_sent_ahead_are_taken_in_order_and_answered_for_all_before_them() {
             assert_eq!(answer, Ok(Answer::Received(there as u32)), "{range:?}");
         }
         assert!(matches!(
-            robot.ask(Request::Commit),
+            robot.ask(Request::Commit(Swap::default())),
             Ok(Answer::Committed(_))
         ));
     });
@@ -1249,7 +1259,7 @@ fn a_request_that_is_sent_again_is_answered_again_and_done_once() {
         robot.ask(Request::Abort).unwrap();
         robot.send(&blob);
         // Twice before the answer is there, once after it.
-        let commit = robot.frame(Request::Commit);
+        let commit = robot.frame(Request::Commit(Swap::default()));
         robot.wire.to_robot.extend(&commit);
         robot.wire.to_robot.extend(&commit);
         assert_eq!(robot.exchange(), []);

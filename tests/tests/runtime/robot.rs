@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    FromDevice, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Status,
+    FromDevice, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Status, Swap,
     TaskCounters, ToDevice,
 };
 use rt_firmware::link::trace::TraceRecord;
+use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
@@ -210,6 +211,38 @@ pub struct Wire {
     pub log: VecDeque<u8>,
     /// It takes no bytes from the robot.
     pub stuck: bool,
+    /// What is remembered across a reset.
+    pub memory: Memo,
+}
+
+/// Remembers what it is told of missions on trial.
+#[derive(Default)]
+pub struct Memo {
+    /// Whether it is asked at all.
+    pub is_there: bool,
+    /// It has no room for another mission.
+    pub is_full: bool,
+    /// What it was told.
+    pub told: Vec<String>,
+}
+
+impl MissionKeeper for Memo {
+    fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
+        if self.is_full {
+            return Err(LinkError::Busy);
+        }
+        self.told.push(format!("{} bytes", blob.len()));
+        Ok(())
+    }
+
+    fn trial_confirmed(&mut self, mission: u32) -> Result<(), LinkError> {
+        self.told.push(format!("{mission:08x} stays"));
+        Ok(())
+    }
+
+    fn trial_failed(&mut self, mission: u32) {
+        self.told.push(format!("{mission:08x} failed"));
+    }
 }
 
 impl LinkPort for Wire {
@@ -230,6 +263,12 @@ impl LinkPort for Wire {
             *place = byte;
         }
         len
+    }
+
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+        self.memory
+            .is_there
+            .then_some(&mut self.memory as &mut dyn MissionKeeper)
     }
 }
 
@@ -464,7 +503,14 @@ impl Bench<'_, '_, '_> {
     /// Sends a blob and switches to it.
     pub fn upload(&mut self, blob: &[u8]) -> Result<Answer, LinkError> {
         self.send(blob);
-        self.ask(Request::Commit)
+        self.ask(Request::Commit(Swap::default()))
+    }
+
+    /// Sends a blob that is right, and switches to it on trial.
+    pub fn try_out(&mut self, blob: &[u8], trial_ms: u32) {
+        self.send(blob);
+        let swapped = self.ask(Request::Commit(Swap { trial_ms }));
+        assert!(matches!(swapped, Ok(Answer::Committed(_))), "{swapped:?}");
     }
 
     /// Sends a blob that is right, and switches to it.

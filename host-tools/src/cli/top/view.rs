@@ -394,6 +394,8 @@ pub(super) mod tests {
                 background_busy: true,
                 stack_bytes: Some(2_640),
                 reset: ResetReason::PowerOn,
+                trial: None,
+                fell_back: None,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]
