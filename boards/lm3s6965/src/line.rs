@@ -57,6 +57,9 @@ impl Line {
             let _ = self.received.enqueue(byte);
             worth_a_look = true;
         }
+        if worth_a_look {
+            uart::expect_more();
+        }
         for _ in 0..uart::FIFO_BYTES {
             if !uart::can_send() {
                 break;

@@ -61,6 +61,20 @@ pub mod timer0 {
     pub const TAILR: Register = Register(0x4003_0028);
 }
 
+/// General-purpose timer 1.
+pub mod timer1 {
+    use super::Register;
+
+    /// Width of the timer.
+    pub const CFG: Register = Register(0x4003_1000);
+    /// Mode of half A, which is the whole timer if it is 32 bits wide.
+    pub const TAMR: Register = Register(0x4003_1004);
+    /// Control: enable bits.
+    pub const CTL: Register = Register(0x4003_100C);
+    /// Load value, in ticks of the system clock.
+    pub const TAILR: Register = Register(0x4003_1028);
+}
+
 /// The core's SysTick timer (ARMv7-M architecture, B3.3).
 pub mod sys_tick {
     use super::Register;

@@ -323,6 +323,11 @@ impl<L: ByteLink> LinkClient<L> {
         std::mem::take(&mut self.incoming.events)
     }
 
+    /// The line, for another session.
+    pub fn into_line(self) -> L {
+        self.link
+    }
+
     /// What this link has seen so far.
     pub fn counts(&self) -> LinkCounts {
         LinkCounts {

@@ -26,8 +26,24 @@ pub const QEMU: &str = "qemu-system-arm";
 /// QEMU's name of the board.
 pub const MACHINE: &str = "lm3s6965evb";
 
-/// One instruction takes 2^6 ns of virtual time, and idle time passes at once: two runs are equal to the tick.
-const INSTRUCTION_COUNTING: &str = "shift=6,sleep=off";
+/// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes 2^6 ns of it in any case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Idle {
+    /// It passes at once: two runs are equal to the tick. Where a run keeps to the wall clock, it does so while the firmware waits for the plant, and no
+    /// UART is served meanwhile: answers come in bursts.
+    Passes,
+    /// It lasts as long as on the wall, and the UART is served as on a wire. The price is that a slot begins late where this machine wakes up late.
+    Lasts,
+}
+
+impl Idle {
+    fn instruction_counting(self) -> &'static str {
+        match self {
+            Idle::Passes => "shift=6,sleep=off",
+            Idle::Lasts => "shift=6,sleep=on",
+        }
+    }
+}
 
 /// Name of the socket that is the board's UART0, in the run's folder.
 const UART_SOCKET: &str = "uart0";
@@ -107,6 +123,7 @@ impl Emulator {
     /// [`EmulatorError`]: what is missing, and what to do.
     pub fn start(
         firmware: &Path,
+        idle: Idle,
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
     ) -> Result<Self, EmulatorError> {
         let system = |what| move |cause| EmulatorError::System { what, cause };
@@ -124,7 +141,7 @@ impl Emulator {
             .map_err(system("make the socket of the serial line"))?;
         let plant = PipeServer::start(folder.path(), plant)
             .map_err(system("open the pipes to the plant"))?;
-        let process = spawn(&firmware, folder.path())?;
+        let process = spawn(&firmware, idle, folder.path())?;
         let mut emulator = Emulator {
             process,
             plant,
@@ -211,7 +228,7 @@ impl Drop for Emulator {
     }
 }
 
-fn spawn(firmware: &Path, folder: &Path) -> Result<Child, EmulatorError> {
+fn spawn(firmware: &Path, idle: Idle, folder: &Path) -> Result<Child, EmulatorError> {
     let system = |cause| EmulatorError::System {
         what: "start the emulator",
         cause,
@@ -219,7 +236,7 @@ fn spawn(firmware: &Path, folder: &Path) -> Result<Child, EmulatorError> {
     let console = File::create(folder.join(CONSOLE_FILE)).map_err(system)?;
     let start = |mut command: Command| -> io::Result<Child> {
         command
-            .args(["-machine", MACHINE, "-icount", INSTRUCTION_COUNTING])
+            .args(["-machine", MACHINE, "-icount", idle.instruction_counting()])
             .args(["-nographic", "-monitor", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
             .args([

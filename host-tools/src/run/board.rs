@@ -8,7 +8,7 @@ use super::recording::Recording;
 use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
 use crate::lockstep::plant_side::PlantSide;
-use crate::qemu::{Emulator, EmulatorError, firmware};
+use crate::qemu::{Emulator, EmulatorError, Idle, firmware};
 use crate::serial::pacing::Paced;
 use crate::serial::{ByteLink, DEFAULT_BAUD};
 
@@ -85,8 +85,9 @@ impl RunningBoard {
                     return Err(BoardError::CannotReplay);
                 }
                 let served = plant.clone();
-                let mut emulator =
-                    Emulator::start(&firmware, move |request| served.exchange(request))?;
+                let mut emulator = Emulator::start(&firmware, Idle::Passes, move |request| {
+                    served.exchange(request)
+                })?;
                 let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
                     console: String::new(),
                 })?;
