@@ -1,5 +1,6 @@
 //! The library behind the `esm` command.
 
+pub mod black_box;
 pub mod boards;
 pub mod bound;
 pub mod cli;

@@ -25,11 +25,13 @@ pub mod log;
 pub mod background;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
+pub mod black_box;
 pub mod board;
 pub mod body;
 pub mod check;
 pub mod clock;
 pub mod drivers;
+pub mod kept;
 pub mod link;
 pub mod mail;
 pub mod odometry;
@@ -48,6 +50,7 @@ pub use background::Background;
 #[cfg(any(test, feature = "std"))]
 pub use bench::TaskBench;
 pub use board::{Board, OccurrenceStart};
+pub use kept::Kept;
 pub use link::device::{LinkPort, LinkSide};
 pub use mail::Mail;
 pub use ports::{Bank, Executor, Io, Net, Registry, RegistryFault, TaskBank, assemble};

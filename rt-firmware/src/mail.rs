@@ -140,6 +140,8 @@ pub enum Letter<'m> {
     Task(TaskCounters),
     /// Real time: that cannot be done.
     Failed(LinkError),
+    /// Link, to itself: it makes an answer here that it need not ask for.
+    Note(Bytes),
 }
 
 /// As many bytes as one answer carries.
@@ -167,13 +169,18 @@ impl Bytes {
 
     /// Appends two bytes, little endian. False if they do not fit.
     pub(crate) fn push_u16(&mut self, value: u16) -> bool {
+        self.push(value.to_le_bytes())
+    }
+
+    /// Appends all of these. False if they do not fit.
+    pub(crate) fn push<const N: usize>(&mut self, bytes: [u8; N]) -> bool {
         let place = self
             .bytes
             .get_mut(self.len..)
             .and_then(|free| free.first_chunk_mut());
         let Some(place) = place else { return false };
-        *place = value.to_le_bytes();
-        self.len += value.to_le_bytes().len();
+        *place = bytes;
+        self.len += N;
         true
     }
 

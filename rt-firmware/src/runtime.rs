@@ -45,6 +45,7 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
 use crate::background::Background;
+use crate::kept::Kept;
 use crate::link::device::{Desk, LinkSide};
 use crate::link::message::{Capacities, ResetReason};
 use crate::mail::{Letter, Mail};
@@ -130,7 +131,7 @@ impl<
 pub const MAX_NAME_BYTES: usize = 40;
 
 /// What a robot says of itself.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct About<'m> {
     /// Name and version of the firmware; at most [`MAX_NAME_BYTES`].
     pub firmware: &'m str,
@@ -138,6 +139,8 @@ pub struct About<'m> {
     pub board: &'m str,
     /// Why the robot started.
     pub reset: ResetReason,
+    /// What is kept across a reset, if the board keeps anything.
+    pub kept: Option<&'m Kept>,
 }
 
 impl<'m> About<'m> {
@@ -154,6 +157,7 @@ impl<'m> About<'m> {
             firmware,
             board,
             reset: ResetReason::PowerOn,
+            kept: None,
         }
     }
 }
@@ -220,6 +224,7 @@ pub fn split<
         to_link,
         freed,
         trace: Trace::new(trace_writer, trace_wanted),
+        kept: about.kept,
         snapshot: snapshot_writer,
     });
     let background = Background {

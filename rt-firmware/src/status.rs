@@ -130,12 +130,7 @@ impl SnapshotReader<'_> {
 }
 
 fn pack(health: &Health) -> [u32; WORDS] {
-    let mode = match health.mode {
-        Mode::Empty => 0,
-        Mode::Running => 1,
-        Mode::Stopped => 2,
-        Mode::Safe(reason) => 3 + u32::from(reason.number()),
-    };
+    let mode = u32::from(health.mode.number());
     let mission = if health.mission.is_some() {
         HAS_MISSION
     } else {
@@ -192,12 +187,7 @@ fn unpack(words: &[u32; WORDS]) -> Health {
     ] = *words;
     let wide = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
     Health {
-        mode: match first as u8 {
-            0 => Mode::Empty,
-            1 => Mode::Running,
-            2 => Mode::Stopped,
-            safe => Mode::Safe(SafeReason::from_number(safe - 3).unwrap_or(SafeReason::Board)),
-        },
+        mode: Mode::from_number(first as u8).unwrap_or(Mode::Safe(SafeReason::Board)),
         mission: (first & HAS_MISSION != 0).then_some(mission),
         steps: wide(steps, steps_high),
         t_us: wide(t_us, t_us_high),

@@ -116,12 +116,33 @@ fn counters_have_the_exact_number_of_faults_and_the_robot_goes_on() {
     }
 }
 
+#[path = "../../boards/lm3s6965/src/reset_cause.rs"]
+mod reset_cause;
+
+#[test]
+fn the_chip_tells_a_brown_out_and_a_pin_from_the_rest() {
+    use rt_firmware::link::message::ResetReason::{BrownOut, Pin, PowerOn, Software, Watchdog};
+    for (resc, expected) in [
+        (0, None),
+        (0b0_0001, Some(Pin)),
+        (0b0_0010, Some(PowerOn)),
+        (0b0_0110, Some(PowerOn)),
+        (0b0_0100, Some(BrownOut)),
+        (0b1_0101, Some(BrownOut)),
+        (0b0_1000, Some(Watchdog)),
+        (0b1_0000, Some(Software)),
+        (0b10_0000, None),
+    ] {
+        assert_eq!(reset_cause::reason(resc), expected, "{resc:#b}");
+    }
+}
+
 #[test]
 fn what_ends_the_firmware_is_told_after_the_reset() {
-    for (task, reason) in [
-        ("NeverReturn", "watchdog"),
-        ("Panic", "panicked"),
-        ("Undefined", "fault"),
+    for (task, reason, detail) in [
+        ("NeverReturn", "watchdog", "in task number 0"),
+        ("Panic", "panicked", "src/bin/faults.rs:"),
+        ("Undefined", "fault", "cfsr 0x00010000"),
     ] {
         let robot = robot_with(&format!("task Fatal: {task}; Quiet -> Fatal [timeout];"));
         assert_eq!(robot.status()["last_reset"], "power on", "{task}");
@@ -131,6 +152,38 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
         assert_eq!(
             status["mode"], "empty",
             "{task}: no mission, so nothing moves"
+        );
+        // In words for people, and in the flight recorder, behind what the mission did.
+        let told = robot.esm(&["status"]).good().out;
+        assert!(told.contains(detail), "{task}: {told}");
+        let words = &status["last_words"];
+        assert_eq!(words["task"], 0, "{task}: {words:#}");
+        let after_us = words["after_us"].as_u64().unwrap();
+        assert!(
+            (1_000_000..1_200_000).contains(&after_us),
+            "{task}: {words:#}"
+        );
+        let written = robot.esm(&["blackbox", "--json"]).good().out;
+        let written: Vec<serde_json::Value> = written
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        let what: Vec<&str> = written
+            .iter()
+            .map(|entry| entry["what"].as_str().unwrap())
+            .collect();
+        let expected = [
+            "started",
+            "mission",
+            "transition",
+            "transition",
+            "ended",
+            "started",
+        ];
+        assert_eq!(what, expected, "{task}: {written:#?}");
+        assert!(
+            written[5]["reason"].as_str().unwrap().contains(reason),
+            "{task}: {written:#?}"
         );
         // The robot is as good as new.
         upload(&robot, "");

@@ -35,6 +35,7 @@ macro_rules! app {
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pac::Interrupt;
+            use $crate::rt_firmware::kept::Ending;
             use $crate::rt_firmware::{About, Background, Limits, LinkSide, Mail, RealTime, TaskBank, split};
             use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
 
@@ -72,7 +73,11 @@ macro_rules! app {
                     make($crate::PINS.parts())
                 });
                 let banks = cx.local.banks.write(robot.banks());
-                let about = About { reset: start.reset, ..About::new($firmware, $crate::NAME) };
+                let about = About {
+                    reset: start.reset,
+                    kept: Some(post_mortem::kept()),
+                    ..About::new($firmware, $crate::NAME)
+                };
                 let mut background = None;
                 let real_time = $crate::put(cx.local.real_time_place, || {
                     match split(cx.local.memory, banks, cx.local.mail, about, Limits::default()) {
@@ -127,7 +132,7 @@ macro_rules! app {
 
             #[task(binds = WATCHDOG_TIMER_0, priority = 8)]
             fn slots_have_stopped(_: slots_have_stopped::Context) {
-                post_mortem::end(post_mortem::Cause::Watchdog);
+                post_mortem::end(&Ending::Watchdog);
             }
         }
     };

@@ -37,6 +37,7 @@ pub mod log;
 pub mod plant;
 pub mod post_mortem;
 pub mod registers;
+pub mod reset_cause;
 pub mod slot_timer;
 pub mod slots;
 pub mod stack;
@@ -50,7 +51,6 @@ use core::mem::MaybeUninit;
 use rt_firmware::body::PinImage;
 use rt_firmware::link::message::ResetReason;
 
-use post_mortem::Cause;
 use slots::SlotBoard;
 
 #[doc(hidden)]
@@ -95,17 +95,24 @@ pub fn start() -> Start {
     clock::start();
     uart::start();
     plant::open();
-    let (cause, plant_time_us) = post_mortem::take();
-    match cause {
-        Cause::PowerOn => defmt::info!("power on"),
-        Cause::Panic { line } => defmt::error!("started again after a panic in line {=u32}", line),
-        Cause::HardFault { address } => {
-            defmt::error!("started again after a fault at {=u32:#x}", address)
+    let (reset, plant_time_us) = post_mortem::take();
+    let words = post_mortem::kept().last_words().0;
+    match reset {
+        ResetReason::Panic => {
+            defmt::error!("started again after a panic in line {=u32}", words.line)
         }
-        Cause::Watchdog => defmt::error!("started again by the watchdog: the slots had stopped"),
+        ResetReason::CpuFault => {
+            defmt::error!("started again after a fault at {=u32:#x}", words.fault.pc)
+        }
+        ResetReason::Watchdog => {
+            defmt::error!("started again by the watchdog: the slots had stopped")
+        }
+        ResetReason::BrownOut => defmt::error!("started again: the supply voltage fell"),
+        ResetReason::PowerOn => defmt::info!("power on"),
+        ResetReason::Pin | ResetReason::Software => defmt::info!("reset"),
     }
     Start {
-        reset: cause.into(),
+        reset,
         board: SlotBoard::new(plant_time_us),
     }
 }

@@ -1,7 +1,7 @@
-//! Why the firmware ended, kept in RAM that no start-up code clears, and told after the reset.
+//! Why the firmware ended, and what happened last, kept in RAM that no start-up code clears, and told after the reset.
 //!
 //! Everything that ends the firmware comes through [`end`]: motors off, reason kept, reset. A reset that left no reason was the watchdog's
-//! own (interrupts were masked for good) or came from outside.
+//! own (interrupts were masked for good) or came from outside: then the chip's own register says more.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -10,148 +10,133 @@ use core::ptr;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
+use rt_firmware::Kept;
 use rt_firmware::body::{Actuators, Request};
-use rt_firmware::link::message::ResetReason;
+use rt_firmware::kept::Ending;
+use rt_firmware::link::message::{CoreFault, ResetReason};
 
-use crate::plant;
+use crate::registers::system_control;
+use crate::{plant, reset_cause};
 
-/// What ended the firmware, or started it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// Power was switched on: the RAM held nothing of ours.
-    PowerOn,
-    /// A panic, at this line of its file.
-    Panic {
-        /// The line.
-        line: u32,
-    },
-    /// A fault of the core, at this address.
-    HardFault {
-        /// The program counter.
-        address: u32,
-    },
-    /// The slot timer's handler did not return in time: a task never returned, or interrupts were masked for good.
-    Watchdog,
-}
-
-impl From<Cause> for ResetReason {
-    fn from(cause: Cause) -> Self {
-        match cause {
-            Cause::PowerOn => ResetReason::PowerOn,
-            Cause::Panic { .. } => ResetReason::Panic,
-            Cause::HardFault { .. } => ResetReason::CpuFault,
-            Cause::Watchdog => ResetReason::Watchdog,
-        }
-    }
-}
-
-/// The kept words. Every bit pattern is valid, so reading what power-on left there is harmless.
+/// What is kept of the way to the plant. Every bit pattern is valid, so reading what power-on left there is harmless.
 #[derive(Clone, Copy)]
 #[repr(C)]
-struct Kept {
+struct Exchanges {
     /// Tells whether the rest was written by this module.
     mark: u32,
-    code: u32,
-    detail: u32,
     /// Sequence of the last exchange, so that the last word of a dying firmware is not a stale one.
     sequence: u32,
     plant_time_us: u64,
 }
 
-const MARK: u32 = 0x6576_6F52;
+const MARK: u32 = 0x6576_6F53;
 
-const NO_REASON: u32 = 0;
-const PANIC: u32 = 1;
-const HARD_FAULT: u32 = 2;
-const WATCHDOG: u32 = 3;
+/// Memory that the start-up code leaves alone.
+struct Uninit<T>(UnsafeCell<MaybeUninit<T>>);
 
-struct KeptCell(UnsafeCell<MaybeUninit<Kept>>);
-// SAFETY: it is touched through `read` and `write` below, with volatile accesses of plain words on a single core; a torn one can at worst
-// tell a wrong reason.
-unsafe impl Sync for KeptCell {}
+// SAFETY: of the two below, one is touched through `read` and `write` alone, with volatile accesses of plain words on a single core; a torn one can at
+// worst tell a wrong time. The other is made of atomics.
+unsafe impl<T> Sync for Uninit<T> {}
 
 #[unsafe(link_section = ".uninit.post_mortem")]
-static KEPT: KeptCell = KeptCell(UnsafeCell::new(MaybeUninit::uninit()));
+static EXCHANGES: Uninit<Exchanges> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
 
-fn read() -> Kept {
-    // SAFETY: the memory is RAM, aligned for `Kept`, every bit pattern of which is valid; volatile keeps the compiler from reasoning about what
+#[unsafe(link_section = ".uninit.kept")]
+static KEPT: Uninit<Kept> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// What is kept across a reset.
+pub fn kept() -> &'static Kept {
+    // SAFETY: the memory is RAM, aligned for `Kept`, which is made of atomic words of which every bit pattern is valid; nobody has a mutable reference.
+    unsafe { &*KEPT.0.get().cast::<Kept>() }
+}
+
+fn read() -> Exchanges {
+    // SAFETY: the memory is RAM, aligned for `Exchanges`, every bit pattern of which is valid; volatile keeps the compiler from reasoning about what
     // it never saw written.
-    unsafe { ptr::read_volatile(KEPT.0.get().cast::<Kept>()) }
+    unsafe { ptr::read_volatile(EXCHANGES.0.get().cast::<Exchanges>()) }
 }
 
-fn write(kept: Kept) {
+fn write(exchanges: Exchanges) {
     // SAFETY: as for `read`; nobody holds a reference into it.
-    unsafe { ptr::write_volatile(KEPT.0.get().cast::<Kept>(), kept) }
+    unsafe { ptr::write_volatile(EXCHANGES.0.get().cast::<Exchanges>(), exchanges) }
 }
 
-/// How the last run ended, and how far the plant's time had come. To be called once, at the start; it clears what was kept.
-pub fn take() -> (Cause, u64) {
-    let kept = read();
-    let known = kept.mark == MARK;
-    let plant_time_us = if known { kept.plant_time_us } else { 0 };
-    write(Kept {
+/// Why the firmware starts, and how far the plant's time had come. To be called once, at the start.
+pub fn take() -> (ResetReason, u64) {
+    let exchanges = read();
+    let known = exchanges.mark == MARK;
+    let plant_time_us = if known { exchanges.plant_time_us } else { 0 };
+    write(Exchanges {
         mark: MARK,
-        code: NO_REASON,
-        detail: 0,
         sequence: 0,
         plant_time_us,
     });
-    let cause = match (known, kept.code) {
-        (false, _) => Cause::PowerOn,
-        (true, PANIC) => Cause::Panic { line: kept.detail },
-        (true, HARD_FAULT) => Cause::HardFault {
-            address: kept.detail,
-        },
-        (true, _) => Cause::Watchdog,
-    };
-    (cause, plant_time_us)
+    let hardware = reset_cause::reason(system_control::RESC.read());
+    // Each bit stays until it is cleared: the next reset is to be told from this one.
+    system_control::RESC.write(0);
+    (kept().begin(hardware), plant_time_us)
 }
 
 /// Notes the last exchange, so that [`end`] can have one of its own.
 pub fn note_exchange(request: &Request) {
-    let mut kept = read();
-    kept.sequence = request.sequence;
-    kept.plant_time_us = request.start_us;
-    write(kept);
+    write(Exchanges {
+        mark: MARK,
+        sequence: request.sequence,
+        plant_time_us: request.start_us,
+    });
 }
 
-/// Ends the firmware: motors off, `cause` kept, reset. From any context, also from one that interrupted an exchange's bookkeeping.
-pub fn end(cause: Cause) -> ! {
+/// Ends the firmware: motors off, the reason kept, reset. From any context, also from one that interrupted an exchange's bookkeeping.
+pub fn end(ending: &Ending<'_>) -> ! {
     cortex_m::interrupt::disable();
-    let (code, detail) = match cause {
-        Cause::PowerOn => (NO_REASON, 0),
-        Cause::Panic { line } => (PANIC, line),
-        Cause::HardFault { address } => (HARD_FAULT, address),
-        Cause::Watchdog => (WATCHDOG, 0),
-    };
-    let kept = read();
-    write(Kept {
-        code,
-        detail,
-        ..kept
-    });
+    let exchanges = read();
     // A motor driver of a real board would be switched off at its enable pin here; this board's pins are the plant's.
     let _ = plant::exchange(&Request {
-        sequence: kept.sequence.wrapping_add(1),
-        start_us: kept.plant_time_us,
-        effect_us: kept.plant_time_us,
+        sequence: exchanges.sequence.wrapping_add(1),
+        start_us: exchanges.plant_time_us,
+        effect_us: exchanges.plant_time_us,
         actuators: Actuators::default(),
     });
+    kept().end(ending);
     SCB::sys_reset()
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     // The message stays in the code's panic location; formatting it would cost kilobytes of flash.
-    end(Cause::Panic {
-        line: info.location().map_or(0, |location| location.line()),
-    })
+    let (file, line) = info
+        .location()
+        .map_or(("", 0), |location| (location.file(), location.line()));
+    end(&Ending::Panic { file, line })
 }
 
 // SAFETY: the handler neither returns nor trusts the state that it interrupted.
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    end(Cause::HardFault {
-        address: frame.pc(),
-    })
+    const MEMORY_ADDRESS_VALID: u32 = 1 << 7;
+    const BUS_ADDRESS_VALID: u32 = 1 << 15;
+    // SAFETY: the registers are always there, and reading them changes nothing.
+    let (status, hard_status, memory_address, bus_address) = unsafe {
+        let scb = &*SCB::PTR;
+        (
+            scb.cfsr.read(),
+            scb.hfsr.read(),
+            scb.mmfar.read(),
+            scb.bfar.read(),
+        )
+    };
+    let address = if status & BUS_ADDRESS_VALID != 0 {
+        bus_address
+    } else if status & MEMORY_ADDRESS_VALID != 0 {
+        memory_address
+    } else {
+        0
+    };
+    end(&Ending::Fault(CoreFault {
+        pc: frame.pc(),
+        lr: frame.lr(),
+        status,
+        hard_status,
+        address,
+    }))
 }

@@ -27,10 +27,12 @@ impl Register {
     }
 }
 
-/// System control: clocks.
+/// System control: clocks and resets.
 pub mod system_control {
     use super::Register;
 
+    /// What caused the last resets; a bit stays set until it is cleared.
+    pub const RESC: Register = Register(0x400F_E05C);
     /// Run-mode clock configuration.
     pub const RCC: Register = Register(0x400F_E060);
     /// Raw interrupt status; has the PLL's lock bit.

@@ -105,6 +105,21 @@ class Client:
     def start(self) -> None:
         self._ask("start", messages.Done, messages.START)
 
+    def last_words(self) -> messages.LastWords:
+        """How the robot's run before this one ended."""
+        return self._ask("last words", messages.LastWords, messages.LAST_WORDS)
+
+    def black_box(self) -> List[messages.Record]:
+        """What the flight recorder holds, oldest first."""
+        part = self._ask("black box", messages.BlackBox, messages.BLACK_BOX, False)
+        records, end = part.records, part.end
+        # What is written while this reads is for the next time.
+        while part.records and records[-1].sequence != (end - 1) % 2**32:
+            following = (records[-1].sequence + 1) % 2**32
+            part = self._ask("black box", messages.BlackBox, messages.BLACK_BOX, True, following)
+            records = records + part.records
+        return records
+
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
 

@@ -5,7 +5,10 @@ from typing import List, Optional, Tuple, Union
 
 PROTOCOL_VERSION = 3
 
-HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS, CONFIRM, FALL_BACK = range(16)
+(
+    HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
+    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX,
+) = range(18)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -72,6 +75,9 @@ class Fields:
 
     def option_u32(self) -> Optional[int]:
         return self.number(32) if self.boolean() else None
+
+    def option_u16(self) -> Optional[int]:
+        return self.number(16) if self.boolean() else None
 
     def bytes(self) -> bytes:
         return self.take(self.number(32))
@@ -222,6 +228,37 @@ class TaskInstance:
 
 
 @dataclass
+class LastWords:
+    reset: str
+    after_us: int
+    task: Optional[int]
+    line: int
+    pc: int
+    lr: int
+    status: int
+    hard_status: int
+    address: int
+    file: bytes
+
+
+@dataclass
+class Record:
+    """A record of the flight recorder; section 7 says what the values of each kind are."""
+
+    sequence: int
+    t_us: int
+    kind: int
+    small: int
+    large: int
+
+
+@dataclass
+class BlackBox:
+    end: int
+    records: List[Record]
+
+
+@dataclass
 class Error:
     """Why a request was not carried out; the fields are named in section 8."""
 
@@ -315,7 +352,21 @@ def _answer(fields: Fields) -> object:
         return Slot(*numbers, [fields.number(16) for _ in range(8)])
     if kind == 9:
         return TaskInstance(fields.boolean(), fields.boolean(), fields.number(16))
+    if kind == 10:
+        reset, after_us, task = fields.one_of(RESETS), fields.number(64), fields.option_u16()
+        numbers = [fields.number(32) for _ in range(6)]
+        return LastWords(reset, after_us, task, *numbers, fields.bytes())
+    if kind == 11:
+        end, records = fields.number(32), fields.bytes()
+        return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
     raise Malformed(f"an answer of kind {kind}")
+
+
+def _record(record: bytes) -> Record:
+    def little(part: bytes) -> int:
+        return int.from_bytes(part, "little")
+
+    return Record(little(record[:4]), little(record[4:10]), record[10], record[11], little(record[12:]))
 
 
 def _status(fields: Fields) -> Status:

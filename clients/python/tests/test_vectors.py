@@ -69,6 +69,9 @@ class Messages(unittest.TestCase):
             "request task counters": (messages.TASK_COUNTERS, 1000),
             "request confirm": (messages.CONFIRM, 0x1234ABCD),
             "request fall back": (messages.FALL_BACK, 0x1234ABCD),
+            "request last words": (messages.LAST_WORDS,),
+            "request black box from the oldest": (messages.BLACK_BOX, False),
+            "request black box": (messages.BLACK_BOX, True, 70_000),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):
@@ -99,6 +102,12 @@ class Messages(unittest.TestCase):
         self.assertEqual((status.stack_bytes, status.reset, status.max_delay_ns), (None, "watchdog", 16_384))
         self.assertEqual(self.read("answer states").body.states, [1, 256, 65_535, 3])
         self.assertEqual(self.read("answer slot counters").body.delays, [65_535] * 8)
+        words = self.read("answer last words").body
+        self.assertEqual((words.reset, words.task, words.pc, words.file), ("processor fault", 300, 0x1234, b"src/tasks/cruise.rs"))
+        box = self.read("answer black box").body
+        self.assertEqual(box.end, 70_003)
+        self.assertEqual([(record.sequence, record.kind) for record in box.records], [(70_000, 1), (70_001, 4), (70_002, 5)])
+        self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
         error = self.read("answer error capacity exceeded").body
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
         part = self.read("stream trace")

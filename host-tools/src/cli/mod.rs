@@ -15,6 +15,7 @@
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 
 pub mod argument;
+pub mod blackbox;
 pub mod board;
 pub mod bound;
 pub mod build;
@@ -106,6 +107,8 @@ pub enum Command {
     Log(log::LogArgs),
     Status(status::StatusArgs),
     Top(top::TopArgs),
+    #[command(name = "blackbox")]
+    BlackBox(blackbox::BlackBoxArgs),
     Stop(stop::StopArgs),
     Start(start::StartArgs),
     Tasks(tasks::TasksArgs),
@@ -182,6 +185,7 @@ pub fn execute(
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
         Command::Top(args) => top::execute(args, console),
+        Command::BlackBox(args) => blackbox::execute(args, console),
         Command::Stop(args) => stop::execute(args, console),
         Command::Start(args) => start::execute(args, console),
         Command::Tasks(args) => tasks::execute(args, robot, console),

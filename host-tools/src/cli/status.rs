@@ -3,7 +3,7 @@
 use std::fmt;
 
 use clap::Args;
-use rt_firmware::link::message::{Mode, ResetReason};
+use rt_firmware::link::message::{LastWords, Mode, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
 use serde::Serialize;
 
@@ -69,8 +69,89 @@ pub struct StatusReport {
     pub deepest_stack_bytes: Option<u32>,
     /// Why the robot started the last time.
     pub last_reset: &'static str,
+    /// How its run before this one ended.
+    pub last_words: LastWordsReport,
     /// Counters of each slot.
     pub slots: Vec<SlotReport>,
+}
+
+/// How a robot's run of the firmware ended, in the form of its JSON. What is not known is `null`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LastWordsReport {
+    /// Robot time at its end, in microseconds.
+    pub after_us: Option<u64>,
+    /// Index, in its mission, of the task instance that was being executed.
+    pub task: Option<u16>,
+    /// File and line of the panic: the file's path, or the end of it.
+    pub panic: Option<String>,
+    /// What the processor said of its fault.
+    pub fault: Option<FaultReport>,
+}
+
+/// A fault of a processor, with its registers in hexadecimal.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FaultReport {
+    /// The instruction that faulted.
+    pub pc: String,
+    /// Where its function was called from.
+    pub lr: String,
+    /// Configurable fault status.
+    pub cfsr: String,
+    /// Hard fault status.
+    pub hfsr: String,
+    /// The address of a bad access, if it is known.
+    pub address: Option<String>,
+}
+
+impl LastWordsReport {
+    /// What these words say; `file` is the end of the path of the file that panicked.
+    pub fn new(words: LastWords, file: String) -> Self {
+        let hex = |register: u32| format!("{register:#010x}");
+        let LastWords {
+            reason,
+            after_us,
+            task,
+            line,
+            fault,
+        } = words;
+        LastWordsReport {
+            after_us: (after_us > 0).then_some(after_us),
+            task,
+            panic: (reason == ResetReason::Panic).then(|| format!("{file}:{line}")),
+            fault: (reason == ResetReason::CpuFault).then(|| FaultReport {
+                pc: hex(fault.pc),
+                lr: hex(fault.lr),
+                cfsr: hex(fault.status),
+                hfsr: hex(fault.hard_status),
+                address: (fault.address != 0).then(|| hex(fault.address)),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for LastWordsReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(panic) = &self.panic {
+            write!(f, ", at {panic}")?;
+        }
+        if let Some(task) = self.task {
+            write!(f, ", in task number {task} of its mission")?;
+        }
+        if let Some(after_us) = self.after_us {
+            write!(f, ", after {:.1} s", after_us as f64 / 1e6)?;
+        }
+        if let Some(fault) = &self.fault {
+            let FaultReport {
+                pc, lr, cfsr, hfsr, ..
+            } = fault;
+            write!(f, " (pc {pc}, lr {lr}, cfsr {cfsr}, hfsr {hfsr}")?;
+            if let Some(address) = &fault.address {
+                write!(f, ", address {address}")?;
+            }
+            write!(f, ")")?;
+        }
+        Ok(())
+    }
 }
 
 /// A mission on trial, in the form of its JSON.
@@ -116,7 +197,11 @@ impl From<FallBack> for FallBackReport {
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
     let reading = Reader::default().read(&mut robot, Tasks::None)?;
-    let report = StatusReport::new(info, reading);
+    let (words, file) = robot.last_words()?;
+    let report = StatusReport {
+        last_words: LastWordsReport::new(words, file),
+        ..StatusReport::new(info, reading)
+    };
     if args.json {
         console.json_line(&report)
     } else {
@@ -135,7 +220,7 @@ pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
 }
 
 impl StatusReport {
-    /// What a robot that says this of itself has told.
+    /// What a robot that says this of itself has told; nothing of how its last run ended.
     pub fn new(info: RobotInfo, reading: Reading) -> Self {
         let status = reading.status;
         let (mode, safe_reason) = mode_words(status.mode);
@@ -157,6 +242,7 @@ impl StatusReport {
             trace_dropped: status.trace_dropped,
             deepest_stack_bytes: status.stack_bytes,
             last_reset: reset_reason(status.reset),
+            last_words: LastWordsReport::default(),
             slots: (reading.slots.into_iter())
                 .map(|slot| slot.counted)
                 .collect(),
@@ -174,7 +260,10 @@ impl fmt::Display for StatusReport {
             None => self.mode.to_owned(),
         };
         row("mode", mode)?;
-        row("last reset", self.last_reset.to_owned())?;
+        row(
+            "last reset",
+            format!("{}{}", self.last_reset, self.last_words),
+        )?;
         if let Some(mission) = &self.mission {
             let seconds = self.t_us as f64 / 1e6;
             row(

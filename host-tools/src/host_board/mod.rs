@@ -19,7 +19,7 @@ use std::time::Duration;
 use rt_firmware::body::{Parts, PinImage};
 use rt_firmware::link::message::{Capacities, Mode};
 use rt_firmware::rover::PinRover;
-use rt_firmware::{About, Limits, Mail, Memory, RegistryFault, TaskBank, split};
+use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, split};
 use thiserror::Error;
 
 use crate::lockstep::plant_side::PlantSide;
@@ -99,6 +99,7 @@ struct Shared {
     opens_for_mission: AtomicBool,
     /// The gate behind this one.
     next_gate_us: AtomicU64,
+    kept: Kept,
 }
 
 const NO_GATE: u64 = u64::MAX;
@@ -122,6 +123,7 @@ impl HostBoard {
             waits_at_gate: AtomicBool::new(false),
             opens_for_mission: AtomicBool::new(false),
             next_gate_us: AtomicU64::new(NO_GATE),
+            kept: Kept::new(),
         });
         let ends = replay.map(RecordedEnds::of);
         let (ready, started) = mpsc::channel();
@@ -211,7 +213,11 @@ fn run(
     let mut memory =
         Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>::new();
     let mut mail = Mail::new();
-    let about = About::new(concat!("esm ", env!("CARGO_PKG_VERSION")), BOARD);
+    let about = About {
+        reset: shared.kept.begin(None),
+        kept: Some(&shared.kept),
+        ..About::new(concat!("esm ", env!("CARGO_PKG_VERSION")), BOARD)
+    };
     let sides = split(&mut memory, &mut banks, &mut mail, about, Limits::default());
     let (mut real_time, background, mut link) = match sides {
         Ok(sides) => sides,

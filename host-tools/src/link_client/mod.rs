@@ -13,10 +13,12 @@ mod upload;
 
 use std::time::{Duration, Instant};
 
+use rt_firmware::black_box::{RECORD_BYTES, Record};
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
-    Response, SlotCounters, Status, Swap, TaskCounters, ToDevice, Uploads, version_in_hello,
+    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION, Request,
+    ResetReason, Response, SlotCounters, Status, Swap, TaskCounters, ToDevice, Uploads,
+    version_in_hello,
 };
 
 use crate::serial::ByteLink;
@@ -149,6 +151,62 @@ impl<L: ByteLink> LinkClient<L> {
     /// [`ClientError`]
     pub fn start(&mut self) -> Result<(), ClientError> {
         self.ask_to_do("start", Request::Start)
+    }
+
+    /// How the robot's run before this one ended, and where, if it was a panic.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn last_words(&mut self) -> Result<(LastWords, String), ClientError> {
+        self.ask(
+            "last words",
+            Request::LastWords,
+            |response| match response {
+                Response::LastWords { words, file } => {
+                    Some((words, String::from_utf8_lossy(file).into_owned()))
+                }
+                _ => None,
+            },
+        )
+    }
+
+    /// What the robot's flight recorder holds, oldest first. Records of kinds that this program does not know are passed over.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn black_box(&mut self) -> Result<Vec<Record>, ClientError> {
+        let name = "black box";
+        let mut records: Vec<Record> = Vec::new();
+        let mut from = None;
+        // What is written while this reads is for the next time.
+        let mut last = None;
+        loop {
+            let (end, part) = self.ask(name, Request::BlackBox { from }, |response| {
+                let Response::BlackBox { end, records } = response else {
+                    return None;
+                };
+                Some((end, records.to_vec()))
+            })?;
+            let end = *last.get_or_insert(end);
+            let (whole, _) = part.as_chunks::<RECORD_BYTES>();
+            let Some([first, second, third, fourth, ..]) = whole.last().copied() else {
+                return Ok(records);
+            };
+            let is_before_end = |record: &Record| (record.sequence.wrapping_sub(end) as i32) < 0;
+            records.extend(
+                (whole.iter())
+                    .filter_map(Record::from_bytes)
+                    .filter(is_before_end),
+            );
+            let next = u32::from_le_bytes([first, second, third, fourth]).wrapping_add(1);
+            // A robot that goes back would be asked forever.
+            if (next.wrapping_sub(end) as i32) >= 0
+                || from.is_some_and(|from| (next.wrapping_sub(from) as i32) <= 0)
+            {
+                return Ok(records);
+            }
+            from = Some(next);
+        }
     }
 
     /// Chooses the streams that the robot sends from now on.

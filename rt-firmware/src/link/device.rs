@@ -9,12 +9,13 @@ use super::frame::{
     CRC_BYTES, FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode, encode,
 };
 use super::message::{
-    Capacities, Capacity, Channel, DeviceInfo, FromDevice, LinkError, MAX_CHUNK, MAX_PART,
-    MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap, ToDevice, Uploads,
+    Capacities, Capacity, Channel, DeviceInfo, FromDevice, LastWords, LinkError, MAX_CHUNK,
+    MAX_PART, MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
+    ToDevice, Uploads,
 };
 use super::trial::MissionKeeper;
 use crate::check::check;
-use crate::mail::{Freed, Letter};
+use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::Registry;
 use crate::ring::RingReader;
 use crate::runtime::About;
@@ -400,6 +401,8 @@ impl<'m> Desk<'_, 'm> {
             }
             Request::Confirm { mission } => self.ask(seq, Letter::Confirm { mission }),
             Request::FallBack { mission } => self.ask(seq, Letter::FallBack { mission }),
+            Request::LastWords => Reaction::Answer(self.last_words()),
+            Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),
             Request::Subscribe { trace, log } => {
                 self.trace_wanted.store(trace, Ordering::Relaxed);
                 self.log_wanted = log;
@@ -442,6 +445,53 @@ impl<'m> Desk<'_, 'm> {
             trial: health.trial,
             fell_back: health.fell_back,
         }))
+    }
+
+    /// How the run before this one ended.
+    #[inline(never)]
+    fn last_words(&mut self) -> Result<Response<'_>, LinkError> {
+        let Some(kept) = self.about.kept else {
+            return Ok(Response::LastWords {
+                words: LastWords::of(self.about.reset),
+                file: &[],
+            });
+        };
+        let (words, place) = kept.last_words();
+        let file = self.note(Bytes::first_of(place.as_bytes()))?;
+        Ok(Response::LastWords { words, file })
+    }
+
+    /// Records from this sequence number on, as many as fit.
+    #[inline(never)]
+    fn black_box(&mut self, from: Option<u32>) -> Result<Response<'_>, LinkError> {
+        let mut bytes = Bytes::EMPTY;
+        let Some(kept) = self.about.kept else {
+            return Ok(Response::BlackBox {
+                end: 0,
+                records: &[],
+            });
+        };
+        let end = kept.black_box.end();
+        let mut next = from;
+        // The end is looked at first, so that this ends however fast records are written.
+        while next != Some(end)
+            && let Some(record) = kept.black_box.first_from(next)
+            && bytes.push(record.to_bytes())
+        {
+            next = Some(record.sequence.wrapping_add(1));
+        }
+        let records = self.note(bytes)?;
+        Ok(Response::BlackBox { end, records })
+    }
+
+    /// Keeps bytes until they are sent, in the letter that nobody writes now.
+    fn note(&mut self, bytes: Bytes) -> Result<&[u8], LinkError> {
+        let letter = self.letter.as_mut().ok_or(LinkError::Busy)?;
+        **letter = Letter::Note(bytes);
+        match &**letter {
+            Letter::Note(bytes) => Ok(bytes.as_slice()),
+            _ => Ok(&[]),
+        }
     }
 
     fn task_text(&self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {

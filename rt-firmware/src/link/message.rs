@@ -112,6 +112,13 @@ pub enum Request<'a> {
         /// Hash of the mission on trial.
         mission: u32,
     },
+    /// How did the run of the firmware before this one end? Answer: [`Response::LastWords`].
+    LastWords,
+    /// Records of the flight recorder, oldest first. Answer: [`Response::BlackBox`].
+    BlackBox {
+        /// Sequence number of the first one wanted, or the oldest that there is. Those that are gone are passed over.
+        from: Option<u32>,
+    },
 }
 
 /// How a mission takes over.
@@ -208,6 +215,21 @@ pub enum Response<'a> {
     Slot(SlotCounters),
     /// To [`Request::TaskCounters`].
     TaskInstance(TaskCounters),
+    /// To [`Request::LastWords`].
+    LastWords {
+        /// What is known in numbers.
+        words: LastWords,
+        /// The end of the path of the file that panicked, at most [`MAX_PLACE_BYTES`](crate::kept::MAX_PLACE_BYTES); none where none did.
+        file: &'a [u8],
+    },
+    /// To [`Request::BlackBox`].
+    BlackBox {
+        /// Sequence number that the next record will have: behind the newest.
+        end: u32,
+        /// Records from the one asked for on, each of [`RECORD_BYTES`](crate::black_box::RECORD_BYTES); none where there are no more, and
+        /// from a robot that keeps none.
+        records: &'a [u8],
+    },
 }
 
 /// The state of a region that is not active.
@@ -294,6 +316,55 @@ pub enum ResetReason {
     BrownOut,
     /// The firmware asked for it.
     Software,
+}
+
+/// How a run of the firmware ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LastWords {
+    /// Why, and so why the robot started the last time.
+    pub reason: ResetReason,
+    /// Robot time of the last occurrence of the interpreter's slot, in µs since that run's first macro step of its first mission; 0 if not known.
+    pub after_us: u64,
+    /// The task instance that was being executed by a slot, by its index in the mission's blob.
+    pub task: Option<u16>,
+    /// The line of the panic, if it was one.
+    pub line: u32,
+    /// What the processor said of its fault, if it was one; zeros otherwise.
+    pub fault: CoreFault,
+}
+
+impl LastWords {
+    /// Of a run that left nothing but its reason.
+    pub const fn of(reason: ResetReason) -> Self {
+        LastWords {
+            reason,
+            after_us: 0,
+            task: None,
+            line: 0,
+            fault: CoreFault {
+                pc: 0,
+                lr: 0,
+                status: 0,
+                hard_status: 0,
+                address: 0,
+            },
+        }
+    }
+}
+
+/// A fault of a processor, in the registers of an ARMv7-M core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CoreFault {
+    /// The instruction that faulted.
+    pub pc: u32,
+    /// Where its function was called from.
+    pub lr: u32,
+    /// Configurable fault status (CFSR).
+    pub status: u32,
+    /// Hard fault status (HFSR).
+    pub hard_status: u32,
+    /// The address of a bad access (MMFAR or BFAR), 0 if it is not known.
+    pub address: u32,
 }
 
 /// Why a request was not carried out.
@@ -628,6 +699,26 @@ mod tests {
                 step: u64::MAX,
                 total: u16::MAX,
                 states: &part,
+            },
+            Response::LastWords {
+                words: LastWords {
+                    reason: ResetReason::Software,
+                    after_us: u64::MAX,
+                    task: Some(u16::MAX),
+                    line: u32::MAX,
+                    fault: CoreFault {
+                        pc: u32::MAX,
+                        lr: u32::MAX,
+                        status: u32::MAX,
+                        hard_status: u32::MAX,
+                        address: u32::MAX,
+                    },
+                },
+                file: &part[..crate::kept::MAX_PLACE_BYTES],
+            },
+            Response::BlackBox {
+                end: u32::MAX,
+                records: &part,
             },
             Response::Slot(SlotCounters {
                 number: u32::MAX,

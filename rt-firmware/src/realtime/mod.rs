@@ -17,7 +17,9 @@ use esm_core::tables::{Tables, TaskPlaces};
 use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
+use crate::black_box::Event;
 use crate::board::{Board, OccurrenceStart, microseconds};
+use crate::kept::Kept;
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCounters};
 use crate::link::trace::TraceRecord;
 use crate::link::trial::{self, FallBack, FallBackReason};
@@ -134,6 +136,7 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     waiting: Option<&'m mut Letter<'m>>,
     trial: Option<Trial<'m>>,
     trace: Trace<'m>,
+    kept: Option<&'m Kept>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
@@ -193,6 +196,7 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) to_link: Producer<'q, &'m mut Letter<'m>>,
     pub(crate) freed: Producer<'q, Freed<'m>>,
     pub(crate) trace: Trace<'m>,
+    pub(crate) kept: Option<&'m Kept>,
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
@@ -218,6 +222,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             waiting: None,
             trial: None,
             trace: parts.trace,
+            kept: parts.kept,
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
@@ -240,13 +245,33 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let start = self.ready_start::<B>();
         let begun = board.begin_occurrence(&start);
         let step = if begun.is_ok() {
-            self.executor.execute_ready()
+            self.execute_ready(self.ready.instance)
         } else {
             None
         };
         match self.end_ready(board, delay_ticks, begun, step) {
             Some(at_ticks) => at_ticks.get(),
             None => self.go_on(board, true),
+        }
+    }
+
+    /// Executes the task that the executor has, and keeps which one that is for whoever ends the firmware meanwhile.
+    #[inline(always)]
+    fn execute_ready(&mut self, instance: u16) -> Option<Step> {
+        if let Some(kept) = self.kept {
+            kept.set_task((instance != NONE).then_some(instance));
+            let step = self.executor.execute_ready();
+            kept.set_task(None);
+            return step;
+        }
+        self.executor.execute_ready()
+    }
+
+    /// Writes into the flight recorder.
+    #[inline(always)]
+    fn note(&self, event: Event) {
+        if let Some(kept) = self.kept {
+            kept.black_box.record(self.previous_end_us, event);
         }
     }
 
@@ -536,6 +561,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.ready = Ready::NOTHING;
         if self.mode != Mode::Stopped {
             self.mode = Mode::Safe(reason);
+            self.note(Event::Mode(self.mode));
         }
         if let Some(trial) = &mut self.trial
             && is_the_missions_fault(reason)
@@ -563,6 +589,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return;
         }
         self.health.missed = self.health.missed.saturating_add(missed);
+        self.note(Event::Missed {
+            slot: u8::try_from(slot).unwrap_or(u8::MAX),
+            count: missed,
+        });
         self.trace.record(TraceRecord::Missed {
             slot: slot as u16,
             count: missed,
@@ -644,7 +674,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if occurrence.interpreter {
             board.feed_watchdog();
             if self.mode == Mode::Running {
-                self.macro_step(board);
+                self.macro_step(board, start_us);
             } else {
                 board.motors_off();
             }
@@ -715,13 +745,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     }
 
     #[inline(never)]
-    fn macro_step(&mut self, board: &mut impl Board) {
+    fn macro_step(&mut self, board: &mut impl Board, robot_us: u64) {
         let Some(mission) = &mut self.mission else {
             return;
         };
         let mut observer = StepObserver {
             tasks: &mut self.tasks,
             trace: &mut self.trace,
+            black_box: self.kept.map(|kept| &kept.black_box),
+            robot_us,
         };
         match mission.interpreter.macro_step(&mut observer) {
             Ok(summary) => {
@@ -754,7 +786,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         while let Some(instance) = next.and_then(|next| self.first_enabled(next)) {
             let began_ticks = board.now_low_ticks();
             let step = if self.make_task_ready(instance, start_us, period_us) {
-                self.executor.execute_ready()
+                self.execute_ready(instance)
             } else {
                 None
             };
@@ -834,6 +866,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if took_ticks > duration_ticks {
             self.tasks.overrun(instance);
             let took_us = took_ticks / B::TICKS_PER_US.max(1);
+            self.note(Event::Overrun {
+                task_instance: instance,
+                took_us: u16::try_from(took_us).unwrap_or(u16::MAX),
+            });
             self.trace.record(TraceRecord::Overrun {
                 task_instance: instance,
                 took_us,
@@ -1150,6 +1186,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             self.mode = Mode::Running;
         }
         let interpreter_slot = tables.interpreter_slot();
+        self.note(Event::Mission { hash: mission });
         self.trace.write_next_in_full();
         self.trace.record(TraceRecord::Started {
             mission,
@@ -1205,6 +1242,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             },
             Letter::Stop => {
                 self.mode = Mode::Stopped;
+                self.note(Event::Mode(self.mode));
                 self.trace.record(TraceRecord::MotorsOff { reason: None });
                 board.motors_off();
                 Letter::Done
@@ -1298,6 +1336,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             left_ms: (trial.until_us.saturating_sub(self.previous_end_us) / 1_000) as u32,
             before: trial.before.as_ref().map(Verified::hash),
         });
+        if let Some(kept) = self.kept {
+            kept.set_alive(self.previous_end_us);
+        }
         self.snapshot.write(&self.health);
     }
 }

@@ -7,6 +7,7 @@ use esm_core::tables::Tables;
 use esm_core::{Fault, Interpreter, Observer, StepSummary, TransitionTaken};
 
 use super::tasks::TaskTable;
+use crate::black_box::{BlackBox, Event};
 use crate::link::trace::{FaultCode, TraceRecord, write_step};
 use crate::ring::RingWriter;
 
@@ -116,14 +117,26 @@ impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
     }
 }
 
-/// Watches a macro step: keeps the task table up to date and writes transitions.
+/// Watches a macro step: keeps the task table up to date and writes transitions, to the trace and the flight recorder.
 pub(crate) struct StepObserver<'o, 'm> {
     pub(crate) tasks: &'o mut TaskTable<'m>,
     pub(crate) trace: &'o mut Trace<'m>,
+    pub(crate) black_box: Option<&'m BlackBox>,
+    /// Robot time of the macro step.
+    pub(crate) robot_us: u64,
 }
 
 impl Observer for StepObserver<'_, '_> {
     fn transition(&mut self, taken: TransitionTaken) {
+        if let Some(black_box) = self.black_box {
+            black_box.record(
+                self.robot_us,
+                Event::Transition {
+                    region_instance: taken.region_instance,
+                    transition: taken.transition,
+                },
+            );
+        }
         self.trace.record(TraceRecord::Transition {
             micro: taken.micro,
             region_instance: taken.region_instance,

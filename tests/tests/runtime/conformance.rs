@@ -4,13 +4,14 @@
 use std::fmt::Write;
 
 use esm_tests::command::root;
+use rt_firmware::black_box::{Event, Record};
 use rt_firmware::link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
 use rt_firmware::link::message::{
-    Capacities, Capacity, Channel, DELAY_BUCKETS, DeviceInfo, FromDevice, LinkError, MAX_CHUNK,
-    MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, SlotCounters,
-    Status, Stream, Swap, TaskCounters, ToDevice, Uploads,
+    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FromDevice, LastWords,
+    LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response,
+    SafeReason, SlotCounters, Status, Stream, Swap, TaskCounters, ToDevice, Uploads,
 };
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use serde::Serialize;
@@ -150,11 +151,40 @@ fn write_frames(text: &mut String) {
                 mission: 0x1234_abcd,
             },
         ),
+        ("request last words", Request::LastWords),
+        (
+            "request black box from the oldest",
+            Request::BlackBox { from: None },
+        ),
+        (
+            "request black box",
+            Request::BlackBox { from: Some(70_000) },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
     }
     let part = junk(MAX_PART);
+    let records = [
+        Event::Started(ResetReason::Panic),
+        Event::Transition {
+            region_instance: 300,
+            transition: 2,
+        },
+        Event::Mode(Mode::Safe(SafeReason::Missed)),
+    ];
+    let records: Vec<u8> = (70_000..)
+        .zip(records)
+        .flat_map(|(sequence, event)| {
+            let at_us = u64::from(sequence) << 24;
+            Record {
+                sequence,
+                at_us,
+                event,
+            }
+            .to_bytes()
+        })
+        .collect();
     let status = Status {
         mode: Mode::Safe(SafeReason::LowBattery),
         mission: Some(u32::MAX),
@@ -177,7 +207,7 @@ fn write_frames(text: &mut String) {
             reason: FallBackReason::Failed(SafeReason::Overruns),
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 26] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 28] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -266,6 +296,32 @@ fn write_frames(text: &mut String) {
                 busy: false,
                 overruns: 300,
             })),
+        ),
+        (
+            "last words",
+            Ok(Response::LastWords {
+                words: LastWords {
+                    reason: ResetReason::CpuFault,
+                    after_us: 1 << 40,
+                    task: Some(300),
+                    line: 7,
+                    fault: CoreFault {
+                        pc: 0x1234,
+                        lr: 0x5679,
+                        status: 0x0001_0000,
+                        hard_status: 0x4000_0000,
+                        address: u32::MAX,
+                    },
+                },
+                file: b"src/tasks/cruise.rs",
+            }),
+        ),
+        (
+            "black box",
+            Ok(Response::BlackBox {
+                end: 70_003,
+                records: &records,
+            }),
         ),
         ("error malformed", Err(LinkError::Malformed)),
         ("error no upload", Err(LinkError::NoUpload)),

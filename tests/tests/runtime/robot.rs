@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    FromDevice, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Status, Swap,
-    TaskCounters, ToDevice,
+    FromDevice, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters,
+    Status, Swap, TaskCounters, ToDevice,
 };
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
@@ -299,6 +299,11 @@ pub struct Bench<'q, 'm, 'w> {
 
 /// Makes a robot and tries it.
 pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+    with_robot_that_is(About::new("toy 0.1", "bench"), test);
+}
+
+/// Makes a robot that says this of itself, and tries it.
+pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
     let world = World::default();
     let mut toy = Toy {
         source: Bank::new([Source {
@@ -320,14 +325,8 @@ pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
         overruns_in_a_row: 3,
         missed_in_a_row: 5,
     };
-    let (real_time, background, link) = split(
-        &mut memory,
-        &mut banks,
-        &mut mail,
-        About::new("toy 0.1", "bench"),
-        limits,
-    )
-    .expect("the registry is right");
+    let (real_time, background, link) =
+        split(&mut memory, &mut banks, &mut mail, about, limits).expect("the registry is right");
     let mut bench = Bench {
         world: &world,
         board: ToyBoard {
@@ -362,6 +361,7 @@ pub enum Answer {
     Bytes(u32, Vec<u8>),
     Slot(SlotCounters),
     Task(TaskCounters),
+    LastWords(LastWords),
     Hello(String),
 }
 
@@ -434,6 +434,8 @@ impl Bench<'_, '_, '_> {
                         }
                         Response::Slot(counters) => Answer::Slot(counters),
                         Response::TaskInstance(counters) => Answer::Task(counters),
+                        Response::LastWords { words, .. } => Answer::LastWords(words),
+                        Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
                     }),
                 )),
             }

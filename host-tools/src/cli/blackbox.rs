@@ -1,0 +1,97 @@
+//! `esm blackbox`: what happened last on a robot.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use rt_firmware::black_box::Event;
+use rt_firmware::link::message::LinkError;
+
+use super::console::Console;
+use super::exit::CommandError;
+use super::robot::{Robot, RobotArgs};
+use super::stage;
+use crate::black_box::entries;
+use crate::link_client::ClientError;
+use crate::run::mission::Mission;
+use crate::trace::directory::Directory;
+
+/// Shows what happened last on a robot, from a recorder that survives a reset: states, faults, overruns, missions, resets
+///
+/// The newest comes last. Times are in seconds of robot time, which begins anew with each start of the robot. States have their names where the mission is
+/// the one that runs, or is given.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esm blackbox --port /dev/ttyUSB0
+  esm blackbox --port /dev/ttyUSB0 --mission missions/patrol.esm
+  esm blackbox --port /dev/ttyUSB0 --json | jq 'select(.what == \"ended\")'")]
+pub struct BlackBoxArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
+
+    /// A mission that ran, for the names of its states; may be given several times
+    #[arg(long, value_name = "FILE")]
+    pub mission: Vec<PathBuf>,
+
+    /// One JSON object a record and line, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What kept it from ending well.
+pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), CommandError> {
+    let mut missions = BTreeMap::new();
+    for file in &args.mission {
+        let mission = stage::mission(file, console)?.mission;
+        missions.insert(mission.hash, mission.directory);
+    }
+    let (mut robot, _) = args.robot.connect()?;
+    let records = robot.black_box()?;
+    let is_wanted = |hash: u32| {
+        let is_its_start =
+            |event: Event| matches!(event, Event::Mission { hash: started } if started == hash);
+        records.iter().any(|record| is_its_start(record.event))
+    };
+    let running = robot.status()?.mission;
+    if let Some(hash) = running.filter(|hash| is_wanted(*hash) && !missions.contains_key(hash))
+        && let Some(directory) = names_of_running(&mut robot, hash)?
+    {
+        missions.insert(hash, directory);
+    }
+    for entry in entries(&records, &missions) {
+        if args.json {
+            console.json_line(&entry)?;
+        } else {
+            writeln!(console.out(), "{entry}")?;
+        }
+    }
+    if records.is_empty() {
+        console
+            .note("the robot has written nothing down: its firmware was built without a recorder");
+    }
+    Ok(())
+}
+
+/// The names of the mission that runs; none where it has none, or is another one by now.
+fn names_of_running(robot: &mut Robot, hash: u32) -> Result<Option<Arc<Directory>>, CommandError> {
+    let blob = match robot.running_blob() {
+        Ok(blob) => blob,
+        Err(ClientError::Refused {
+            error: LinkError::NoMission,
+            ..
+        }) => return Ok(None),
+        Err(error) => return Err(error.into()),
+    };
+    let mission = esm_core::verify(blob)
+        .ok()
+        .filter(|verified| verified.hash() == hash)
+        .and_then(|verified| Mission::new(Path::new("running"), verified).ok());
+    Ok(mission.map(|mission| mission.directory))
+}

@@ -1,0 +1,554 @@
+//! The flight recorder: what happened last, in RAM that survives a reset.
+//!
+//! Records stand in two rings, so that a machine that changes its state in each macro step does not wash away why the robot stopped: one ring for
+//! transitions, one for all else. A record has a sequence number, which orders the records of both, and a checksum over all of it: one that a reset
+//! tore, or that power-on left, is none.
+//!
+//! There is one writer at a time: the real-time side while the robot runs, and whoever ends the firmware when that never runs again. Writing a
+//! record is five stores and a checksum over four words, without a loop: about 45 instructions of a Cortex-M3. Whoever reads may be interrupted by the writer
+//! at any place: a record that changes while it is read fails its checksum, and counts as overwritten.
+//!
+//! A firmware without the feature `black-box` has no room for records, and none of the code.
+
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use crate::link::message::{Mode, ResetReason, SafeReason};
+
+/// Whether this firmware keeps records at all.
+pub const KEEPS_RECORDS: bool = cfg!(feature = "black-box");
+
+/// Transitions that are kept.
+pub const TRANSITIONS: usize = if KEEPS_RECORDS { 24 } else { 0 };
+/// Records of all other kinds that are kept.
+pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
+
+/// Bytes of a record as the link carries it.
+pub const RECORD_BYTES: usize = 16;
+
+/// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the small value; the large value; checksum.
+const WORDS: usize = 5;
+
+/// One thing that happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The firmware started. Times count from here.
+    Started(ResetReason),
+    /// The firmware ended by itself, for this reason. `detail` is the line of a panic, the address of a fault.
+    Ended {
+        /// Why.
+        reason: ResetReason,
+        /// Where.
+        detail: u32,
+    },
+    /// A mission started, by an upload or a `Start`.
+    Mission {
+        /// Its hash.
+        hash: u32,
+    },
+    /// A transition was taken; both are indices in the mission's blob.
+    Transition {
+        /// The region instance.
+        region_instance: u16,
+        /// The transition, in its region.
+        transition: u16,
+    },
+    /// The robot stopped, or went to its safe state.
+    Mode(Mode),
+    /// A task took longer than its slot.
+    Overrun {
+        /// Index of the task instance in the mission's blob.
+        task_instance: u16,
+        /// How long it took, in µs; 65,535 stands for more, too.
+        took_us: u16,
+    },
+    /// Occurrences of a slot did not start within their period.
+    Missed {
+        /// Index of the slot in the mission's blob; 255 stands for more, too.
+        slot: u8,
+        /// How many.
+        count: u32,
+    },
+}
+
+/// An event, when it was, and its place among all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Record {
+    /// Counts all records; wraps.
+    pub sequence: u32,
+    /// Robot time in µs, 48 bits: since the first macro step of the first mission after the start.
+    pub at_us: u64,
+    /// What happened.
+    pub event: Event,
+}
+
+mod kind {
+    pub const STARTED: u8 = 1;
+    pub const ENDED: u8 = 2;
+    pub const MISSION: u8 = 3;
+    pub const TRANSITION: u8 = 4;
+    pub const MODE: u8 = 5;
+    pub const OVERRUN: u8 = 6;
+    pub const MISSED: u8 = 7;
+}
+
+impl Event {
+    /// Kind, small and large value.
+    #[inline(always)]
+    fn pack(self) -> (u8, u8, u32) {
+        let pair = |high: u16, low: u16| u32::from(high) << 16 | u32::from(low);
+        match self {
+            Event::Started(reason) => (kind::STARTED, reason as u8, 0),
+            Event::Ended { reason, detail } => (kind::ENDED, reason as u8, detail),
+            Event::Mission { hash } => (kind::MISSION, 0, hash),
+            Event::Transition {
+                region_instance,
+                transition,
+            } => (kind::TRANSITION, 0, pair(region_instance, transition)),
+            Event::Mode(mode) => (kind::MODE, mode.number(), 0),
+            Event::Overrun {
+                task_instance,
+                took_us,
+            } => (kind::OVERRUN, 0, pair(task_instance, took_us)),
+            Event::Missed { slot, count } => (kind::MISSED, slot, count),
+        }
+    }
+
+    fn unpack(kind: u8, small: u8, large: u32) -> Option<Event> {
+        let (high, low) = ((large >> 16) as u16, large as u16);
+        Some(match kind {
+            kind::STARTED => Event::Started(ResetReason::from_number(small)?),
+            kind::ENDED => Event::Ended {
+                reason: ResetReason::from_number(small)?,
+                detail: large,
+            },
+            kind::MISSION => Event::Mission { hash: large },
+            kind::TRANSITION => Event::Transition {
+                region_instance: high,
+                transition: low,
+            },
+            kind::MODE => Event::Mode(Mode::from_number(small)?),
+            kind::OVERRUN => Event::Overrun {
+                task_instance: high,
+                took_us: low,
+            },
+            kind::MISSED => Event::Missed {
+                slot: small,
+                count: large,
+            },
+            _ => return None,
+        })
+    }
+}
+
+impl Record {
+    /// The record in these bytes; `None` if it is of a kind that this program does not know.
+    pub fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Option<Record> {
+        let [
+            s0,
+            s1,
+            s2,
+            s3,
+            t0,
+            t1,
+            t2,
+            t3,
+            t4,
+            t5,
+            kind,
+            small,
+            large @ ..,
+        ] = *bytes;
+        Some(Record {
+            sequence: u32::from_le_bytes([s0, s1, s2, s3]),
+            at_us: u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]),
+            event: Event::unpack(kind, small, u32::from_le_bytes(large))?,
+        })
+    }
+
+    /// The record as the link carries it: sequence number (4 bytes), time (6), kind, small value, large value (4); little endian.
+    pub fn to_bytes(&self) -> [u8; RECORD_BYTES] {
+        let (kind, small, large) = self.event.pack();
+        let [s0, s1, s2, s3] = self.sequence.to_le_bytes();
+        let [t0, t1, t2, t3, t4, t5, ..] = self.at_us.to_le_bytes();
+        let [l0, l1, l2, l3] = large.to_le_bytes();
+        [
+            s0, s1, s2, s3, t0, t1, t2, t3, t4, t5, kind, small, l0, l1, l2, l3,
+        ]
+    }
+
+    #[inline(always)]
+    fn to_words(self) -> [u32; WORDS] {
+        let (kind, small, large) = self.event.pack();
+        let high = (self.at_us >> 32) as u16;
+        let words = [
+            self.sequence,
+            self.at_us as u32,
+            u32::from(high) << 16 | u32::from(kind) << 8 | u32::from(small),
+            large,
+        ];
+        let [sequence, time, third, large] = words;
+        [sequence, time, third, large, checksum(words)]
+    }
+
+    fn from_words(words: [u32; WORDS]) -> Option<Record> {
+        let [sequence, time, third, large, sum] = words;
+        if checksum([sequence, time, third, large]) != sum {
+            return None;
+        }
+        Some(Record {
+            sequence,
+            at_us: u64::from(third >> 16) << 32 | u64::from(time),
+            event: Event::unpack((third >> 8) as u8, third as u8, large)?,
+        })
+    }
+}
+
+/// Each step is a bijection of the sum and of the word, so that a change of a single word never goes unnoticed.
+#[inline(always)]
+fn checksum(words: [u32; WORDS - 1]) -> u32 {
+    const SEED: u32 = 0xE5B1_ACB0;
+    const ODD: u32 = 0x9E37_79B1;
+    words.iter().fold(SEED, |sum, word| {
+        (sum ^ word).wrapping_mul(ODD).rotate_left(15)
+    })
+}
+
+/// The words of one record.
+struct Place([AtomicU32; WORDS]);
+
+impl Place {
+    const EMPTY: Place = Place([const { AtomicU32::new(0) }; WORDS]);
+
+    fn read(&self) -> Option<Record> {
+        Record::from_words(self.0.each_ref().map(|word| word.load(Relaxed)))
+    }
+
+    fn write(&self, record: Record) {
+        for (place, word) in self.0.iter().zip(record.to_words()) {
+            place.store(word, Relaxed);
+        }
+    }
+
+    fn clear(&self) {
+        for word in &self.0 {
+            word.store(0, Relaxed);
+        }
+    }
+}
+
+/// A ring of records.
+struct Lane<const N: usize> {
+    places: [Place; N],
+    /// Where the next record goes.
+    next: AtomicU32,
+}
+
+impl<const N: usize> Lane<N> {
+    const EMPTY: Lane<N> = Lane {
+        places: [Place::EMPTY; N],
+        next: AtomicU32::new(0),
+    };
+
+    fn write(&self, record: Record) {
+        let next = self.next.load(Relaxed) as usize;
+        if let Some(place) = self.places.get(next) {
+            place.write(record);
+            let after = if next + 1 < N { next + 1 } else { 0 };
+            self.next.store(after as u32, Relaxed);
+        }
+    }
+
+    /// Goes on behind the newest record, which is the one that comes latest before `end`.
+    fn resume(&self, newest: u32) {
+        let after = |at: usize| if at + 1 < N { at + 1 } else { 0 };
+        let found = self
+            .places
+            .iter()
+            .position(|place| place.read().is_some_and(|record| record.sequence == newest));
+        self.next.store(found.map_or(0, after) as u32, Relaxed);
+    }
+
+    /// Sequence number of the newest record.
+    fn newest(&self) -> Option<u32> {
+        let numbers = || (self.places.iter()).filter_map(|place| Some(place.read()?.sequence));
+        let any = numbers().next()?;
+        numbers().max_by_key(|number| number.wrapping_sub(any) as i32)
+    }
+}
+
+/// The recorder. Every pattern of its words is one: it may be put over memory that nobody has written.
+pub struct BlackBox {
+    transitions: Lane<TRANSITIONS>,
+    events: Lane<EVENTS>,
+    /// Sequence number of the next record.
+    next: AtomicU32,
+}
+
+impl Default for BlackBox {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl BlackBox {
+    /// A recorder without a record.
+    pub const fn new() -> Self {
+        BlackBox {
+            transitions: Lane::EMPTY,
+            events: Lane::EMPTY,
+            next: AtomicU32::new(0),
+        }
+    }
+
+    /// Forgets all records: what stands there is what power-on left.
+    pub(crate) fn clear(&self) {
+        let places = self.transitions.places.iter().chain(&self.events.places);
+        places.for_each(Place::clear);
+        self.transitions.next.store(0, Relaxed);
+        self.events.next.store(0, Relaxed);
+        self.next.store(0, Relaxed);
+    }
+
+    /// Goes on behind the records that are there, after a reset that may have come at any instruction of a write.
+    pub(crate) fn resume(&self) {
+        let (transition, event) = (self.transitions.newest(), self.events.newest());
+        self.transitions.resume(transition.unwrap_or(0));
+        self.events.resume(event.unwrap_or(0));
+        let newest = match (transition, event) {
+            (Some(one), Some(other)) if (one.wrapping_sub(other) as i32) < 0 => Some(other),
+            (one, other) => one.or(other),
+        };
+        let next = newest.map_or(0, |newest| newest.wrapping_add(1));
+        self.next.store(next, Relaxed);
+    }
+
+    /// Writes down what happens at this robot time.
+    pub fn record(&self, at_us: u64, event: Event) {
+        if !KEEPS_RECORDS {
+            return;
+        }
+        let sequence = self.next.load(Relaxed);
+        self.next.store(sequence.wrapping_add(1), Relaxed);
+        let record = Record {
+            sequence,
+            at_us,
+            event,
+        };
+        match event {
+            Event::Transition { .. } => self.transitions.write(record),
+            _ => self.events.write(record),
+        }
+    }
+
+    /// Sequence number that the next record will have.
+    pub fn end(&self) -> u32 {
+        self.next.load(Relaxed)
+    }
+
+    /// The oldest record from this sequence number on, or the oldest of all.
+    pub fn first_from(&self, sequence: Option<u32>) -> Option<Record> {
+        let end = self.end();
+        // How far before the end: the oldest is farthest.
+        let age = |sequence: u32| end.wrapping_sub(sequence);
+        let oldest = sequence.map_or(u32::MAX, age);
+        let places = self.transitions.places.iter().chain(&self.events.places);
+        places
+            .filter_map(Place::read)
+            .filter(|record| (1..=oldest).contains(&age(record.sequence)))
+            .max_by_key(|record| age(record.sequence))
+    }
+}
+
+impl ResetReason {
+    /// All reasons, in the order of their numbers.
+    const ALL: [ResetReason; 7] = [
+        ResetReason::PowerOn,
+        ResetReason::Pin,
+        ResetReason::Watchdog,
+        ResetReason::Panic,
+        ResetReason::CpuFault,
+        ResetReason::BrownOut,
+        ResetReason::Software,
+    ];
+
+    /// The reason with this number, which is its place in the enum.
+    pub fn from_number(number: u8) -> Option<ResetReason> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+}
+
+impl Mode {
+    /// The mode's number in records and snapshots: those of the reasons follow those of the modes.
+    pub fn number(self) -> u8 {
+        match self {
+            Mode::Empty => 0,
+            Mode::Running => 1,
+            Mode::Stopped => 2,
+            Mode::Safe(reason) => 3 + reason.number(),
+        }
+    }
+
+    /// The mode with this number.
+    pub fn from_number(number: u8) -> Option<Mode> {
+        Some(match number {
+            0 => Mode::Empty,
+            1 => Mode::Running,
+            2 => Mode::Stopped,
+            safe => Mode::Safe(SafeReason::from_number(safe - 3)?),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const EXAMPLES: [Event; 7] = [
+        Event::Started(ResetReason::BrownOut),
+        Event::Ended {
+            reason: ResetReason::Panic,
+            detail: 77,
+        },
+        Event::Mission { hash: 0xDEAD_BEEF },
+        Event::Transition {
+            region_instance: 300,
+            transition: 65_535,
+        },
+        Event::Mode(Mode::Safe(SafeReason::LinkLost)),
+        Event::Overrun {
+            task_instance: 9,
+            took_us: 40_000,
+        },
+        Event::Missed {
+            slot: 3,
+            count: 1 << 30,
+        },
+    ];
+
+    fn all(black_box: &BlackBox) -> Vec<Record> {
+        let mut from = None;
+        let mut records = Vec::new();
+        while let Some(record) = black_box.first_from(from) {
+            from = Some(record.sequence.wrapping_add(1));
+            records.push(record);
+            if from == Some(black_box.end()) {
+                break;
+            }
+        }
+        records
+    }
+
+    #[test]
+    fn records_read_back_as_they_were_written_oldest_first() {
+        let black_box = BlackBox::new();
+        for (at_us, event) in (0..).zip(EXAMPLES) {
+            black_box.record(at_us << 33, event);
+        }
+        let read = all(&black_box);
+        let expected = (0..).zip(EXAMPLES).map(|(at_us, event)| Record {
+            sequence: at_us,
+            at_us: u64::from(at_us) << 33,
+            event,
+        });
+        assert!(read.iter().copied().eq(expected), "{read:?}");
+        for record in read {
+            assert_eq!(Record::from_bytes(&record.to_bytes()), Some(record));
+        }
+    }
+
+    #[test]
+    fn a_machine_that_changes_its_state_all_the_time_does_not_wash_away_why_the_robot_stopped() {
+        let black_box = BlackBox::new();
+        let stopped = Event::Mode(Mode::Safe(SafeReason::Overruns));
+        black_box.record(1, stopped);
+        for at_us in 2..1_000 {
+            black_box.record(at_us, EXAMPLES[3]);
+        }
+        let read = all(&black_box);
+        assert_eq!(read.len(), 1 + TRANSITIONS);
+        assert_eq!(read[0].event, stopped);
+        assert_eq!(read.last().map(|record| record.at_us), Some(999));
+    }
+
+    proptest! {
+        /// Whatever the reset tore, what is left is whole, in order, and the records after it come behind it.
+        #[test]
+        fn a_reset_in_the_middle_of_a_write_costs_that_record_at_most(
+            before in 0..100usize,
+            transitions in any::<u64>(),
+            torn in 0..WORDS,
+            after in 1..60usize,
+            start in any::<u32>(),
+        ) {
+            let event = |n: usize| if transitions >> (n % 64) & 1 == 1 { EXAMPLES[3] } else { EXAMPLES[4] };
+            let black_box = BlackBox::new();
+            black_box.next.store(start, Relaxed);
+            let mut written = Vec::new();
+            for n in 0..before {
+                black_box.record(n as u64, event(n));
+                written.push((n as u64, event(n)));
+            }
+            // The one that is torn: some of its words are there, and neither ring has moved on.
+            let lost = Record { sequence: black_box.end(), at_us: 1 << 40, event: EXAMPLES[6] };
+            let next = black_box.events.next.load(Relaxed) as usize;
+            let overwritten = black_box.events.places[next].read();
+            for (place, word) in black_box.events.places[next].0.iter().zip(lost.to_words()).take(torn) {
+                place.store(word, Relaxed);
+            }
+            if torn > 0 && let Some(gone) = overwritten {
+                // The oldest of its ring: those before it were gone already.
+                written.retain(|(at_us, event)| matches!(event, Event::Transition { .. }) || *at_us > gone.at_us);
+            }
+            black_box.resume();
+            for n in before..before + after {
+                black_box.record(n as u64, event(n));
+                written.push((n as u64, event(n)));
+            }
+            let read = all(&black_box);
+            let kept = |wanted: bool, places: usize| -> Vec<(u64, Event)> {
+                let is_wanted = |event: &Event| matches!(event, Event::Transition { .. }) == wanted;
+                let of_kind: Vec<_> = written.iter().copied().filter(|(_, event)| is_wanted(event)).collect();
+                of_kind[of_kind.len().saturating_sub(places)..].to_vec()
+            };
+            let mut expected = [kept(true, TRANSITIONS), kept(false, EVENTS)].concat();
+            expected.sort_by_key(|(at_us, _)| *at_us);
+            let found: Vec<_> = read.iter().map(|record| (record.at_us, record.event)).collect();
+            prop_assert_eq!(found, expected);
+            prop_assert!(read.windows(2).all(|pair| (pair[0].sequence.wrapping_sub(pair[1].sequence) as i32) < 0));
+        }
+
+        #[test]
+        fn a_bit_that_tips_over_makes_a_record_none(sequence: u32, at_us in 0..1u64 << 48, example in 0..EXAMPLES.len(), word in 0..WORDS, bit in 0..32u32) {
+            let mut words = Record { sequence, at_us, event: EXAMPLES[example] }.to_words();
+            words[word] ^= 1 << bit;
+            prop_assert_eq!(Record::from_words(words), None);
+        }
+
+        #[test]
+        fn bytes_are_a_record_or_none_and_nothing_panics(bytes: [u8; RECORD_BYTES]) {
+            let _ = Record::from_bytes(&bytes);
+        }
+    }
+
+    #[test]
+    fn what_power_on_left_is_forgotten() {
+        let black_box = BlackBox::new();
+        for place in black_box
+            .events
+            .places
+            .iter()
+            .chain(&black_box.transitions.places)
+        {
+            for (number, word) in (1..).zip(&place.0) {
+                word.store(0x5A5A_5A5A ^ number << 9, Relaxed);
+            }
+        }
+        black_box.events.next.store(u32::MAX, Relaxed);
+        black_box.clear();
+        assert_eq!(all(&black_box), []);
+        black_box.record(5, EXAMPLES[0]);
+        assert_eq!(all(&black_box).len(), 1);
+    }
+}

@@ -1,0 +1,420 @@
+//! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how often it did so in a row, and the flight recorder.
+//!
+//! A board has one [`Kept`], in a section of its own that nothing writes at the start. It calls [`Kept::begin`] first of all, which tells whether what
+//! stands there is its own, and gives it to the runtime in [`About`](crate::About). Whoever ends the firmware calls [`Kept::end`].
+//!
+//! All of it is words that are only loaded and stored, and of which every pattern is valid: so memory that holds what power-on left there is
+//! a `Kept` too, which `begin` finds to be nobody's.
+
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use crate::black_box::{BlackBox, Event};
+use crate::link::frame::checksum;
+use crate::link::message::{CoreFault, LastWords, ResetReason};
+
+/// The most bytes of a panic's place that are kept: the end of its file's path.
+pub const MAX_PLACE_BYTES: usize = 40;
+const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
+/// Words of a report: reason and length of the place; line; task; five of a fault; time, two; the place; checksum.
+const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + PLACE_WORDS + 1;
+
+/// Says that what stands here was written by a firmware with this layout.
+const MARK: u32 = 0x6B65_7001;
+/// No task is executed.
+const NO_TASK: u32 = u32::MAX;
+
+/// What a board knows of its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending<'a> {
+    /// A panic, at this place.
+    Panic {
+        /// The file.
+        file: &'a str,
+        /// The line in it.
+        line: u32,
+    },
+    /// A fault of the processor.
+    Fault(CoreFault),
+    /// The watchdog ran out.
+    Watchdog,
+}
+
+impl Ending<'_> {
+    fn reason(&self) -> ResetReason {
+        match self {
+            Ending::Panic { .. } => ResetReason::Panic,
+            Ending::Fault(_) => ResetReason::CpuFault,
+            Ending::Watchdog => ResetReason::Watchdog,
+        }
+    }
+
+    fn detail(&self) -> u32 {
+        match self {
+            Ending::Panic { line, .. } => *line,
+            Ending::Fault(fault) => fault.pc,
+            Ending::Watchdog => 0,
+        }
+    }
+}
+
+/// The end of a panic's place, as it is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    bytes: [u8; MAX_PLACE_BYTES],
+    len: usize,
+}
+
+impl Place {
+    /// UTF-8 but for a letter that was cut at its beginning.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+}
+
+/// What is kept.
+pub struct Kept {
+    mark: AtomicU32,
+    report: [AtomicU32; REPORT_WORDS],
+    /// Whether the report is of the run of the firmware that has just ended.
+    is_news: AtomicU32,
+    /// The task instance that is executed by a slot, or [`NO_TASK`].
+    task: AtomicU32,
+    /// Robot time, 48 bits and more, as of the last occurrence of the interpreter's slot.
+    alive_us: [AtomicU32; 2],
+    /// The flight recorder.
+    pub black_box: BlackBox,
+}
+
+impl Default for Kept {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Kept {
+    /// What power-on leaves on a board whose RAM is zeros then. A board whose RAM is anything puts none of this there.
+    pub const fn new() -> Self {
+        Kept {
+            mark: AtomicU32::new(0),
+            report: [const { AtomicU32::new(0) }; REPORT_WORDS],
+            is_news: AtomicU32::new(0),
+            task: AtomicU32::new(0),
+            alive_us: [const { AtomicU32::new(0) }; 2],
+            black_box: BlackBox::new(),
+        }
+    }
+
+    /// The firmware starts. `hardware` is what the chip says of the reset, if it says anything. Tells why it started. To be called once, before anything
+    /// else of this.
+    ///
+    /// Last words come before what the chip says: a firmware that ends itself does so by a reset of the software's. A reset without either, of
+    /// a firmware that was here before, is the watchdog's own, which struck where nothing could be written any more.
+    pub fn begin(&self, hardware: Option<ResetReason>) -> ResetReason {
+        let was_here = self.mark.load(Relaxed) == MARK;
+        let report = self.read_report();
+        let has_news = was_here && self.is_news.load(Relaxed) == MARK && report.is_some();
+        let reason = match (report, hardware) {
+            (Some((words, _)), _) if has_news => words.reason,
+            (_, Some(reason)) => reason,
+            (_, None) if was_here => ResetReason::Watchdog,
+            (_, None) => ResetReason::PowerOn,
+        };
+        if was_here {
+            self.black_box.resume();
+        } else {
+            self.black_box.clear();
+        }
+        if !has_news {
+            // Nobody has said how far the run had come, but that stands here.
+            let words = LastWords {
+                after_us: if was_here { self.alive_us() } else { 0 },
+                ..LastWords::of(reason)
+            };
+            self.write_report(&words, "");
+        }
+        self.is_news.store(0, Relaxed);
+        self.task.store(NO_TASK, Relaxed);
+        self.set_alive(0);
+        self.mark.store(MARK, Relaxed);
+        self.black_box.record(0, Event::Started(reason));
+        reason
+    }
+
+    /// The firmware ends. To be called once, by the one that never returns; the reset follows.
+    pub fn end(&self, ending: &Ending<'_>) {
+        let task = self.task.load(Relaxed);
+        let (file, line) = match *ending {
+            Ending::Panic { file, line } => (file, line),
+            _ => ("", 0),
+        };
+        let words = LastWords {
+            reason: ending.reason(),
+            after_us: self.alive_us(),
+            task: u16::try_from(task).ok(),
+            line,
+            fault: match ending {
+                Ending::Fault(fault) => *fault,
+                _ => CoreFault::default(),
+            },
+        };
+        self.write_report(&words, file);
+        self.is_news.store(MARK, Relaxed);
+        self.black_box.record(
+            words.after_us,
+            Event::Ended {
+                reason: words.reason,
+                detail: ending.detail(),
+            },
+        );
+    }
+
+    /// How the run before this one ended, and the place of its panic.
+    pub fn last_words(&self) -> (LastWords, Place) {
+        self.read_report().unwrap_or((
+            LastWords::of(ResetReason::PowerOn),
+            Place {
+                bytes: [0; MAX_PLACE_BYTES],
+                len: 0,
+            },
+        ))
+    }
+
+    /// A slot begins with this task, or is done with it.
+    #[inline(always)]
+    pub(crate) fn set_task(&self, task_instance: Option<u16>) {
+        self.task
+            .store(task_instance.map_or(NO_TASK, u32::from), Relaxed);
+    }
+
+    /// The robot has come this far.
+    pub(crate) fn set_alive(&self, robot_us: u64) {
+        let [low, high] = &self.alive_us;
+        low.store(robot_us as u32, Relaxed);
+        high.store((robot_us >> 32) as u32, Relaxed);
+    }
+
+    fn alive_us(&self) -> u64 {
+        let [low, high] = &self.alive_us;
+        u64::from(high.load(Relaxed)) << 32 | u64::from(low.load(Relaxed))
+    }
+
+    fn write_report(&self, words: &LastWords, file: &str) {
+        let file = file.as_bytes();
+        let end = file
+            .get(file.len().saturating_sub(MAX_PLACE_BYTES)..)
+            .unwrap_or_default();
+        let CoreFault {
+            pc,
+            lr,
+            status,
+            hard_status,
+            address,
+        } = words.fault;
+        let head = [
+            u32::from(words.reason as u8) << 8 | end.len() as u32,
+            words.line,
+            words.task.map_or(NO_TASK, u32::from),
+            pc,
+            lr,
+            status,
+            hard_status,
+            address,
+            words.after_us as u32,
+            (words.after_us >> 32) as u32,
+        ];
+        let mut text = [0; MAX_PLACE_BYTES];
+        for (place, byte) in text.iter_mut().zip(end) {
+            *place = *byte;
+        }
+        let (groups, _) = text.as_chunks();
+        let text = groups.iter().map(|group| u32::from_le_bytes(*group));
+        let mut report = [0; REPORT_WORDS];
+        for (place, word) in report.iter_mut().zip(head.into_iter().chain(text)) {
+            *place = word;
+        }
+        let sum = checksum_of(&report);
+        if let Some(last) = report.last_mut() {
+            *last = sum;
+        }
+        for (place, word) in self.report.iter().zip(report) {
+            place.store(word, Relaxed);
+        }
+    }
+
+    fn read_report(&self) -> Option<(LastWords, Place)> {
+        let report = self.report.each_ref().map(|word| word.load(Relaxed));
+        let [
+            first,
+            line,
+            task,
+            pc,
+            lr,
+            status,
+            hard_status,
+            address,
+            after,
+            after_high,
+            text @ ..,
+            sum,
+        ] = report;
+        if checksum_of(&report) != sum {
+            return None;
+        }
+        let mut bytes = [0; MAX_PLACE_BYTES];
+        let letters = text.into_iter().flat_map(u32::to_le_bytes);
+        for (place, byte) in bytes.iter_mut().zip(letters) {
+            *place = byte;
+        }
+        let words = LastWords {
+            reason: ResetReason::from_number((first >> 8) as u8)?,
+            after_us: u64::from(after_high) << 32 | u64::from(after),
+            task: u16::try_from(task).ok(),
+            line,
+            fault: CoreFault {
+                pc,
+                lr,
+                status,
+                hard_status,
+                address,
+            },
+        };
+        let len = usize::from(first as u8).min(MAX_PLACE_BYTES);
+        Some((words, Place { bytes, len }))
+    }
+}
+
+/// Of all words of a report but the last.
+fn checksum_of(report: &[u32; REPORT_WORDS]) -> u32 {
+    let mut bytes = [0; (REPORT_WORDS - 1) * size_of::<u32>()];
+    let words = report.iter().flat_map(|word| word.to_le_bytes());
+    for (place, byte) in bytes.iter_mut().zip(words) {
+        *place = byte;
+    }
+    checksum(&bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FAULT: CoreFault = CoreFault {
+        pc: 0x1234,
+        lr: 0x5678,
+        status: 0x0001_0000,
+        hard_status: 0x4000_0000,
+        address: 0xE000_ED38,
+    };
+
+    fn records(kept: &Kept) -> Vec<Event> {
+        let mut from = None;
+        let mut events = Vec::new();
+        while let Some(record) = kept.black_box.first_from(from) {
+            events.push(record.event);
+            from = Some(record.sequence.wrapping_add(1));
+            if from == Some(kept.black_box.end()) {
+                break;
+            }
+        }
+        events
+    }
+
+    #[test]
+    fn what_ends_the_firmware_is_known_at_the_next_start_and_not_at_the_one_after() {
+        let long = "/a/path/that/is/longer/than/what/is/kept/of/it/src/tasks/cruise.rs";
+        let kept = Kept::new();
+        assert_eq!(kept.begin(None), ResetReason::PowerOn);
+        for (ending, reason, place, line, fault) in [
+            (
+                Ending::Panic {
+                    file: "src/x.rs",
+                    line: 7,
+                },
+                ResetReason::Panic,
+                "src/x.rs",
+                7,
+                CoreFault::default(),
+            ),
+            (
+                Ending::Panic {
+                    file: long,
+                    line: 70_000,
+                },
+                ResetReason::Panic,
+                &long[long.len() - MAX_PLACE_BYTES..],
+                70_000,
+                CoreFault::default(),
+            ),
+            (Ending::Fault(FAULT), ResetReason::CpuFault, "", 0, FAULT),
+            (
+                Ending::Watchdog,
+                ResetReason::Watchdog,
+                "",
+                0,
+                CoreFault::default(),
+            ),
+        ] {
+            kept.set_task(Some(5));
+            kept.set_alive(1 << 33 | 4);
+            kept.end(&ending);
+            // The chip calls it a reset by software: what the firmware said comes first.
+            assert_eq!(kept.begin(Some(ResetReason::Software)), reason);
+            let (words, told) = kept.last_words();
+            let expected = LastWords {
+                reason,
+                after_us: 1 << 33 | 4,
+                task: Some(5),
+                line,
+                fault,
+            };
+            assert_eq!(words, expected);
+            assert_eq!(told.as_bytes(), place.as_bytes());
+            // Somebody presses the button.
+            assert_eq!(kept.begin(Some(ResetReason::Pin)), ResetReason::Pin);
+            assert_eq!(kept.last_words().0, LastWords::of(ResetReason::Pin));
+        }
+    }
+
+    #[test]
+    fn a_reset_that_nobody_explains_is_the_watchdogs_where_there_was_a_firmware() {
+        let kept = Kept::new();
+        kept.begin(None);
+        kept.set_alive(77);
+        assert_eq!(kept.begin(None), ResetReason::Watchdog);
+        assert_eq!(kept.last_words().0.after_us, 77);
+        assert_eq!(
+            kept.begin(Some(ResetReason::BrownOut)),
+            ResetReason::BrownOut
+        );
+    }
+
+    #[test]
+    fn what_power_on_left_is_no_reason_and_no_record() {
+        let kept = Kept::new();
+        for (number, word) in (0u32..).zip(&kept.report) {
+            word.store(number.wrapping_mul(0x0101_0101) ^ 0x5555_5555, Relaxed);
+        }
+        kept.is_news.store(MARK, Relaxed);
+        assert_eq!(kept.begin(None), ResetReason::PowerOn);
+        assert_eq!(records(&kept), [Event::Started(ResetReason::PowerOn)]);
+    }
+
+    #[test]
+    fn a_report_that_was_torn_is_none_but_the_records_stay() {
+        let kept = Kept::new();
+        kept.begin(None);
+        kept.end(&Ending::Fault(FAULT));
+        kept.report[3].store(0, Relaxed);
+        assert_eq!(kept.begin(None), ResetReason::Watchdog);
+        assert_eq!(
+            records(&kept),
+            [
+                Event::Started(ResetReason::PowerOn),
+                Event::Ended {
+                    reason: ResetReason::CpuFault,
+                    detail: FAULT.pc
+                },
+                Event::Started(ResetReason::Watchdog),
+            ]
+        );
+    }
+}
