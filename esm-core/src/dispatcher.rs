@@ -42,8 +42,8 @@ type Key = u64;
 /// Bits of a key that hold the slot's index.
 const SLOT_BITS: u32 = 8;
 
-/// Where a match has not been played: no slot's key, since it is beyond all times.
-const NOBODY: Key = Key::MAX;
+/// Stands for a slot that did not enter yet. It wins all matches, or is the first slot's key.
+const ABSENT: Key = 0;
 
 fn key(slot: usize, start_us: u64) -> Key {
     start_us << SLOT_BITS | slot as Key
@@ -127,7 +127,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         if len == 0 {
             return Err(DispatcherError::NoSlots);
         }
-        self.matches.fill(NOBODY);
+        self.matches.fill(ABSENT);
         for (index, (slot, entry)) in slots.zip(&mut self.entries).enumerate() {
             if slot.period_us == 0 {
                 return Err(DispatcherError::ZeroPeriod { slot: index });
@@ -136,16 +136,14 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
                 period_us: slot.period_us,
                 missed: 0,
             };
-            let first_us = u64::from(slot.start_us);
-            let past_us = match from_us.checked_sub(first_us) {
+            let mut start_us = u64::from(slot.start_us);
+            if let Some(past_us) = from_us.checked_sub(start_us) {
                 // Rounded up: the occurrence before would start before `from_us`.
-                Some(past_us) => {
-                    periods_in(past_us + u64::from(slot.period_us - 1), slot.period_us)
-                        * u64::from(slot.period_us)
-                }
-                None => 0,
-            };
-            enter(&mut self.matches, len, key(index, first_us + past_us));
+                let past_us = past_us + u64::from(slot.period_us - 1);
+                start_us += periods_in(past_us, slot.period_us) * u64::from(slot.period_us);
+            }
+            // Who was absent won so far, and is replaced.
+            replay(&mut self.matches, len, key(index, start_us));
         }
         self.len = len;
         Ok(())
@@ -229,31 +227,8 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     }
 }
 
-/// Lets a slot enter: it plays up to a match that has no second player yet, and waits there. The last of `len` slots to enter plays the final.
-fn enter(matches: &mut [Key], len: usize, key: Key) {
-    let mut player = key;
-    let mut at = entrance(len, key);
-    // Each round goes a level up.
-    while at > 0 {
-        let Some(other) = matches.get_mut(at) else {
-            return;
-        };
-        if *other == NOBODY {
-            *other = player;
-            return;
-        }
-        if *other < player {
-            core::mem::swap(other, &mut player);
-        }
-        at /= 2;
-    }
-    if let [winner, ..] = matches {
-        *winner = player;
-    }
-}
-
 /// Plays the winner's matches anew, with its next key. It met, on its way from where it entered to the final, everybody who can be the earliest now.
-#[inline]
+#[inline(never)]
 fn replay(matches: &mut [Key], len: usize, key: Key) {
     let mut player = key;
     let mut at = entrance(len, key);
@@ -278,18 +253,19 @@ fn entrance(len: usize, key: Key) -> usize {
 
 /// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one in a library routine of a kilobyte: after more
 /// than an hour, which happens once a mission at most, it is done bit by bit.
+#[inline(never)]
 fn periods_in(duration_us: u64, period_us: u32) -> u64 {
     if let Ok(duration_us) = u32::try_from(duration_us) {
         // Without a period nothing is divided: so there is no panic to link.
         return u64::from(duration_us.checked_div(period_us).unwrap_or(0));
     }
-    let period_us = u64::from(period_us);
-    let (mut periods, mut rest_us) = (0, 0);
-    for bit in (0..u64::BITS).rev() {
-        rest_us = rest_us << 1 | duration_us >> bit & 1;
+    // Bits of the duration go out at the top, and those of the result come in below.
+    let (mut rest_us, mut periods) = (0, duration_us);
+    for _ in 0..u64::BITS {
+        rest_us = rest_us << 1 | periods >> (u64::BITS - 1);
         periods <<= 1;
-        if rest_us >= period_us {
-            rest_us -= period_us;
+        if rest_us >= u64::from(period_us) {
+            rest_us -= u64::from(period_us);
             periods |= 1;
         }
     }

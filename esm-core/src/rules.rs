@@ -1,16 +1,16 @@
-//! The rules of the format that compare one number with another, as tables: four bytes a line, where code would take four times as many.
+//! The rules of the format that compare one number with another, as tables: three or four bytes a line, where code would take four times as many.
 //!
 //! A line speaks of *values*, each known by a small number: the fields of the records that were read last, how many records of each section there are and how many were
 //! come to, and what the [verifier](mod@crate::verify) keeps beside them. It compares two values, of which the second may be a sum; or it gives a value, or
-//! reads a record. The verifier applies the tables at each thing that it walks over.
+//! reads a record. The verifier applies the tables at each thing that it walks over. The lists are written below as lines, and [packed](PACKED) when the crate is compiled.
 
 use crate::format::{self, Section};
 use crate::layout::{
-    Field, channel, connection, container, instance, mission, region, region_instance, state, task,
-    task_instance, task_state, transition,
+    Field, channel, connection, container, instance, listener, mission, region, region_instance,
+    slot, state, task, task_instance, task_state, timer, transition,
 };
 use crate::verify::Cause;
-use Cause::{Index, Kind, Order, Range, Template};
+use Cause::{Index, Kind, Order, Overlap, Range, Template};
 use Section::{
     Channels, Connections, Containers, Instances, Listeners, Mission, Nets, Params,
     RegionInstances, Regions, Signatures, Slots, States, TaskInstances, TaskStates, Tasks, Timers,
@@ -36,29 +36,27 @@ values! {
     /** Always 0. */ ZERO = 0;
     /** Whether the region under test is the last of its instance, 0 or 1. */ IS_LAST after ZERO,
     /** Kind of the state. */ KIND after IS_LAST,
-    /** The flags in its shape. */ FLAGS after KIND,
-    /** The rest of its shape. */ SHAPE_WITHOUT_FLAGS after FLAGS,
-    /** Whether it has a timeout, 0 or 1. */ TIMED after SHAPE_WITHOUT_FLAGS,
-    /** The state under test. */ STATE after TIMED,
+    /** The rest of its shape. */ WITHOUT_KIND after KIND,
+    /** Whether it has a timeout, 0 or 1. */ TIMED after WITHOUT_KIND,
+    /** The flags in its shape. */ FLAGS after TIMED,
+    /** The state under test. */ STATE after FLAGS,
     /** The one behind. */ NEXT_STATE after STATE,
     /** One past the last state of its region. */ END_STATE after NEXT_STATE,
     /** One past its last transition. */ END_TRANSITION after END_STATE,
     /** Number of events. */ EVENTS after END_TRANSITION,
     /** Number of the record under test of the table that is walked through. */ NUMBER after EVENTS,
-    /** Event of the transition. */ EVENT after NUMBER,
+    /** Whether the transition has the plain mark, 0 or 1. */ MARK after NUMBER,
+    /** Its event. */ EVENT after MARK,
     /** Event of the one before. */ LAST_EVENT after EVENT,
-    /** Events of the state's transitions: low half. */ EVENTS_LOW after LAST_EVENT,
-    /** High half. */ EVENTS_HIGH after EVENTS_LOW,
-    /** First transition that is not on the pulse. */ FIRST_ON_EVENT after EVENTS_HIGH,
+    /** Events of the state's transitions. */ EVENTS_SEEN after LAST_EVENT,
+    /** First transition that is not on the pulse. */ FIRST_ON_EVENT after EVENTS_SEEN,
     /** Guards of the row at its head. */ ROW after FIRST_ON_EVENT,
     /** The guard with which the row goes on. */ ROW_GUARD after ROW,
     /** Flags at the head of the instance's block. */ HEAD after ROW_GUARD,
-    /** One past the last word of regions of a channel. */ END_WORD after HEAD,
-    /** One past the last word of its row. */ END_ROW after END_WORD,
 }
 
 /// The record of the transition under test.
-pub(crate) const OF_TRANSITION: Value = END_ROW + 1;
+pub(crate) const OF_TRANSITION: Value = HEAD + 1;
 /// A record that is looked at beside them.
 pub(crate) const HERE: Value = OF_TRANSITION + 4;
 /// The record of the instance under test.
@@ -84,11 +82,12 @@ values! {
     /** Always that of superstates. */ KIND_SUPER after KIND_SIMPLE,
     /** Always what stands for none. */ NONE after KIND_SUPER,
     /** Always the most state instances. */ MAX_STATE_INSTANCES after NONE,
-    /** Always the first action that sends. */ ACTION_SEND after MAX_STATE_INSTANCES,
-    /** Number of exclusive groups. */ GROUPS after ACTION_SEND,
+    /** Always the longest time. */ MAX_TIME after MAX_STATE_INSTANCES,
+    /** Always the first action that sends. */ ACTION_SEND after MAX_TIME,
+    /** Always the first guard that is a program. */ GUARD_PROGRAM after ACTION_SEND,
+    /** Number of exclusive groups. */ GROUPS after GUARD_PROGRAM,
     /** State instances that were come to. */ STATE_INSTANCES after GROUPS,
-    /** Words of a row with all region instances. */ REGION_WORDS after STATE_INSTANCES,
-    /** The region template under test, and then the one behind. */ TEMPLATE after REGION_WORDS,
+    /** The region template under test, and then the one behind. */ TEMPLATE after STATE_INSTANCES,
     /** The region instance under test. */ REGION after TEMPLATE,
     /** What comes behind the last region of the instance. */ BEHIND after REGION,
     /** Parts of the instance that were come to: flags. */ TAKEN_FLAGS after BEHIND,
@@ -100,8 +99,32 @@ values! {
     /** See [`A`]. */ B after A,
     /** Flags, and then shape, that it must have. */ RIGHT after B,
     /** What is needed for some lines only. */ SCRATCH after RIGHT,
+    /** What is split from it. */ BELOW_SCRATCH after SCRATCH,
 }
-const _: () = assert!((SCRATCH as usize) < VALUES);
+const _: () = assert!((BELOW_SCRATCH as usize) < VALUES);
+
+// Slots are through before the first state, and channels come behind the last: what is kept of them stands where that of states does meanwhile.
+
+/// The interpreter's slot.
+const INTERPRETER_SLOT: Value = RIGHT;
+/// The record of the slot under test.
+const OF_SLOT: Value = OF_STATE;
+/// Number of one before it.
+const EARLIER: Value = STATE;
+/// The greatest common divisor of their periods.
+const BASE: Value = A;
+/// How much later than the other one it starts.
+const AFTER: Value = B;
+/// Words of a row with all region instances that are full.
+const FULL_WORDS: Value = TAKEN_FLAGS;
+/// Region instances in the one that is not.
+const REST: Value = FULL_WORDS + 1;
+/// Words of such a row.
+const REGION_WORDS: Value = RIGHT;
+/// One past the last word of regions of a channel.
+const END_WORD: Value = A;
+/// One past the last word of its row.
+const END_ROW: Value = B;
 
 /// Records of a section that were come to: what comes next begins there.
 pub(crate) const fn seen(section: Section) -> Value {
@@ -148,6 +171,11 @@ pub(crate) const fn of_state(field: Field) -> Value {
     at(OF_STATE, field)
 }
 
+/// A field of the slot under test.
+const fn of_slot(field: Field) -> Value {
+    at(OF_SLOT, field)
+}
+
 /// A field of the transition under test.
 pub(crate) const fn of_transition(field: Field) -> Value {
     at(OF_TRANSITION, field)
@@ -155,145 +183,145 @@ pub(crate) const fn of_transition(field: Field) -> Value {
 
 /// One line.
 #[derive(Clone, Copy)]
-pub(crate) struct Rule {
-    /// One of the constants below; for comparisons with the [`Cause`] above, in the bits from [`Self::CAUSE_SHIFT`] on.
+struct Rule {
+    /// One of the constants of [`rule`]; for comparisons with the [`Cause`] above, in the bits from [`rule::CAUSE_SHIFT`] on.
     what: u8,
-    pub(crate) left: Value,
-    pub(crate) a: Value,
-    pub(crate) b: Value,
+    left: Value,
+    a: Value,
+    b: Value,
 }
 
-impl Rule {
+/// What a line does. In the bits above stands, for comparisons, the number of the [`Cause`] for which is refused what does not keep the rule.
+pub(crate) mod rule {
+    /// The list ends.
+    pub(crate) const END: u8 = 0;
+    /// Does what no line can say, and ends the list: checks the plain mark of the transition, its guard and its actions.
+    pub(crate) const STEP: u8 = END | 1 << CAUSE_SHIFT;
     /// Right if `left` is the sum of `a` and `b`.
-    pub(crate) const IS: u8 = 0;
+    pub(crate) const IS: u8 = 1;
     /// Right if it is below it.
-    pub(crate) const BELOW: u8 = 1;
-    /// Right if it is below it, or none.
-    pub(crate) const NONE_OR_BELOW: u8 = 2;
+    pub(crate) const BELOW: u8 = 2;
+    /// Right if it is not above it.
+    pub(crate) const AT_MOST: u8 = 3;
     /// Makes `left` that sum.
-    pub(crate) const LET: u8 = 3;
+    pub(crate) const LET: u8 = 4;
+    /// Makes `left` the difference of `a` and `b`.
+    pub(crate) const SUBTRACT: u8 = 5;
+    /// Makes `left` the remainder of `a` by `b`; 0 if that is 0.
+    pub(crate) const REMAINDER: u8 = 6;
+    /// Makes `left` the bits of `a` from bit number `b` on, and the value behind `left` those below.
+    pub(crate) const SPLIT: u8 = 7;
+    /// Sets the bit in `left` that `a` says, by its remainder by 32.
+    pub(crate) const BIT: u8 = 8;
     /// Makes `left` the number with the low byte `a` and the high byte `b`.
-    pub(crate) const NUMBER: u8 = 4;
+    pub(crate) const NUMBER: u8 = 9;
     /// Reads the record `a` of the section `left` to the values from `b` on.
-    pub(crate) const READ: u8 = 5;
-    /// Passes over the next `b` lines, but not if `left` is `a`.
-    pub(crate) const GIVEN: u8 = 6;
-    /// Applies list `b` as long as `left` is below `a`.
-    pub(crate) const WHILE: u8 = 7;
-    /// Applies list `b`.
-    pub(crate) const APPLY: u8 = 8;
-    /// Does what no line can say: the step `b` of the verifier.
-    pub(crate) const STEP: u8 = 9;
+    pub(crate) const READ: u8 = 10;
+    /// Passes over the next `b` bytes, but not if `left` is `a`.
+    pub(crate) const GIVEN: u8 = 11;
+    /// The same, but not if `left` is below `a`.
+    pub(crate) const GIVEN_BELOW: u8 = 12;
+    /// Applies the list at `b` as long as `left` is below `a`.
+    pub(crate) const WHILE: u8 = 13;
+    /// Applies the list at `b` if `left` is `a`.
+    pub(crate) const APPLY: u8 = 14;
+    /// Adds `a` to `left`.
+    pub(crate) const ADD: u8 = 15;
 
-    const CAUSE_SHIFT: u32 = 4;
+    pub(crate) const CAUSE_SHIFT: u32 = 4;
+    /// The bits that tell what a line does.
+    pub(crate) const WHAT_MASK: u8 = (1 << CAUSE_SHIFT) - 1;
+}
 
-    const fn new(what: u8, left: Value, a: Value, b: Value) -> Self {
-        Self { what, left, a, b }
-    }
-
-    #[inline(always)]
-    pub(crate) const fn what(self) -> u8 {
-        self.what & ((1 << Self::CAUSE_SHIFT) - 1)
-    }
-
-    /// Number of the [`Cause`] for which is refused what does not keep this rule.
-    #[inline(always)]
-    pub(crate) fn cause(self) -> u8 {
-        self.what >> Self::CAUSE_SHIFT
-    }
+const fn line(what: u8, left: Value, a: Value, b: Value) -> Rule {
+    Rule { what, left, a, b }
 }
 
 const fn compare(what: u8, left: Value, a: Value, b: Value, cause: Cause) -> Rule {
-    Rule::new(what | (cause as u8) << Rule::CAUSE_SHIFT, left, a, b)
+    line(what | (cause as u8) << rule::CAUSE_SHIFT, left, a, b)
 }
 
 const fn is(left: Value, right: Value, cause: Cause) -> Rule {
-    compare(Rule::IS, left, right, ZERO, cause)
+    compare(rule::IS, left, right, ZERO, cause)
 }
 
 const fn is_sum(left: Value, a: Value, b: Value, cause: Cause) -> Rule {
-    compare(Rule::IS, left, a, b, cause)
+    compare(rule::IS, left, a, b, cause)
 }
 
 const fn below(left: Value, right: Value, cause: Cause) -> Rule {
-    compare(Rule::BELOW, left, right, ZERO, cause)
+    compare(rule::BELOW, left, right, ZERO, cause)
+}
+
+const fn below_sum(left: Value, a: Value, b: Value, cause: Cause) -> Rule {
+    compare(rule::BELOW, left, a, b, cause)
 }
 
 const fn at_most(left: Value, right: Value, cause: Cause) -> Rule {
-    compare(Rule::BELOW, left, right, ONE, cause)
-}
-
-const fn none_or_below(left: Value, right: Value, cause: Cause) -> Rule {
-    compare(Rule::NONE_OR_BELOW, left, right, ZERO, cause)
+    compare(rule::AT_MOST, left, right, ZERO, cause)
 }
 
 const fn let_be(left: Value, right: Value) -> Rule {
-    Rule::new(Rule::LET, left, right, ZERO)
+    line(rule::LET, left, right, ZERO)
 }
 
 const fn let_sum(left: Value, a: Value, b: Value) -> Rule {
-    Rule::new(Rule::LET, left, a, b)
+    line(rule::LET, left, a, b)
 }
 
 const fn add(left: Value, more: Value) -> Rule {
-    let_sum(left, left, more)
+    line(rule::ADD, left, more, ZERO)
+}
+
+const fn subtract(left: Value, a: Value, b: Value) -> Rule {
+    line(rule::SUBTRACT, left, a, b)
+}
+
+const fn remainder(left: Value, a: Value, b: Value) -> Rule {
+    line(rule::REMAINDER, left, a, b)
+}
+
+/// Two values that stand one behind the other become the upper and the lower bits of a value.
+const fn split(upper: Value, lower: Value, of: Value, bits: u8) -> Rule {
+    assert!(lower == upper + 1, "one behind the other");
+    line(rule::SPLIT, upper, of, bits)
+}
+
+const fn bit(left: Value, number: Value) -> Rule {
+    line(rule::BIT, left, number, ZERO)
 }
 
 const fn number(left: Value, number: u16) -> Rule {
     let [low, high] = number.to_le_bytes();
-    Rule::new(Rule::NUMBER, left, low, high)
+    line(rule::NUMBER, left, low, high)
 }
 
 const fn read(section: Section, index: Value, to: Value) -> Rule {
-    Rule::new(Rule::READ, section as u8, index, to)
+    line(rule::READ, section as u8, index, to)
 }
 
 /// The next `lines` apply only if two values are equal.
 const fn given(left: Value, right: Value, lines: u8) -> Rule {
-    Rule::new(Rule::GIVEN, left, right, lines)
+    line(rule::GIVEN, left, right, lines)
+}
+
+/// The next `lines` apply only if `left` is below `right`.
+const fn given_below(left: Value, right: Value, lines: u8) -> Rule {
+    line(rule::GIVEN_BELOW, left, right, lines)
 }
 
 /// Applies a list as long as `left` is below `right`.
 const fn while_below(left: Value, right: Value, list: List) -> Rule {
-    Rule::new(Rule::WHILE, left, right, list as u8)
+    line(rule::WHILE, left, right, list as u8)
 }
 
-const fn apply(list: List) -> Rule {
-    Rule::new(Rule::APPLY, ZERO, ZERO, list as u8)
+/// Applies a list if two values are equal.
+const fn apply_given(left: Value, right: Value, list: List) -> Rule {
+    line(rule::APPLY, left, right, list as u8)
 }
 
-const fn step(step: Step) -> Rule {
-    Rule::new(Rule::STEP, ZERO, ZERO, step as u8)
-}
-
-/// What a line cannot say.
-#[derive(Clone, Copy)]
-#[repr(u8)]
-pub(crate) enum Step {
-    /// A slot, with those before it.
-    Slot,
-    /// The bits of a channel's last word.
-    LastWord,
-    /// The shape of a state, taken apart.
-    Shape,
-    /// The range of its timer.
-    Timer,
-    /// The event of a transition, taken apart.
-    Event,
-    /// Its mark, guard and actions.
-    Transition,
-}
-
-impl Step {
-    pub(crate) const ALL: [Self; 6] = [
-        Self::Slot,
-        Self::LastWord,
-        Self::Shape,
-        Self::Timer,
-        Self::Event,
-        Self::Transition,
-    ];
-}
+/// What no line can say: the plain mark of the transition, its guard and actions.
+const CHECK_TRANSITION: Rule = line(rule::STEP, ZERO, ZERO, 0);
 
 /// Lists of rules. A list applies only such as stand behind it, so the depth to which they apply one another is bounded.
 #[derive(Clone, Copy)]
@@ -301,6 +329,8 @@ impl Step {
 pub(crate) enum List {
     Mission,
     Slot,
+    EarlierSlot,
+    Divisor,
     Instance,
     Channel,
     Task,
@@ -313,12 +343,15 @@ pub(crate) enum List {
     Superstate,
     TemplateState,
     Transition,
+    PulseTransition,
 }
 
 /// The lists in the order of [`List`].
-pub(crate) const LISTS: [&[Rule]; 14] = [
+const LISTS: [&[Rule]; 17] = [
     MISSION,
-    &[step(Step::Slot)],
+    SLOT,
+    EARLIER_SLOT,
+    DIVISOR,
     INSTANCE,
     CHANNEL,
     TASK_RECORD,
@@ -331,23 +364,85 @@ pub(crate) const LISTS: [&[Rule]; 14] = [
     SUPER,
     TEMPLATE_STATE,
     TRANSITION,
+    PULSE_TRANSITION,
 ];
 
-const _: () = {
+/// A list begins at a multiple of this, so that one byte can say where.
+pub(crate) const LIST_ALIGNMENT: usize = 4;
+
+/// All lists as the verifier reads them. A line is what it does, `left`, `a` and `b`, a byte each; `b` is left out where it is 0, and the highest bit of `left` says that it is not. So a list
+/// applies another one by where that begins, in units of [`LIST_ALIGNMENT`], and lines that may be passed over are counted in bytes.
+pub(crate) const PACKED: [u8; PACKED_BYTES] = {
+    let mut packed = [0; PACKED_BYTES];
     let mut list = 0;
     while list < LISTS.len() {
+        let rules = LISTS[list];
+        let mut to = begin_of(list);
         let mut at = 0;
-        while at < LISTS[list].len() {
-            let rule = LISTS[list][at];
-            let applies = rule.what() == Rule::WHILE || rule.what() == Rule::APPLY;
-            assert!(!applies || rule.b as usize > list, "lists apply later ones");
+        while at < rules.len() {
+            let Rule { what, left, a, b } = rules[at];
+            assert!(left & LONG == 0, "a value");
+            let b = match what {
+                rule::GIVEN | rule::GIVEN_BELOW => {
+                    bytes_of(rules, at + 1, at + 1 + b as usize) as u8
+                }
+                rule::WHILE | rule::APPLY => {
+                    assert!(b as usize > list, "lists apply later ones");
+                    let begin = begin_of(b as usize) / LIST_ALIGNMENT;
+                    assert!(begin <= u8::MAX as usize, "a byte says where");
+                    begin as u8
+                }
+                _ => b,
+            };
+            packed[to] = what;
+            packed[to + 1] = left;
+            packed[to + 2] = a;
+            to += SHORT_BYTES;
+            if b != 0 {
+                packed[to - 2] |= LONG;
+                packed[to] = b;
+                to += 1;
+            }
             at += 1;
         }
         list += 1;
     }
+    packed
 };
 
-/// The mission.
+/// In `left`: the line has a `b`.
+pub(crate) const LONG: u8 = 1 << 7;
+/// Bytes of a line without one.
+pub(crate) const SHORT_BYTES: usize = 3;
+
+/// All of them. A line is read with the byte behind it, which is there: at least the list's end. Where less is left, it is this end.
+const PACKED_BYTES: usize = begin_of(LISTS.len());
+
+/// Where a list begins among those that are packed.
+const fn begin_of(list: usize) -> usize {
+    let mut begin = 0;
+    let mut before = 0;
+    while before < list {
+        let rules = LISTS[before];
+        // The end takes a byte.
+        begin = (begin + bytes_of(rules, 0, rules.len()) + 1).next_multiple_of(LIST_ALIGNMENT);
+        before += 1;
+    }
+    begin
+}
+
+/// Bytes of some lines of a list.
+const fn bytes_of(rules: &[Rule], from: usize, to: usize) -> usize {
+    let mut bytes = 0;
+    let mut at = from;
+    while at < to {
+        bytes += SHORT_BYTES + (rules[at].b != 0) as usize;
+        at += 1;
+    }
+    bytes
+}
+
+/// The mission, and then all tables that are walked through.
 const MISSION: &[Rule] = &[
     number(ONE, 1),
     number(OWN_FLAGS, format::CONTAINER_CONTROL_FLAGS as u16),
@@ -358,14 +453,18 @@ const MISSION: &[Rule] = &[
     number(KIND_SUPER, format::STATE_SUPER),
     number(NONE, format::NONE),
     number(ACTION_SEND, format::ACTION_SEND),
-    // The queue holds an event at least, and the interpreter has its slot.
-    read(Mission, NUMBER, HERE),
+    number(GUARD_PROGRAM, format::GUARD_PROGRAM),
+    // There is one. Its queue holds an event at least, and the interpreter has its slot.
+    read(Mission, ONE, HERE),
+    is(count(Mission), ONE, Order),
+    read(Mission, ZERO, HERE),
     below(ZERO, here(mission::QUEUE), Range),
     number(SCRATCH, format::MAX_QUEUE as u16),
     at_most(here(mission::QUEUE), SCRATCH, Range),
     number(SCRATCH, format::MAX_EVENT),
     at_most(here(mission::EVENTS), SCRATCH, Range),
-    below(here(mission::INTERPRETER_SLOT), count(Slots), Index),
+    let_be(INTERPRETER_SLOT, here(mission::INTERPRETER_SLOT)),
+    below(INTERPRETER_SLOT, count(Slots), Index),
     let_be(EVENTS, here(mission::EVENTS)),
     let_be(GROUPS, here(mission::EXCLUSIVE_GROUPS)),
     let_be(SCRATCH, here(mission::FLAGS)),
@@ -375,6 +474,71 @@ const MISSION: &[Rule] = &[
     let_be(seen(TaskInstances), here(container::TASK_SPAN)),
     let_be(seen(RegionInstances), here(container::REGION_SPAN)),
     let_be(seen(Instances), here(container::INSTANCE_SPAN)),
+    // The other tables are come to from these, or free.
+    while_below(NUMBER, count(Slots), List::Slot),
+    let_be(NUMBER, ZERO),
+    while_below(NUMBER, count(Instances), List::Instance),
+    split(FULL_WORDS, REST, count(RegionInstances), WORD_BITS_SHIFT),
+    let_be(REGION_WORDS, FULL_WORDS),
+    given_below(ZERO, REST, 1),
+    add(REGION_WORDS, ONE),
+    let_be(NUMBER, ZERO),
+    while_below(NUMBER, count(Channels), List::Channel),
+    let_be(NUMBER, ZERO),
+    while_below(NUMBER, count(Tasks), List::Task),
+    let_be(NUMBER, ZERO),
+    while_below(NUMBER, count(TaskInstances), List::TaskInstance),
+    let_be(NUMBER, ZERO),
+    while_below(NUMBER, count(Connections), List::Connection),
+];
+
+/// A word of a row is for 2 to the power of this many region instances.
+const WORD_BITS_SHIFT: u8 = u32::BITS.trailing_zeros() as u8;
+
+/// A slot, with those before it. The interpreter's starts at 0, for the time of a machine is that of its slots.
+const SLOT: &[Rule] = &[
+    read(Slots, NUMBER, OF_SLOT),
+    below(ZERO, of_slot(slot::NUMBER), Range),
+    at_most(of_slot(slot::PERIOD), MAX_TIME, Range),
+    at_most(of_slot(slot::DURATION), of_slot(slot::PERIOD), Range),
+    below(of_slot(slot::START), of_slot(slot::PERIOD), Range),
+    given(NUMBER, INTERPRETER_SLOT, 1),
+    is(of_slot(slot::START), ZERO, Range),
+    let_be(EARLIER, ZERO),
+    while_below(EARLIER, NUMBER, List::EarlierSlot),
+    add(NUMBER, ONE),
+];
+
+/// A slot and one before it. Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
+/// their periods (Korst, Aarts, Lenstra 1996). A slot without duration may start where another does.
+const EARLIER_SLOT: &[Rule] = &[
+    read(Slots, EARLIER, HERE),
+    add(EARLIER, ONE),
+    read(Slots, NUMBER, OF_SLOT),
+    subtract(SCRATCH, of_slot(slot::NUMBER), here(slot::NUMBER)),
+    below(ZERO, SCRATCH, Overlap),
+    let_be(BASE, of_slot(slot::PERIOD)),
+    let_be(SCRATCH, here(slot::PERIOD)),
+    while_below(ZERO, SCRATCH, List::Divisor),
+    // How much later this one starts than the other, within the divisor.
+    remainder(AFTER, of_slot(slot::START), BASE),
+    remainder(SCRATCH, here(slot::START), BASE),
+    given_below(AFTER, SCRATCH, 1),
+    add(AFTER, BASE),
+    subtract(AFTER, AFTER, SCRATCH),
+    given(AFTER, of_slot(slot::DURATION), 2),
+    given(AFTER, ZERO, 1),
+    let_be(AFTER, BASE),
+    at_most(here(slot::DURATION), AFTER, Overlap),
+    subtract(SCRATCH, BASE, AFTER),
+    at_most(of_slot(slot::DURATION), SCRATCH, Overlap),
+];
+
+/// A step on the way to the greatest common divisor.
+const DIVISOR: &[Rule] = &[
+    remainder(AFTER, BASE, SCRATCH),
+    let_be(BASE, SCRATCH),
+    let_be(SCRATCH, AFTER),
 ];
 
 /// An instance, and before its regions its container.
@@ -424,6 +588,7 @@ const INSTANCE: &[Rule] = &[
         TAKEN_INSTANCES,
         Template,
     ),
+    add(NUMBER, ONE),
 ];
 
 /// A region of an instance, and its states.
@@ -490,17 +655,27 @@ const STATE_OF_INSTANCE: &[Rule] = &[
     let_be(FIRST_FLAG, TAKEN_FLAGS),
     let_be(A, ZERO),
     let_be(RIGHT, NONE),
-    step(Step::Shape),
-    given(KIND, KIND_SIMPLE, 1),
-    apply(List::SimpleState),
-    given(KIND, KIND_TASK, 1),
-    apply(List::TaskState),
-    given(KIND, KIND_BACKGROUND, 1),
-    apply(List::TaskState),
-    given(KIND, KIND_SUPER, 1),
-    apply(List::Superstate),
-    given(of_container(container::FIRST_INSTANCE), NUMBER, 1),
-    apply(List::TemplateState),
+    split(
+        KIND,
+        WITHOUT_KIND,
+        of_state(state::SHAPE),
+        format::STATE_KIND_SHIFT as u8,
+    ),
+    split(
+        TIMED,
+        FLAGS,
+        WITHOUT_KIND,
+        format::STATE_HAS_TIMEOUT.trailing_zeros() as u8,
+    ),
+    apply_given(KIND, KIND_SIMPLE, List::SimpleState),
+    apply_given(KIND, KIND_TASK, List::TaskState),
+    apply_given(KIND, KIND_BACKGROUND, List::TaskState),
+    apply_given(KIND, KIND_SUPER, List::Superstate),
+    apply_given(
+        of_container(container::FIRST_INSTANCE),
+        NUMBER,
+        List::TemplateState,
+    ),
 ];
 
 /// A simple state: it has a flag, its timeout, or nothing at all.
@@ -591,7 +766,8 @@ const SUPER: &[Rule] = &[
 const TEMPLATE_STATE: &[Rule] = &[
     read(States, STATE, OF_STATE),
     // The first of its region is `initial` and the last is `final`, without anything; between them are others.
-    add(RIGHT, SHAPE_WITHOUT_FLAGS),
+    subtract(SCRATCH, of_state(state::SHAPE), FLAGS),
+    add(RIGHT, SCRATCH),
     given(STATE, of_region(region::FIRST_STATE), 1),
     let_be(RIGHT, ZERO),
     given(NEXT_STATE, END_STATE, 2),
@@ -609,17 +785,17 @@ const TEMPLATE_STATE: &[Rule] = &[
     add(seen(States), ONE),
     given(TIMED, ONE, 2),
     read(Timers, B, HERE),
-    step(Step::Timer),
+    at_most(here(timer::TIMEOUT), MAX_TIME, Range),
     // Its transitions, and what it says of their events.
     let_be(LAST_EVENT, ZERO),
-    let_be(EVENTS_LOW, ZERO),
-    let_be(EVENTS_HIGH, ZERO),
+    let_be(EVENTS_SEEN, ZERO),
     let_be(ROW, ZERO),
     let_be(FIRST_ON_EVENT, seen(Transitions)),
     while_below(seen(Transitions), END_TRANSITION, List::Transition),
     read(States, STATE, OF_STATE),
-    is(of_state(state::EVENTS), EVENTS_LOW, Order),
-    is(of_state(state::EVENTS_HIGH), EVENTS_HIGH, Order),
+    split(SCRATCH, BELOW_SCRATCH, EVENTS_SEEN, u16::BITS as u8),
+    is(of_state(state::EVENTS), BELOW_SCRATCH, Order),
+    is(of_state(state::EVENTS_HIGH), SCRATCH, Order),
     is(
         of_state(state::FIRST_EVENT_TRANSITION),
         FIRST_ON_EVENT,
@@ -637,7 +813,14 @@ const TEMPLATE_STATE: &[Rule] = &[
 const TRANSITION: &[Rule] = &[
     read(Transitions, seen(Transitions), OF_TRANSITION),
     add(seen(Transitions), ONE),
-    step(Step::Event),
+    split(
+        MARK,
+        EVENT,
+        of_transition(transition::EVENT),
+        format::TRANSITION_IS_PLAIN.trailing_zeros() as u8,
+    ),
+    bit(EVENTS_SEEN, EVENT),
+    apply_given(EVENT, ZERO, List::PulseTransition),
     // They are sorted, and so the pulse comes first.
     at_most(LAST_EVENT, EVENT, Order),
     let_be(LAST_EVENT, EVENT),
@@ -650,19 +833,32 @@ const TRANSITION: &[Rule] = &[
     ),
     below(of_transition(transition::TARGET), END_STATE, Index),
     // The channel that a single `send` names exists.
-    compare(
-        Rule::BELOW,
+    below_sum(
         of_transition(transition::ACTION),
         ACTION_SEND,
         of_container(container::CHANNELS),
         Index,
     ),
-    step(Step::Transition),
+    CHECK_TRANSITION,
+];
+
+/// A transition on the pulse: its guard may be the next of the row, which begins with the first of the state.
+const PULSE_TRANSITION: &[Rule] = &[
+    let_sum(SCRATCH, ROW, of_state(state::FIRST_TRANSITION)),
+    given(ROW, ZERO, 1),
+    let_be(ROW_GUARD, of_transition(transition::GUARD)),
+    given(SCRATCH, FIRST_ON_EVENT, 4),
+    given_below(of_transition(transition::GUARD), GUARD_PROGRAM, 3),
+    given(of_transition(transition::GUARD), ROW_GUARD, 2),
+    add(ROW, ONE),
+    add(ROW_GUARD, ONE),
+    add(FIRST_ON_EVENT, ONE),
 ];
 
 /// A channel: an event that exists, and words that do.
 const CHANNEL: &[Rule] = &[
     read(Channels, NUMBER, HERE),
+    add(NUMBER, ONE),
     below(ZERO, here(channel::EVENT), Index),
     at_most(here(channel::EVENT), EVENTS, Index),
     let_sum(
@@ -677,7 +873,17 @@ const CHANNEL: &[Rule] = &[
         here(channel::REGION_WORDS),
     ),
     at_most(END_ROW, count(Listeners), Index),
-    step(Step::LastWord),
+    // No bit of a row stands for what is behind the last region instance.
+    given_below(ZERO, here(channel::REGION_WORDS), 9),
+    given_below(FULL_WORDS, END_WORD, 8),
+    subtract(SCRATCH, END_ROW, ONE),
+    read(Listeners, SCRATCH, HERE),
+    number(SCRATCH, u32::BITS as u16),
+    subtract(SCRATCH, SCRATCH, REST),
+    let_be(BELOW_SCRATCH, ZERO),
+    bit(BELOW_SCRATCH, SCRATCH),
+    remainder(SCRATCH, here(listener::REGIONS), BELOW_SCRATCH),
+    is(SCRATCH, ZERO, Range),
 ];
 
 /// A task: its text is the next, and its group exists.
@@ -685,12 +891,15 @@ const TASK_RECORD: &[Rule] = &[
     read(Tasks, NUMBER, HERE),
     is(here(task::TEXT_START), seen(Signatures), Order),
     add(seen(Signatures), here(task::TEXT_LENGTH)),
-    none_or_below(here(task::EXCLUSIVE), GROUPS, Range),
+    given_below(here(task::EXCLUSIVE), NONE, 1),
+    below(here(task::EXCLUSIVE), GROUPS, Range),
+    add(NUMBER, ONE),
 ];
 
 /// A task instance: its connections are the next, as many as its task has data ports.
 const TASK_INSTANCE: &[Rule] = &[
     read(TaskInstances, NUMBER, HERE),
+    add(NUMBER, ONE),
     is(
         here(task_instance::FIRST_CONNECTION),
         seen(Connections),
@@ -704,5 +913,7 @@ const TASK_INSTANCE: &[Rule] = &[
 /// A connection: to a net, or none.
 const CONNECTION: &[Rule] = &[
     read(Connections, NUMBER, HERE),
-    none_or_below(here(connection::NET), count(Nets), Index),
+    given_below(here(connection::NET), NONE, 1),
+    below(here(connection::NET), count(Nets), Index),
+    add(NUMBER, ONE),
 ];

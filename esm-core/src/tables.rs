@@ -597,15 +597,22 @@ impl<'a> Tables<'a> {
         self.section_at(section as usize)
     }
 
+    #[inline(always)]
+    fn section_at(&self, section: usize) -> &'a [u8] {
+        self.section_from(section, 0)
+    }
+
+    /// The bytes of a section behind the first `skipped`.
     // Inlined, it would be the largest part of the verifier.
     #[inline(never)]
-    fn section_at(&self, section: usize) -> &'a [u8] {
+    fn section_from(&self, section: usize, skipped: usize) -> &'a [u8] {
         let Some(&(start, records)) = self.sections.get(section) else {
             return &[];
         };
-        let from_start = self.bytes.get(start as usize..).unwrap_or(&[]);
-        let length = records as usize * usize::from(RECORD_BYTES[section]);
-        from_start.get(..length).unwrap_or(&[])
+        let end = start as usize + records as usize * usize::from(RECORD_BYTES[section]);
+        // Where more is skipped than there is, this begins behind its end, and nothing is left.
+        let from = start as usize + skipped;
+        self.bytes.get(from..end).unwrap_or(&[])
     }
 
     /// The records of a section; `N` is its [`record_bytes`].
@@ -632,9 +639,8 @@ impl<'a> Tables<'a> {
     pub(crate) fn words_from(&self, field: Field, index: usize) -> &'a [[u8; 2]] {
         let section = field.section();
         let record_bytes = RECORD_BYTES.get(section).copied().unwrap_or(0);
-        let start = index * usize::from(record_bytes) + field.offset();
-        let bytes = self.section_at(section).get(start..).unwrap_or(&[]);
-        bytes.as_chunks().0
+        let skipped = index * usize::from(record_bytes) + field.offset();
+        self.section_from(section, skipped).as_chunks().0
     }
 
     /// A 16-bit field of a record; outside the table the number that stands for none.

@@ -46,11 +46,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
 use crate::interpreter::ArenaLayout;
-use crate::layout::{
-    Field, channel, code, container, listener, mask, slot, state, timer, transition,
-};
-use crate::rules::{self, List, Rule, Step, Value};
-use crate::tables::{self, Slot, Tables};
+use crate::layout::{Field, code, container, mask, state, transition};
+use crate::rules::{self, List, Value, rule};
+use crate::tables::{self, Tables};
 
 /// Why a blob is refused. It must be built again, or sent again; none of these can be put right on the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -275,7 +273,6 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    #[inline(never)]
     fn check(&mut self) {
         for section in &Section::ALL {
             self.set(rules::count(*section), self.count(*section));
@@ -284,28 +281,8 @@ impl Pass<'_> {
             rules::MAX_STATE_INSTANCES,
             format::MAX_STATE_INSTANCES as u32,
         );
-        let regions = self.count(Section::RegionInstances);
-        self.set(rules::REGION_WORDS, regions.div_ceil(u32::BITS));
-        for section in &Section::ALL {
-            let list = match section {
-                Section::Mission => List::Mission,
-                Section::Slots => List::Slot,
-                Section::Instances => List::Instance,
-                Section::Channels => List::Channel,
-                Section::Tasks => List::Task,
-                Section::TaskInstances => List::TaskInstance,
-                Section::Connections => List::Connection,
-                // Come to from the instances, or free.
-                _ => continue,
-            };
-            for index in 0..self.count(*section) {
-                self.set(rules::NUMBER, index);
-                self.apply(list as u8);
-                if self.wrong != 0 {
-                    return;
-                }
-            }
-        }
+        self.set(rules::MAX_TIME, format::MAX_TIME_US);
+        self.apply(List::Mission as u8);
         self.ends();
     }
 
@@ -327,70 +304,85 @@ impl Pass<'_> {
     /// Applies the rules of a list one after another, up to the first that is not kept.
     #[inline(never)]
     fn apply(&mut self, list: u8) {
-        let rules = rules::LISTS.get(usize::from(list)).copied().unwrap_or(&[]);
-        let mut at = 0;
+        let mut at = usize::from(list) * rules::LIST_ALIGNMENT;
         while self.wrong == 0
-            && let Some(rule) = rules.get(at)
+            && let Some(&[what, left, a, b]) = rules::PACKED.get(at..).and_then(<[u8]>::first_chunk)
         {
-            at += 1;
-            let left = self.get(rule.left);
-            let a = self.get(rule.a);
-            let sum = a.wrapping_add(self.get(rule.b));
-            let is_kept = match rule.what() {
-                Rule::IS => left == sum,
-                Rule::BELOW => left < sum,
-                Rule::NONE_OR_BELOW => left < sum || left == u32::from(format::NONE),
-                other => {
-                    match other {
-                        Rule::LET => self.set(rule.left, sum),
-                        Rule::NUMBER => {
-                            let number = u16::from_le_bytes([rule.a, rule.b]);
-                            self.set(rule.left, u32::from(number));
-                        }
-                        Rule::READ => self.read(rule.left, a, rule.b),
-                        Rule::GIVEN => {
-                            if left != a {
-                                at += usize::from(rule.b);
-                            }
-                        }
-                        Rule::WHILE => {
-                            if left < a {
-                                at -= 1;
-                                self.apply(rule.b);
-                            }
-                        }
-                        Rule::APPLY => self.apply(rule.b),
-                        _ => self.step(rule.b),
+            let is_long = left / rules::LONG;
+            let this = at;
+            let next = at + rules::SHORT_BYTES + usize::from(is_long);
+            // The byte behind a short line is the next one's.
+            let to = left % rules::LONG;
+            let b = b * is_long;
+            let left = self.get(to);
+            let first = self.get(a);
+            let second = self.get(b);
+            let sum = first.wrapping_add(second);
+            let is_kept = match what & rule::WHAT_MASK {
+                rule::END => {
+                    if what == rule::STEP {
+                        self.transition();
                     }
-                    true
+                    return;
+                }
+                rule::IS => left == sum,
+                rule::BELOW => left < sum,
+                rule::AT_MOST => left <= sum,
+                other => {
+                    at = next;
+                    match other {
+                        rule::LET => self.set(to, sum),
+                        rule::SUBTRACT => self.set(to, first.wrapping_sub(second)),
+                        rule::REMAINDER => self.set(to, first.checked_rem(second).unwrap_or(0)),
+                        rule::SPLIT => {
+                            let upper = first.wrapping_shr(u32::from(b));
+                            self.set(to, upper);
+                            self.set(to + 1, first - upper.wrapping_shl(u32::from(b)));
+                        }
+                        rule::BIT => self.set(to, left | 1_u32.wrapping_shl(first)),
+                        rule::NUMBER => self.set(to, u32::from(u16::from_le_bytes([a, b]))),
+                        rule::READ => self.read(to, first, b),
+                        rule::GIVEN => {
+                            if left != first {
+                                at += usize::from(b);
+                            }
+                        }
+                        rule::GIVEN_BELOW => {
+                            if left >= first {
+                                at += usize::from(b);
+                            }
+                        }
+                        rule::WHILE => {
+                            if left < first {
+                                at = this;
+                                self.apply(b);
+                            }
+                        }
+                        rule::APPLY => {
+                            if left == first {
+                                self.apply(b);
+                            }
+                        }
+                        // The rest is one.
+                        _ => self.set(to, left.wrapping_add(first)),
+                    }
+                    continue;
                 }
             };
+            at = next;
             if !is_kept {
-                self.wrong = rule.cause();
+                self.wrong = what >> rule::CAUSE_SHIFT;
             }
         }
     }
 
-    // Apart, so that lists that apply one another take little of the stack.
-    #[inline(never)]
-    fn step(&mut self, step: u8) {
-        match Step::ALL.get(usize::from(step)) {
-            Some(Step::Slot) => self.slot(),
-            Some(Step::LastWord) => self.last_word(),
-            Some(Step::Shape) => self.shape(),
-            Some(Step::Timer) => {
-                let in_range = self.long(timer::TIMEOUT) <= format::MAX_TIME_US;
-                self.ensure(in_range, Cause::Range);
-            }
-            Some(Step::Event) => self.event(),
-            Some(Step::Transition) => self.transition(),
-            None => {}
-        }
-    }
-
-    /// Puts a record under test; its words are the values from `to` on, and outside the table those that stand for none.
+    /// Puts a record under test; its words are the values from `to` on, and outside the table those that stand for none. Of sections that have 32-bit numbers only, each
+    /// of these is the value that its low word would be.
     #[inline(never)]
     fn read(&mut self, section: u8, index: u32, to: Value) {
+        /// Sections with 32-bit numbers only.
+        const WIDE: u32 =
+            1 << Section::Slots as u8 | 1 << Section::Timers as u8 | 1 << Section::Listeners as u8;
         if self.wrong != 0 {
             return;
         }
@@ -399,11 +391,18 @@ impl Pass<'_> {
         let found = self
             .tables
             .words_from(Field::first_at(section), index as usize);
+        let is_wide = WIDE.wrapping_shr(u32::from(section)) & 1;
         for number in 0..tables::record_words(section) {
             let word = found
                 .get(usize::from(number))
                 .map_or(format::NONE, |word| u16::from_le_bytes(*word));
-            self.set(to + number, u32::from(word));
+            let mut word = u32::from(word);
+            let mut place = to + number;
+            if u32::from(number) & is_wide != 0 {
+                place -= 1;
+                word = word << u16::BITS | self.get(place);
+            }
+            self.set(place, word);
         }
     }
 
@@ -421,13 +420,6 @@ impl Pass<'_> {
         self.get(rules::HERE + field.number() as Value)
     }
 
-    /// A 32-bit one, by its low half.
-    #[inline(always)]
-    fn long(&self, low_half: Field) -> u32 {
-        let low = rules::HERE + low_half.number() as Value;
-        self.get(low) | self.get(low + 1) << 16
-    }
-
     #[inline(always)]
     fn ensure(&mut self, holds: bool, cause: Cause) {
         if !holds {
@@ -442,77 +434,9 @@ impl Pass<'_> {
         }
     }
 
-    /// Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
-    /// their periods (Korst, Aarts, Lenstra 1996).
-    ///
-    /// The interpreter's slot starts at 0, for the time of a machine is that of its slots.
-    fn slot(&mut self) {
-        let index = self.get(rules::NUMBER);
-        let slot = self.slot_at(index);
-        let in_range = slot.number >= 1
-            && slot.period_us <= format::MAX_TIME_US
-            && slot.duration_us <= slot.period_us
-            && slot.start_us < slot.period_us
-            && (slot.start_us == 0 || index as usize != self.tables.interpreter_slot());
-        self.ensure(in_range, Cause::Range);
-        for earlier in 0..index {
-            let earlier = self.slot_at(earlier);
-            let apart = do_not_overlap(&earlier, &slot) && slot.number != earlier.number;
-            self.read(Section::Slots as u8, index, rules::HERE);
-            self.ensure(apart, Cause::Overlap);
-        }
-    }
-
-    #[inline(never)]
-    fn slot_at(&mut self, index: u32) -> Slot {
-        self.read(Section::Slots as u8, index, rules::HERE);
-        Slot {
-            number: self.long(slot::NUMBER),
-            period_us: self.long(slot::PERIOD),
-            duration_us: self.long(slot::DURATION),
-            start_us: self.long(slot::START),
-        }
-    }
-
-    /// Takes the shape of the state apart.
-    fn shape(&mut self) {
-        let shape = self.get(rules::of_state(state::SHAPE));
-        let flags = shape & u32::from(format::STATE_FLAGS_MASK);
-        self.set(rules::KIND, shape >> format::STATE_KIND_SHIFT);
-        self.set(rules::FLAGS, flags);
-        self.set(rules::SHAPE_WITHOUT_FLAGS, shape - flags);
-        let is_timed = shape & u32::from(format::STATE_HAS_TIMEOUT) != 0;
-        self.set(rules::TIMED, u32::from(is_timed));
-    }
-
-    /// Takes the event of the transition from its mark, and adds it to those of the state, and its guard to the row.
-    fn event(&mut self) {
-        let trigger = self.get(rules::of_transition(transition::EVENT));
-        let event = trigger & u32::from(format::MAX_EVENT);
-        self.set(rules::EVENT, event);
-        let bit = 1 << (event % u32::BITS);
-        self.set(
-            rules::EVENTS_LOW,
-            self.get(rules::EVENTS_LOW) | bit & 0xFFFF,
-        );
-        self.set(rules::EVENTS_HIGH, self.get(rules::EVENTS_HIGH) | bit >> 16);
-        if event != u32::from(format::PULSE) {
-            return;
-        }
-        let guard = self.get(rules::of_transition(transition::GUARD));
-        let row = self.get(rules::ROW);
-        let on_pulse = self.get(rules::FIRST_ON_EVENT);
-        self.set(rules::FIRST_ON_EVENT, on_pulse + 1);
-        let goes_on = row + self.get(rules::of_state(state::FIRST_TRANSITION)) == on_pulse
-            && guard < u32::from(format::GUARD_PROGRAM)
-            && (row == 0 || guard == self.get(rules::ROW_GUARD));
-        if goes_on {
-            self.set(rules::ROW, row + 1);
-            self.set(rules::ROW_GUARD, guard + 1);
-        }
-    }
-
     /// Checks the plain mark, the guard and the actions of the transition.
+    // Apart, so that lists that apply one another take little of the stack.
+    #[inline(never)]
     fn transition(&mut self) {
         let kind = self.get(rules::KIND) as u16;
         let target = self.get(rules::of_transition(transition::TARGET));
@@ -522,7 +446,7 @@ impl Pass<'_> {
         let is_plain = kind <= format::STATE_SIMPLE
             && target_shape == format::STATE_SIMPLE << format::STATE_KIND_SHIFT
             && action == format::ACTION_NONE;
-        let is_marked = self.get(rules::of_transition(transition::EVENT)) != self.get(rules::EVENT);
+        let is_marked = self.get(rules::MARK) != 0;
         let flags = self.get(rules::FLAGS);
         let is_again = kind == format::STATE_TASK
             && self.get(rules::TIMED) == 0
@@ -599,27 +523,15 @@ impl Pass<'_> {
         }
     }
 
-    /// No bit of a row stands for what is behind the last region instance.
-    fn last_word(&mut self) {
-        let regions = self.count(Section::RegionInstances);
-        if self.here(channel::REGION_WORDS) != 0 && self.get(rules::END_WORD) > regions / u32::BITS
-        {
-            let last = self.get(rules::END_ROW).wrapping_sub(1);
-            self.read(Section::Listeners as u8, last, rules::HERE);
-            let bits = self.long(listener::REGIONS) << (regions % u32::BITS);
-            self.ensure(bits == 0, Cause::Range);
-        }
-    }
-
     /// Nothing is missing or left over.
     fn ends(&mut self) {
         /// Sections of which each record is under test, or any number may be.
-        const FREE: usize = 1 << Section::Slots as u8
+        const FREE: usize = 1 << Section::Mission as u8
+            | 1 << Section::Slots as u8
             | 1 << Section::Listeners as u8
             | 1 << Section::Tasks as u8
             | 1 << Section::Nets as u8
             | 1 << Section::Names as u8;
-        self.set(rules::seen(Section::Mission), 1);
         for section in &Section::ALL {
             let seen = self.get(rules::seen(*section));
             if FREE >> *section as u8 & 1 == 0 && self.wrong == 0 {
@@ -629,22 +541,4 @@ impl Pass<'_> {
             }
         }
     }
-}
-
-/// Whether two slots can never be due at once. A slot without duration may start where another does.
-fn do_not_overlap(earlier: &Slot, slot: &Slot) -> bool {
-    let base_us = greatest_common_divisor(slot.period_us, earlier.period_us).max(1);
-    let (mut after_us, is_before) =
-        (slot.start_us % base_us).overflowing_sub(earlier.start_us % base_us);
-    if is_before || (after_us == 0 && slot.duration_us == 0) {
-        after_us = after_us.wrapping_add(base_us);
-    }
-    earlier.duration_us <= after_us && slot.duration_us <= base_us - after_us
-}
-
-fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
-    while b != 0 {
-        (a, b) = (b, a % b);
-    }
-    a
 }
