@@ -230,6 +230,26 @@ pub fn esm_for<S: AsRef<str>>(time: Duration, arguments: &[S]) -> Done {
     done
 }
 
+/// Runs `esm` for a time, then kills it as `kill -9` does: it has no say in it.
+///
+/// # Panics
+/// If it ends before, or cannot be started.
+#[track_caller]
+pub fn esm_killed_after<S: AsRef<str>>(time: Duration, arguments: &[S]) {
+    let mut command = Command::new(esm_binary());
+    command
+        .args(arguments.iter().map(AsRef::as_ref))
+        .current_dir(root())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let mut child = command.spawn().expect("`esm` starts");
+    let early = ended(&mut child, time);
+    let _ = child.kill();
+    let _ = child.wait();
+    assert!(early.is_none(), "{command:?} ended by itself: {early:?}");
+}
+
 /// Waits for the end of a process.
 fn ended(child: &mut Child, patience: Duration) -> Option<std::process::ExitStatus> {
     let deadline = Instant::now() + patience;

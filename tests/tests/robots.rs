@@ -5,7 +5,7 @@
 use esm_core::format::{CRC_BYTES, crc32};
 use std::time::Duration;
 
-use esm_tests::command::{Robot, esm, esm_for, firmware};
+use esm_tests::command::{Robot, esm, esm_for, esm_killed_after, firmware};
 use esm_tests::random::Random;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::serial;
@@ -298,6 +298,47 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
         std::fs::write(path.path(), &good).unwrap();
         robot.esm(&["upload", path.path().to_str().unwrap()]).good();
     }
+}
+
+/// Uploads over a line on which that takes seconds.
+fn slow_upload(robot: &Robot, file: &str) -> [String; 6] {
+    let words = ["upload", file, "--port", robot.port(), "--baud", "9600"];
+    words.map(str::to_owned)
+}
+
+#[test]
+fn ctrl_c_ends_an_upload_and_the_robot_drives_on_with_what_it_had() {
+    let robot = Robot::start("host", None);
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+    let (hash, _) = blob("patrol");
+    let upload = slow_upload(&robot, "missions/follow_wall.esm");
+    let time = Duration::from_millis(2500);
+    let done = esm_for(time, &upload);
+    assert_eq!(done.status, Some(3), "{done:#?}");
+    let told = format!("interrupted; the robot drives with {hash}");
+    assert!(done.err.contains(&told), "{done:#?}");
+    assert!(done.took < time + Duration::from_secs(2), "{done:#?}");
+    let status = robot.status();
+    assert_eq!(status["mission"], hash.as_str());
+    assert_eq!(status["slots_missed"], 0);
+    // What was there is forgotten.
+    let again = robot.esm(&["upload", "missions/follow_wall.esm"]).good();
+    assert!(!again.err.contains("went on at byte"), "{again:#?}");
+    assert_eq!(robot.status()["mission"], blob("follow_wall").0.as_str());
+}
+
+#[test]
+fn an_upload_whose_host_was_killed_goes_on_where_it_was() {
+    let robot = Robot::start("host", None);
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+    let upload = slow_upload(&robot, "missions/follow_wall.esm");
+    esm_killed_after(Duration::from_millis(2500), &upload);
+    assert_eq!(robot.status()["mission"], blob("patrol").0.as_str());
+    let again = robot.esm(&["upload", "missions/follow_wall.esm"]).good();
+    assert!(again.err.contains("went on at byte"), "{again:#?}");
+    let status = robot.status();
+    assert_eq!(status["mission"], blob("follow_wall").0.as_str());
+    assert_eq!(status["slots_missed"], 0);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::{Capacities, LinkError, Swap};
+use rt_firmware::link::message::{Capacities, LinkError, Mode, Status, Swap};
 use serde::Serialize;
 
 use super::argument::Time;
@@ -15,7 +15,8 @@ use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::stage;
 use crate::inspect::refusal::Explained;
-use crate::link_client::RobotInfo;
+use crate::link_client::{ClientError, RobotInfo};
+use crate::run::interrupt::Interrupt;
 use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
@@ -28,6 +29,9 @@ use crate::trial::{self, Outcome};
 ///
 /// The new mission runs on trial first. If it faults, or takes longer than its slots too often, the robot goes back to the mission before by itself, and so it
 /// does if nothing is heard from here. When it has run well for a second, it is confirmed. With `--trial` that is left to you: `esm confirm`, `esm fallback`.
+///
+/// An upload that was broken off (a lost line, a host that was switched off) goes on where it was when the same is uploaded again. Ctrl-C ends it in order: the robot
+/// forgets what it has of the new mission, or goes back to the one before where the new one runs on trial already.
 ///
 /// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
 /// to; which, and the one longer gap of each, is said before anything is sent. The starts in a blob are what they are.
@@ -85,6 +89,7 @@ struct Uploaded {
 /// What kept it from ending well.
 pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandError> {
     let mut staged = stage::mission(&args.file, console)?;
+    let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
     let handover = match running_slots(&mut robot)? {
         Some(running) => staged.follow(&running, args.no_gap, console)?,
@@ -104,10 +109,26 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     let swap = Swap {
         trial_ms: trial_time.min(LONGEST_TRIAL).as_millis() as u32,
     };
-    let uploaded = robot
-        .stage(&mission.blob, &mut |bytes| bar.set_position(bytes as u64))
-        .and_then(|()| robot.commit(swap));
+    robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
+    let mut there_before = None;
+    let sent = robot.stage(&mission.blob, &mut |bytes| {
+        there_before.get_or_insert(bytes);
+        bar.set_position(bytes as u64);
+    });
     bar.finish_and_clear();
+    // A switch that was asked for is waited for: nobody should be in doubt about what runs.
+    robot.stop_when(None);
+    if let Some(there @ 1..) = there_before {
+        console.note(&format!(
+            "went on at byte {there} of {}: the robot had the rest from an upload that was broken off",
+            mission.blob.len()
+        ));
+    }
+    let uploaded = match sent {
+        Err(ClientError::Interrupted { .. }) => return Err(aborted(&mut robot)),
+        Ok(()) if interrupt.is_requested() => return Err(aborted(&mut robot)),
+        sent => sent.and_then(|()| robot.commit(swap)),
+    };
     let upload_s = started.elapsed().as_secs_f64();
     let hash = uploaded.map_err(|error| match error.refusal() {
         Some(refusal) => CommandError::Input(anyhow!(
@@ -115,11 +136,23 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
             mission.file.display(),
             mission.refusal(refusal)
         )),
-        None => error.into(),
+        None => CommandError::World(anyhow!(
+            "{error}\nthe robot drives on with what it has; the same upload goes on where this one ended"
+        )),
     })?;
     let outcome = match args.trial {
         Some(_) => None,
-        None => Some(trial::watch(&mut robot, hash)?),
+        None => {
+            robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
+            let outcome = trial::watch(&mut robot, hash);
+            robot.stop_when(None);
+            match outcome {
+                Err(ClientError::Interrupted { .. }) => {
+                    return Err(given_up(&mut robot, hash));
+                }
+                outcome => Some(outcome?),
+            }
+        }
     };
     let told = Uploaded {
         file: mission.file.display().to_string(),
@@ -146,6 +179,57 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         tell_trial(&told, args.trial, outcome, console)?;
     }
     failure(&told, outcome, &mut robot)
+}
+
+/// Lets the robot forget the upload, and says what it runs.
+fn aborted(robot: &mut Robot) -> CommandError {
+    let ended = robot.abort().and_then(|()| robot.status());
+    CommandError::World(match ended {
+        Ok(status) => anyhow!("interrupted; {}", what_runs(&status)),
+        Err(error) => anyhow!(
+            "interrupted, and the robot could not be told: {error}\nit drives on with what it has"
+        ),
+    })
+}
+
+/// Lets the robot go back to the mission before, and says what it runs.
+fn given_up(robot: &mut Robot, hash: u32) -> CommandError {
+    let ended = match robot.fall_back(hash) {
+        // It was faster.
+        Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => robot.status(),
+        ended => ended.and_then(|()| robot.status()),
+    };
+    CommandError::World(match ended {
+        Ok(status) => anyhow!(
+            "interrupted while {} ran on trial; {}",
+            hash_text(hash),
+            what_runs(&status)
+        ),
+        Err(error) => anyhow!(
+            "interrupted while {} ran on trial, and the robot could not be told: {error}\nit goes back to the mission before when the time of the trial is over",
+            hash_text(hash)
+        ),
+    })
+}
+
+/// What the robot does, for a person whose upload has ended early.
+fn what_runs(status: &Status) -> String {
+    match (status.mode, status.mission) {
+        (Mode::Running, Some(mission)) => format!("the robot drives with {}", hash_text(mission)),
+        (Mode::Stopped, Some(mission)) => {
+            format!(
+                "the robot is stopped, its mission is {}",
+                hash_text(mission)
+            )
+        }
+        (Mode::Safe(reason), _) => {
+            format!(
+                "the robot is in its safe state: {}",
+                story::safe_reason(reason)
+            )
+        }
+        _ => "the robot has no mission".to_owned(),
+    }
 }
 
 /// The longest trial.

@@ -23,6 +23,12 @@ pub enum ClientError {
         /// How long was waited in all.
         waited: Duration,
     },
+    /// Whoever asked has had enough ([`LinkClient::stop_when`](super::LinkClient::stop_when)).
+    #[error("`{request}` was interrupted")]
+    Interrupted {
+        /// What was asked.
+        request: &'static str,
+    },
     /// The robot's firmware and this program do not speak the same.
     #[error(
         "the robot speaks version {robot} of the link, this program version {PROTOCOL_VERSION}; {}",

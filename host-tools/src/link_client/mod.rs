@@ -34,6 +34,9 @@ const BUSY_WAIT: Duration = Duration::from_millis(5);
 /// How long a reply is waited for when a spoiled frame came in its place.
 const SPOILED_WAIT: Duration = Duration::from_millis(10);
 
+/// How long a wait may last before it is looked whether it is to end.
+const STOP_LOOK: Duration = Duration::from_millis(100);
+
 /// Bytes taken from the line at once.
 const READ_BYTES: usize = 1024;
 
@@ -85,6 +88,8 @@ pub struct LinkClient<L> {
     counts: LinkCounts,
     /// What the robot said of uploads.
     uploads: Uploads,
+    /// Whether whoever waits for an answer has had enough.
+    stop: Option<Box<dyn Fn() -> bool + Send>>,
 }
 
 impl<L: ByteLink> LinkClient<L> {
@@ -105,6 +110,7 @@ impl<L: ByteLink> LinkClient<L> {
                 chunk_bytes: 1,
                 window_bytes: 1,
             },
+            stop: None,
         };
         let info = client.hello()?;
         Ok((client, info))
@@ -367,6 +373,20 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("abort", Request::Abort)
     }
 
+    /// Ends requests and uploads that are under way as soon as `stop` says so, with [`ClientError::Interrupted`]. The robot is not told: it goes on with what
+    /// it has. `None` lets everything come to its end again.
+    pub fn stop_when(&mut self, stop: Option<Box<dyn Fn() -> bool + Send>>) {
+        self.stop = stop;
+    }
+
+    /// Fails where it is to end.
+    fn check_stop(&self, request: &'static str) -> Result<(), ClientError> {
+        match &self.stop {
+            Some(stop) if stop() => Err(ClientError::Interrupted { request }),
+            _ => Ok(()),
+        }
+    }
+
     /// Listens to the streams for up to `timeout`; returns when something has come.
     ///
     /// # Errors
@@ -480,17 +500,19 @@ impl<L: ByteLink> LinkClient<L> {
                 if now >= deadline {
                     break;
                 }
+                self.check_stop(name)?;
                 let bad_before = self.incoming.bad_frames;
-                let heard =
-                    self.incoming
-                        .receive(&mut self.link, deadline - now, |number, result| {
-                            // With the number that a session happens to begin with, an answer of the session before may still be on its way.
-                            let is_old = request == Request::Hello
-                                && !matches!(result, Ok(Response::Hello(_)));
-                            if number == seq && !is_old && answer.is_none() {
-                                answer = Some(result.map(&mut *read));
-                            }
-                        })?;
+                let wait = (deadline - now).min(STOP_LOOK);
+                let heard = self
+                    .incoming
+                    .receive(&mut self.link, wait, |number, result| {
+                        // With the number that a session happens to begin with, an answer of the session before may still be on its way.
+                        let is_old =
+                            request == Request::Hello && !matches!(result, Ok(Response::Hello(_)));
+                        if number == seq && !is_old && answer.is_none() {
+                            answer = Some(result.map(&mut *read));
+                        }
+                    })?;
                 if let (Request::Hello, Some(robot)) = (request, self.incoming.other_version) {
                     return Err(ClientError::OtherVersion { robot });
                 }

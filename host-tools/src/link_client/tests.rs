@@ -278,6 +278,7 @@ fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
                 chunk_bytes: 176,
                 window_bytes,
             },
+            stop: None,
         };
         client.stage(&blob, &mut |_| ()).unwrap();
         assert_eq!(client.counts.retries, 0);
@@ -329,5 +330,6 @@ fn over<L, M>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M>
         reply_time: client.reply_time,
         counts: client.counts,
         uploads: client.uploads,
+        stop: client.stop,
     }
 }

@@ -11,7 +11,7 @@ use rt_firmware::link::frame;
 use rt_firmware::link::message::{LinkError, Request, Response, Uploads};
 
 use super::timing::Patience;
-use super::{ClientError, LinkClient};
+use super::{ClientError, LinkClient, STOP_LOOK};
 use crate::serial::ByteLink;
 
 /// The smallest chunk that a noisy line brings an upload down to, in bytes.
@@ -233,8 +233,9 @@ impl<L: ByteLink> LinkClient<L> {
                 }
             };
             let left = wait.map_or(Duration::ZERO, |wait| {
-                wait.saturating_sub(last_sign.elapsed())
+                wait.saturating_sub(last_sign.elapsed()).min(STOP_LOOK)
             });
+            self.check_stop(NAME)?;
             let bad_before = self.incoming.bad_frames;
             let heard = self.incoming.receive(&mut self.link, left, |seq, result| {
                 standing.take(seq, result);
