@@ -250,6 +250,7 @@ pub fn split<
         trace: trace_reader,
         trace_wanted,
         log_wanted: false,
+        keys: crate::link::keys::Keys::new(),
     });
     Ok((real_time, background, link))
 }

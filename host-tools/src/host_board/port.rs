@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rt_firmware::LinkPort;
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 
 use super::log_lines;
 use crate::serial::ByteLink;
@@ -21,6 +22,27 @@ pub(super) struct Port {
     line: PipeEnd,
     incoming: VecDeque<u8>,
     outgoing: Vec<u8>,
+    safe: Safe,
+}
+
+/// Keeps a key for as long as the process lives.
+struct Safe {
+    kept: Volatile,
+    started: Instant,
+}
+
+impl KeySafe for Safe {
+    fn now_us(&mut self) -> u64 {
+        self.started.elapsed().as_micros() as u64
+    }
+
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.kept.read(record, room)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        self.kept.write(record, bytes)
+    }
 }
 
 impl Port {
@@ -29,6 +51,10 @@ impl Port {
             line,
             incoming: VecDeque::new(),
             outgoing: Vec::new(),
+            safe: Safe {
+                kept: Volatile::default(),
+                started: Instant::now(),
+            },
         }
     }
 
@@ -69,5 +95,9 @@ impl LinkPort for Port {
 
     fn log_dropped(&self) -> u32 {
         log_lines::dropped()
+    }
+
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        Some(&mut self.safe)
     }
 }
