@@ -20,7 +20,7 @@ const SETTINGS: [(&str, &str); 10] = [
 ];
 
 /// What cargo says of the features that take memory: a build without any of them is lean.
-const FEATURES: [&str; 1] = ["CARGO_FEATURE_STORE"];
+const FEATURES: [&str; 2] = ["CARGO_FEATURE_STORE", "CARGO_FEATURE_BLACK_BOX"];
 
 fn main() {
     let out = folder("OUT_DIR");

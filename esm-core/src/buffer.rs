@@ -24,6 +24,12 @@ impl<'m> BlobBuffer<'m> {
         self.len = 0;
     }
 
+    /// Replaces all bytes by those that `fill` puts at the beginning of the room. It says how many.
+    pub fn fill(&mut self, fill: impl FnOnce(&mut [u8]) -> usize) {
+        self.len = 0;
+        self.len = fill(self.storage).min(self.storage.len());
+    }
+
     /// Appends bytes. Returns false, and changes nothing, if they do not fit.
     pub fn push(&mut self, bytes: &[u8]) -> bool {
         let place = self

@@ -250,7 +250,7 @@ pub fn split<
         trace: trace_reader,
         trace_wanted,
         log_wanted: false,
-        keys: crate::link::keys::Keys::new(),
+        start_wanted: false,
     });
     Ok((real_time, background, link))
 }

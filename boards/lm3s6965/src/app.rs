@@ -3,19 +3,21 @@
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
 /// `robot` is the registry's type, with the function that builds it from the pins (a `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that
-/// the robot tells of itself, in at most 40 bytes.
+/// the robot tells of itself, in at most 40 bytes. `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its flash had missions and
+/// none of them may run. Without it, it does nothing then.
 ///
 /// A firmware of another kind, such as a benchmark, names besides what its slots run on (a [`Board`](rt_firmware::Board), with the function that builds it
 /// from this crate's), the memory of its runtime, and how many slots that has.
 #[macro_export]
 macro_rules! app {
-    (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(,)?) => {
+    (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(, safe_default: $safe_default:expr)? $(,)?) => {
         $crate::app! {
             firmware: $firmware,
             robot: $robot = $make,
             board: $crate::slots::SlotBoard = |board| board,
             memory: $crate::Memory<'static>,
             slots: $crate::settings::SLOTS,
+            $(safe_default: $safe_default,)?
         }
     };
     (
@@ -23,7 +25,8 @@ macro_rules! app {
         robot: $robot:ty = $make:expr,
         board: $board:ty = $make_board:expr,
         memory: $memory:ty,
-        slots: $slots:expr $(,)?
+        slots: $slots:expr
+        $(, safe_default: $safe_default:expr)? $(,)?
     ) => {
         #[$crate::rtic::app(device = $crate::pac, peripherals = false)]
         // RTIC calls unsafe functions in unsafe functions without a block around the call.
@@ -32,6 +35,7 @@ macro_rules! app {
             use core::mem::MaybeUninit;
 
             use super::*;
+            use $crate::flash::KeepMemory;
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pac::Interrupt;
@@ -64,6 +68,7 @@ macro_rules! app {
                 link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
+                keep: KeepMemory = KeepMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
                 let start = $crate::start();
@@ -91,7 +96,10 @@ macro_rules! app {
                 let Some((background, link)) = background else {
                     panic!("the sides are made together");
                 };
-                let (line, link_end) = line::split(cx.local.received, cx.local.to_transmit);
+                let safe_default: Option<&'static [u8]> = [$(&$safe_default[..])?].first().copied();
+                let keep = cx.local.keep.open(safe_default);
+                let (line, mut link_end) = line::split(cx.local.received, cx.local.to_transmit, keep);
+                link.start(&mut link_end);
                 slot_timer::start();
                 watchdog::start();
                 (

@@ -10,6 +10,7 @@
 //! lm3s6965::app! {
 //!     firmware: "my robot 1.0",
 //!     robot: MyRobot<'static> = MyRobot::new,
+//!     safe_default: include_bytes!("../stand_still.esmb"),
 //! }
 //! ```
 //!
@@ -32,6 +33,11 @@
 pub mod clock;
 pub mod console;
 pub mod critical;
+#[cfg(feature = "store")]
+pub mod flash;
+#[cfg(not(feature = "store"))]
+#[path = "no_flash.rs"]
+pub mod flash;
 pub mod line;
 pub mod log;
 pub mod plant;

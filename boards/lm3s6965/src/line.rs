@@ -5,8 +5,11 @@ use core::mem;
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
+#[cfg(feature = "store")]
+use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide};
 
+use crate::flash::BoardKeep;
 use crate::{log, stack, uart};
 
 /// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
@@ -14,10 +17,11 @@ pub const RECEIVE_BYTES: usize = 128;
 /// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.
 pub const TRANSMIT_BYTES: usize = 32;
 
-/// Makes the two ends of a line of its queues.
+/// Makes the two ends of a line of its queues. The link finds the missions that the board keeps at its end.
 pub fn split(
     received: &'static mut Queue<u8, RECEIVE_BYTES>,
     to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
+    keep: Option<&'static mut BoardKeep>,
 ) -> (Line, LinkEnd) {
     let (received_in, received_out) = received.split();
     let (to_transmit_in, to_transmit_out) = to_transmit.split();
@@ -30,6 +34,7 @@ pub fn split(
             received: received_out,
             took: false,
             to_transmit: to_transmit_in,
+            keep,
         },
     )
 }
@@ -86,6 +91,8 @@ pub struct LinkEnd {
     /// Whether bytes were taken since the handler was last told of room.
     took: bool,
     to_transmit: Producer<'static, u8>,
+    #[cfg_attr(not(feature = "store"), expect(dead_code, reason = "there is none"))]
+    keep: Option<&'static mut BoardKeep>,
 }
 
 impl LinkEnd {
@@ -120,5 +127,10 @@ impl LinkPort for LinkEnd {
 
     fn deepest_stack_bytes(&mut self) -> Option<u32> {
         Some(stack::deepest_bytes())
+    }
+
+    #[cfg(feature = "store")]
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+        self.keep.as_mut().map(|keep| &mut **keep as _)
     }
 }

@@ -17,23 +17,31 @@ const REQUEST_PIPE: &CStr = c"plant-request";
 const REPLY_PIPE: &CStr = c"plant-reply";
 
 /// Not a file.
-const CLOSED: RawFd = -1;
+pub(crate) const CLOSED: RawFd = -1;
 
 static REQUESTS: AtomicI32 = AtomicI32::new(CLOSED);
 static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 
 /// Opens both pipes, which waits until the plant has opened its ends; they are never closed.
 pub fn open() {
+    let _ = open_pair(&REQUESTS, REQUEST_PIPE, &REPLIES, REPLY_PIPE);
+}
+
+/// Opens a pair of pipes. None if they are not there.
+pub(crate) fn open_pair(
+    requests: &AtomicI32,
+    request_pipe: &CStr,
+    replies: &AtomicI32,
+    reply_pipe: &CStr,
+) -> Option<()> {
     // The replies first: opening to read makes no file where there is no pipe, opening to write would.
     for (pipe, path, mode) in [
-        (&REPLIES, REPLY_PIPE, OpenMode::RDONLY_BINARY),
-        (&REQUESTS, REQUEST_PIPE, OpenMode::WRONLY_TRUNC_BINARY),
+        (replies, reply_pipe, OpenMode::RDONLY_BINARY),
+        (requests, request_pipe, OpenMode::WRONLY_TRUNC_BINARY),
     ] {
-        match sys_open(path, mode) {
-            Ok(opened) => pipe.store(opened.into_raw_fd(), Relaxed),
-            Err(_) => return,
-        }
+        pipe.store(sys_open(path, mode).ok()?.into_raw_fd(), Relaxed);
     }
+    Some(())
 }
 
 /// Sends `request` and waits for the reply. `None` if there is no plant or it went away.
@@ -42,23 +50,33 @@ pub fn open() {
 pub fn exchange(request: &Request) -> Option<[u8; REPLY_BYTES]> {
     let requests = file(&REQUESTS)?;
     let replies = file(&REPLIES)?;
-    // A message is shorter than what a pipe takes in one piece, so it is written whole or not at all. Both calls tell how many bytes are left.
-    if !matches!(sys_write_orig(requests, &request.encode()), Ok(0)) {
-        return None;
-    }
+    send(requests, &request.encode())?;
     let mut reply = [0; REPLY_BYTES];
-    let mut unread = REPLY_BYTES;
+    receive(replies, &mut reply)?;
+    Some(reply)
+}
+
+/// Writes a message to a pipe. It is shorter than what a pipe takes in one piece, so it is written whole or not at all. The call tells how many bytes are left.
+#[inline]
+pub(crate) fn send(pipe: BorrowedFd<'_>, message: &[u8]) -> Option<()> {
+    matches!(sys_write_orig(pipe, message), Ok(0)).then_some(())
+}
+
+/// Waits until a message that fills `room` has come out of a pipe.
+#[inline]
+pub(crate) fn receive(pipe: BorrowedFd<'_>, room: &mut [u8]) -> Option<()> {
+    let mut unread = room.len();
     while unread > 0 {
-        let rest = reply.get_mut(REPLY_BYTES - unread..)?;
-        match sys_read_orig(replies, rest) {
+        let read = room.len() - unread;
+        match sys_read_orig(pipe, room.get_mut(read..)?) {
             Ok(left) if left < unread => unread = left,
             _ => return None,
         }
     }
-    Some(reply)
+    Some(())
 }
 
-fn file(pipe: &AtomicI32) -> Option<BorrowedFd<'static>> {
+pub(crate) fn file(pipe: &AtomicI32) -> Option<BorrowedFd<'static>> {
     match pipe.load(Relaxed) {
         CLOSED => None,
         // SAFETY: `open` put the number of an open file there, which is never closed.

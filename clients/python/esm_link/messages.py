@@ -7,8 +7,8 @@ PROTOCOL_VERSION = 3
 
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
-    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
-) = range(23)  # fmt: skip
+    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX,
+) = range(18)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -22,9 +22,26 @@ SAFE_REASONS = (
     "board",
 )
 FALL_BACKS = ("not confirmed", "asked for", "failed")
+SOURCES = ("nothing", "slot A", "slot B", "firmware")
+SLOT_STATES = (
+    "runs",
+    "on trial",
+    "spare",
+    "empty",
+    "unsealed",
+    "broken header",
+    "other format",
+    "too long",
+    "no room",
+    "broken payload",
+    "unreadable",
+    "refused",
+    "trial failed",
+    "trial not recorded",
+    "given up",
+)
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
 CHANNELS = ("trace", "log")
-ACCESS = ("unsupported", "open", "locked", "unreadable")
 
 
 class Malformed(Exception):
@@ -140,7 +157,6 @@ class Hello:
     reset: str
     chunk_bytes: int
     window_bytes: int
-    access: str
 
 
 @dataclass
@@ -171,6 +187,14 @@ class FallBack:
 
 
 @dataclass
+class Kept:
+    """Where the mission is that runs, and what is in slot A and slot B of the robot's flash."""
+
+    runs: str
+    slots: List[str]
+
+
+@dataclass
 class Status:
     mode: str
     mission: Optional[int]
@@ -186,6 +210,7 @@ class Status:
     reset: str
     trial: Optional[Trial]
     fell_back: Optional[FallBack]
+    kept: Optional[Kept]
 
 
 @dataclass
@@ -261,13 +286,6 @@ class BlackBox:
 
 
 @dataclass
-class Challenge:
-    nonce: bytes
-    counter: int
-    key: bytes
-
-
-@dataclass
 class Error:
     """Why a request was not carried out; the fields are named in section 8."""
 
@@ -338,7 +356,7 @@ def _answer(fields: Fields) -> object:
         counts = [fields.number(16) for _ in range(4)]
         mission, reset = fields.option_u32(), fields.one_of(RESETS)
         return Hello(
-            protocol, firmware, board, task_types, blob_bytes, arena_words, *counts, mission, reset, fields.number(16), fields.number(16), fields.one_of(ACCESS)
+            protocol, firmware, board, task_types, blob_bytes, arena_words, *counts, mission, reset, fields.number(16), fields.number(16)
         )
     if kind == 1:
         return Received(fields.number(32))
@@ -368,8 +386,6 @@ def _answer(fields: Fields) -> object:
     if kind == 11:
         end, records = fields.number(32), fields.bytes()
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
-    if kind == 12:
-        return Challenge(fields.take(16), fields.number(64), fields.take(32))
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -389,7 +405,13 @@ def _status(fields: Fields) -> Status:
     busy, stack, reset = fields.boolean(), fields.option_u32(), fields.one_of(RESETS)
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
     fell_back = FallBack(fields.number(32), _fall_back_reason(fields)) if fields.boolean() else None
-    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back)
+    kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
+    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept)
+
+
+def _slot_state(fields: Fields) -> str:
+    state = fields.one_of(SLOT_STATES)
+    return f"{state} for {fields.number(32)} bytes" if state == "no room" else state
 
 
 def _fall_back_reason(fields: Fields) -> str:
@@ -412,13 +434,7 @@ def _error(fields: Fields) -> Error:
         14: "NoAnswer",
         17: "OnTrial",
         18: "NotOnTrial",
-        19: "NeedsKey",
-        20: "NotSigned",
-        21: "WrongSignature",
-        23: "NoChallenge",
-        24: "NoKey",
-        25: "NoKeySupport",
-        26: "NotKept",
+        19: "FlashRefused",
     }
     if kind in plain:
         return Error(plain[kind], {})
@@ -446,8 +462,4 @@ def _error(fields: Fields) -> Error:
         return Error("NetTypeDiffers", u16("task", "port"))
     if kind == 16:
         return Error("ParamOutOfRange", u16("task", "param"))
-    if kind == 22:
-        return Error("OldCounter", {"last": fields.number(64)})
-    if kind == 27:
-        return Error("TooSoon", u32("ms"))
     raise Malformed(f"an error of kind {kind}")

@@ -27,6 +27,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 #[command(after_help = "\
 Examples:
   esm board --world corridor
+  esm board --flash robot.flash                         # with the missions that it was given before
   esm upload missions/patrol.esm --port /dev/pts/7      # with the port that `esm board` printed")]
 pub struct BoardArgs {
     /// The board to run on
@@ -40,6 +41,10 @@ pub struct BoardArgs {
     /// Seed of the noise in sensors and wheels
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+
+    /// Keeps the robot's flash, with the missions in it, in this file: a robot that is switched off and on runs its confirmed mission by itself
+    #[arg(long, value_name = "FILE")]
+    pub flash: Option<PathBuf>,
 
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
@@ -60,7 +65,8 @@ pub fn execute(
     let world = stage::world(args.world.as_deref(), None)?;
     let plant = Plant::new(world, BodyParameters::default(), args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
-    let plant = PlantSide::new(plant, Pace::new(true), None);
+    let flash = stage::flash(args.flash.as_deref(), &board)?;
+    let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(flash);
     let (mut running, line) = RunningBoard::start(board, &plant, None)?;
     let server = PtyServer::start(line)?;
     let port = server.path().display();

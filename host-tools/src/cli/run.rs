@@ -90,6 +90,10 @@ pub struct RunArgs {
     #[arg(long)]
     pub realtime: bool,
 
+    /// Keeps the robot's flash, with the missions in it, in this file from run to run; without it, the flash is blank at first and gone at the end
+    #[arg(long, value_name = "FILE")]
+    pub flash: Option<PathBuf>,
+
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
     pub firmware: Option<PathBuf>,
@@ -214,9 +218,11 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     let seed = replay
         .as_ref()
         .map_or(args.seed, |recording| recording.head.seed);
+    let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     Ok(Plan {
+        flash: stage::flash(args.flash.as_deref(), &board)?,
         world: stage::world(args.world.as_deref(), Some(&args.file))?,
-        board: stage::board(&args.board, args.firmware.as_deref(), robot, console)?,
+        board,
         seed,
         until_us: args.until.map(|until| until.us),
         realtime: args.realtime,

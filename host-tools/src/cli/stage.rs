@@ -13,6 +13,7 @@ use crate::compile::NameTable;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::lang::Checked;
+use crate::plant::flash::{Flash, FlashError};
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
@@ -59,6 +60,18 @@ pub fn board(
             host_board::BOARD
         ))),
     }
+}
+
+/// The flash that a board's robot has, if it is to be a file.
+///
+/// # Errors
+/// If the file cannot be had, or is no flash of this board.
+pub fn flash(path: Option<&Path>, board: &Board) -> Result<Option<Flash>, CommandError> {
+    let opened = path.map(|path| Flash::open(path, board.flash_bytes()));
+    opened.transpose().map_err(|error| match error {
+        FlashError::Length { .. } => CommandError::Input(error.into()),
+        FlashError::File { .. } | FlashError::InUse { .. } => CommandError::World(error.into()),
+    })
 }
 
 /// The emulated board's firmware: the named one, or that of the checkout, which is built if need be.

@@ -5,6 +5,8 @@ use std::fmt;
 use clap::Args;
 use rt_firmware::link::message::{LastWords, Mode, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
+use rt_firmware::store::SlotState;
+use rt_firmware::store::keep::{Kept, Source};
 use serde::Serialize;
 
 use super::console::Console;
@@ -49,6 +51,8 @@ pub struct StatusReport {
     pub trial: Option<TrialReport>,
     /// The last mission that was given up on trial since the robot started.
     pub fell_back: Option<FallBackReport>,
+    /// What its flash has; none of a robot that keeps no missions.
+    pub kept: Option<KeptReport>,
     /// Current local states, depth first.
     pub active: Vec<String>,
     /// Macro steps since the mission started.
@@ -163,6 +167,54 @@ pub struct TrialReport {
     pub before: Option<String>,
 }
 
+/// What a robot's flash has, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeptReport {
+    /// Where the mission is that runs: `slot A`, `slot B` or `firmware`; none if none runs.
+    pub runs: Option<&'static str>,
+    /// What is in slot A.
+    pub slot_a: &'static str,
+    /// What is in slot B.
+    pub slot_b: &'static str,
+}
+
+impl From<Kept> for KeptReport {
+    fn from(kept: Kept) -> Self {
+        let [slot_a, slot_b] = kept.slots.map(slot_state);
+        KeptReport {
+            runs: match kept.runs {
+                Source::Nothing => None,
+                Source::A => Some("slot A"),
+                Source::B => Some("slot B"),
+                Source::Firmware => Some("firmware"),
+            },
+            slot_a,
+            slot_b,
+        }
+    }
+}
+
+/// What is in a slot, in a word or two.
+fn slot_state(state: SlotState) -> &'static str {
+    match state {
+        SlotState::Runs => "runs",
+        SlotState::OnTrial => "on trial",
+        SlotState::Spare => "spare",
+        SlotState::Empty => "empty",
+        SlotState::Unsealed => "unsealed",
+        SlotState::BrokenHeader => "broken header",
+        SlotState::OtherFormat => "other format",
+        SlotState::TooLong => "too long",
+        SlotState::NoRoom { .. } => "no room",
+        SlotState::BrokenPayload => "broken payload",
+        SlotState::Unreadable => "unreadable",
+        SlotState::Refused => "refused",
+        SlotState::TrialFailed => "trial failed",
+        SlotState::TrialNotRecorded => "trial not recorded",
+        SlotState::GivenUp => "given up",
+    }
+}
+
 /// A mission that was given up, in the form of its JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FallBackReport {
@@ -232,6 +284,7 @@ impl StatusReport {
             mission: status.mission.map(hash_text),
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
+            kept: status.kept.map(KeptReport::from),
             active: reading.active,
             steps: status.steps,
             t_us: status.t_us,
@@ -284,6 +337,22 @@ impl fmt::Display for StatusReport {
         }
         if let Some(FallBackReport { mission, reason }) = &self.fell_back {
             row("last fall-back", format!("gave {mission} up: {reason}"))?;
+        }
+        if let Some(KeptReport {
+            runs,
+            slot_a,
+            slot_b,
+        }) = &self.kept
+        {
+            let from = match runs {
+                Some("firmware") => "runs the firmware's own mission",
+                Some(_) => "runs a mission of the flash",
+                None => "no mission to run",
+            };
+            row(
+                "kept",
+                format!("{from}; slot A: {slot_a}, slot B: {slot_b}"),
+            )?;
         }
         row("slots executed", self.slots_executed.to_string())?;
         // Those of the slots below begin anew with each mission.

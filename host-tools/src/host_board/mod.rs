@@ -16,9 +16,11 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Parts, PinImage};
 use rt_firmware::link::message::{Capacities, Mode};
 use rt_firmware::rover::PinRover;
+use rt_firmware::store::keep::{self, Keep};
 use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, split};
 use thiserror::Error;
 
@@ -48,6 +50,9 @@ pub const CAPACITIES: Capacities = Capacities {
     nets: NETS as u16,
     exclusive_groups: GROUPS as u16,
 };
+
+/// Bytes of its flash for missions.
+const FLASH_BYTES: u32 = keep::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
 
 /// Room for the trace of many macro steps, should the reader be slow.
 const TRACE_BYTES: usize = 256 * 1024;
@@ -227,8 +232,13 @@ fn run(
             return;
         }
     };
+    let flash = plant.flash(FLASH_BYTES);
     let _ = ready.send(None);
-    let mut port = Port::new(line);
+    let mut records = [0; keep::RECORD_BYTES];
+    // A flash of another size is none of this board.
+    let keep = Keep::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
+    let mut port = Port::new(line, keep);
+    link.start(&mut port);
     let mut body = Body::new(pins, plant, background, ends);
     let mut due_us = 0;
     while !shared.stop.load(Relaxed) {

@@ -2,12 +2,14 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rt_firmware::LinkPort;
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
+use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::store::keep::Keep;
 
 use super::log_lines;
+use crate::plant::flash::Flash;
 use crate::serial::ByteLink;
 use crate::serial::pipe::PipeEnd;
 
@@ -18,43 +20,20 @@ const READ_BYTES: usize = 4096;
 const OUTGOING_LIMIT: usize = 64 * 1024;
 
 /// The link's bytes, and the log's.
-pub(super) struct Port {
+pub(super) struct Port<'k> {
     line: PipeEnd,
     incoming: VecDeque<u8>,
     outgoing: Vec<u8>,
-    safe: Safe,
+    keep: Option<Keep<'k, Flash>>,
 }
 
-/// Keeps a key for as long as the process lives.
-struct Safe {
-    kept: Volatile,
-    started: Instant,
-}
-
-impl KeySafe for Safe {
-    fn now_us(&mut self) -> u64 {
-        self.started.elapsed().as_micros() as u64
-    }
-
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        self.kept.read(record, room)
-    }
-
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.kept.write(record, bytes)
-    }
-}
-
-impl Port {
-    pub(super) fn new(line: PipeEnd) -> Self {
+impl<'k> Port<'k> {
+    pub(super) fn new(line: PipeEnd, keep: Option<Keep<'k, Flash>>) -> Self {
         Port {
             line,
             incoming: VecDeque::new(),
             outgoing: Vec::new(),
-            safe: Safe {
-                kept: Volatile::default(),
-                started: Instant::now(),
-            },
+            keep,
         }
     }
 
@@ -74,7 +53,7 @@ impl Port {
     }
 }
 
-impl LinkPort for Port {
+impl LinkPort for Port<'_> {
     fn receive(&mut self) -> Option<u8> {
         self.incoming.pop_front()
     }
@@ -97,7 +76,7 @@ impl LinkPort for Port {
         log_lines::dropped()
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
-        Some(&mut self.safe)
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+        self.keep.as_mut().map(|keep| keep as _)
     }
 }

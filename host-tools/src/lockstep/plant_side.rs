@@ -6,6 +6,7 @@ use rt_firmware::body::{Reply, Request};
 
 use super::pace::Pace;
 use crate::plant::Plant;
+use crate::plant::flash::Flash;
 
 /// What is done to the plant to see how a robot takes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +23,7 @@ pub enum PlantFault {
 pub struct PlantSide {
     shared: Arc<Mutex<Shared>>,
     pace: Arc<Pace>,
+    flash: Option<Flash>,
 }
 
 struct Shared {
@@ -48,7 +50,19 @@ impl PlantSide {
                 at_end: None,
             })),
             pace,
+            flash: None,
         }
+    }
+
+    /// The same plant, with this flash beside it.
+    #[must_use]
+    pub fn with_flash(self, flash: Option<Flash>) -> Self {
+        PlantSide { flash, ..self }
+    }
+
+    /// The flash beside it: the one that it was given, or a blank one of so many bytes.
+    pub fn flash(&self, bytes: u32) -> Flash {
+        self.flash.clone().unwrap_or_else(|| Flash::blank(bytes))
     }
 
     /// Lets the plant misbehave.

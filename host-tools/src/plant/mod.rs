@@ -18,6 +18,7 @@
 //! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
 
 mod drive;
+pub mod flash;
 mod floor;
 mod noise;
 mod parameters;

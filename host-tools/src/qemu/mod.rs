@@ -18,6 +18,7 @@ use rt_firmware::body::{Reply, Request};
 use tempfile::TempDir;
 use thiserror::Error;
 
+use crate::plant::flash::Flash;
 use pipes::PipeServer;
 
 /// The emulator's command.
@@ -112,12 +113,13 @@ fn told(console: &str) -> String {
 pub struct Emulator {
     process: Child,
     plant: PipeServer,
+    flash: PipeServer,
     folder: TempDir,
     uart: Option<UnixStream>,
 }
 
 impl Emulator {
-    /// Starts the firmware at `firmware`, with `plant` behind its pins.
+    /// Starts the firmware at `firmware`, with `plant` behind its pins and `flash` beside it.
     ///
     /// # Errors
     /// [`EmulatorError`]: what is missing, and what to do.
@@ -125,6 +127,7 @@ impl Emulator {
         firmware: &Path,
         idle: Idle,
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
+        flash: Flash,
     ) -> Result<Self, EmulatorError> {
         let system = |what| move |cause| EmulatorError::System { what, cause };
         let firmware = firmware
@@ -141,10 +144,16 @@ impl Emulator {
             .map_err(system("make the socket of the serial line"))?;
         let plant = PipeServer::start(folder.path(), plant)
             .map_err(system("open the pipes to the plant"))?;
+        let flash =
+            PipeServer::start_pair(folder.path(), pipes::FLASH, move |requests, replies| {
+                flash.serve(requests, replies)
+            })
+            .map_err(system("open the pipes to the flash"))?;
         let process = spawn(&firmware, idle, folder.path())?;
         let mut emulator = Emulator {
             process,
             plant,
+            flash,
             folder,
             uart: None,
         };
@@ -225,6 +234,7 @@ impl Drop for Emulator {
         let _ = self.process.kill();
         let _ = self.process.wait();
         self.plant.stop();
+        self.flash.stop();
     }
 }
 

@@ -1,7 +1,7 @@
-//! The two named pipes between the emulated board and the plant, and the thread that serves them.
+//! The named pipes between the emulated board and the plant, two for its pins and two for its flash, and the threads that serve them.
 //!
-//! The firmware opens both by semihosting and blocks in them, which stops its virtual time: board and plant run in lock step. The
-//! thread never waits for the link client, nor the client for it.
+//! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board and plant run in lock step. The
+//! threads never wait for the link client, nor the client for them.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -19,34 +19,49 @@ use std::os::fd::AsFd;
 
 use rt_firmware::body::{REQUEST_BYTES, Reply, Request};
 
-/// Name of the pipe that carries requests from the board, in the emulator's working directory.
-pub const REQUEST_PIPE: &str = "plant-request";
+/// A pipe each way, by their names in the emulator's working directory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pair {
+    /// Carries requests from the board.
+    pub requests: &'static str,
+    /// Carries replies to the board.
+    pub replies: &'static str,
+}
 
-/// Name of the pipe that carries replies to the board.
-pub const REPLY_PIPE: &str = "plant-reply";
+/// Exchanges of pins.
+pub const PINS: Pair = Pair {
+    requests: "plant-request",
+    replies: "plant-reply",
+};
+
+/// Operations of the flash.
+pub const FLASH: Pair = Pair {
+    requests: "flash-request",
+    replies: "flash-reply",
+};
 
 /// How often a wait looks whether the emulator has ended.
 const LOOK_INTERVAL_MS: u16 = 20;
 
-/// Makes both pipes in `folder`.
+/// Makes all pipes in `folder`.
 ///
 /// # Errors
 /// What the system says.
 pub fn make(folder: &Path) -> io::Result<()> {
-    for name in [REQUEST_PIPE, REPLY_PIPE] {
+    for name in [PINS.requests, PINS.replies, FLASH.requests, FLASH.replies] {
         nix::unistd::mkfifo(&folder.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
     }
     Ok(())
 }
 
-/// Answers the board's exchanges in a thread until the board has closed its pipes.
+/// Answers what the board asks by one pair of pipes, in a thread, until the board has closed them.
 pub struct PipeServer {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
 impl PipeServer {
-    /// Starts to serve the pipes in `folder`; `answer` is the plant.
+    /// Starts to serve the pipes of the board's pins in `folder`; `answer` is the plant.
     ///
     /// # Errors
     /// What the system says of the pipe of requests or of the thread.
@@ -54,22 +69,38 @@ impl PipeServer {
         folder: &Path,
         answer: impl FnMut(&Request) -> Reply + Send + 'static,
     ) -> io::Result<Self> {
+        Self::start_pair(folder, PINS, |requests, replies| {
+            exchange_pins(requests, replies, answer)
+        })
+    }
+
+    /// Starts to serve a pair of pipes in `folder` with `serve`, which is given both as soon as the board has asked for something.
+    ///
+    /// # Errors
+    /// What the system says of the pipe of requests or of the thread.
+    pub fn start_pair(
+        folder: &Path,
+        pair: Pair,
+        serve: impl FnOnce(File, File) -> io::Result<()> + Send + 'static,
+    ) -> io::Result<Self> {
         // Opened before the board starts, so that its own opening never waits.
         let requests = OpenOptions::new()
             .read(true)
             .custom_flags(OFlag::O_NONBLOCK.bits())
-            .open(folder.join(REQUEST_PIPE))?;
-        let reply_path = folder.join(REPLY_PIPE);
+            .open(folder.join(pair.requests))?;
+        let reply_path = folder.join(pair.replies);
         let stop = Arc::new(AtomicBool::new(false));
-        let thread = std::thread::Builder::new().name("plant".into()).spawn({
-            let stop = Arc::clone(&stop);
-            move || match open_replies(&reply_path, &stop)? {
-                Some(replies) if wait_for_request(&requests, &stop)? => {
-                    serve(requests, replies, answer)
+        let thread = std::thread::Builder::new()
+            .name(pair.requests.into())
+            .spawn({
+                let stop = Arc::clone(&stop);
+                move || match open_replies(&reply_path, &stop)? {
+                    Some(replies) if wait_for_request(&requests, &stop)? => {
+                        serve(requests, replies)
+                    }
+                    _ => Ok(()),
                 }
-                _ => Ok(()),
-            }
-        })?;
+            })?;
         Ok(PipeServer {
             stop,
             thread: Some(thread),
@@ -143,7 +174,7 @@ fn set_blocking(file: &File) -> io::Result<()> {
     Ok(())
 }
 
-fn serve(
+fn exchange_pins(
     mut requests: File,
     mut replies: File,
     mut answer: impl FnMut(&Request) -> Reply,
@@ -177,9 +208,9 @@ mod tests {
         .unwrap();
         let mut to_plant = OpenOptions::new()
             .write(true)
-            .open(folder.path().join(REQUEST_PIPE))
+            .open(folder.path().join(PINS.requests))
             .unwrap();
-        let mut from_plant = File::open(folder.path().join(REPLY_PIPE)).unwrap();
+        let mut from_plant = File::open(folder.path().join(PINS.replies)).unwrap();
         for sequence in 0..100 {
             let request = Request {
                 sequence,

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use rt_firmware::body::flash::ERASE_BYTES;
+use rt_firmware::store::keep;
 use thiserror::Error;
 
 use super::recording::Recording;
@@ -33,6 +35,13 @@ impl Board {
             Board::Emulated { .. } => firmware::BOARD,
             Board::Host { .. } => host_board::BOARD,
         }
+    }
+
+    /// Bytes of its flash for missions.
+    pub fn flash_bytes(&self) -> u32 {
+        let capacities = crate::boards::find(self.name()).map(|board| board.capacities);
+        let blob_bytes = capacities.map_or(0, |capacities| capacities.blob_bytes);
+        keep::flash_bytes(blob_bytes, ERASE_BYTES as u32)
     }
 
     /// What decodes its log.
@@ -79,15 +88,16 @@ impl RunningBoard {
         plant: &PlantSide,
         replay: Option<&Recording>,
     ) -> Result<(Self, Box<dyn ByteLink>), BoardError> {
+        let flash_bytes = board.flash_bytes();
         match board {
             Board::Emulated { firmware } => {
                 if replay.is_some() {
                     return Err(BoardError::CannotReplay);
                 }
                 let served = plant.clone();
-                let mut emulator = Emulator::start(&firmware, Idle::Passes, move |request| {
-                    served.exchange(request)
-                })?;
+                let flash = plant.flash(flash_bytes);
+                let answer = move |request: &_| served.exchange(request);
+                let mut emulator = Emulator::start(&firmware, Idle::Passes, answer, flash)?;
                 let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
                     console: String::new(),
                 })?;

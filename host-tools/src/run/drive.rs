@@ -20,6 +20,7 @@ use crate::link_client::log_lines::{LogLine, LogReader};
 use crate::link_client::{ClientError, LinkClient, StreamEvent};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
+use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant, PlantError};
 use crate::schedule::handover::Handover;
 use crate::serial::ByteLink;
@@ -62,6 +63,8 @@ pub struct Plan {
     pub replay: Option<Recording>,
     /// What is done to the plant.
     pub plant_fault: Option<PlantFault>,
+    /// The flash beside it; a blank one without.
+    pub flash: Option<Flash>,
 }
 
 /// What whoever watches a run gets to hear.
@@ -212,7 +215,7 @@ impl<W: Write> Driver<W> {
         }
         let pace = Pace::new(plan.realtime);
         let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
-        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us);
+        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(plan.flash);
         if let Some(fault) = plan.plant_fault {
             plant.inject(fault);
         }

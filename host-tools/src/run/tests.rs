@@ -136,6 +136,7 @@ fn mission(name: &str, model: &Model) -> Mission {
 fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
     Plan {
+        flash: None,
         board: Board::Host {
             robot: host_board::rover,
         },

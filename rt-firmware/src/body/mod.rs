@@ -13,6 +13,7 @@
 //! The image carries what pins carry (PWM duty, encoder counts, echo times, ADC counts), never speeds or poses.
 
 mod exchange;
+pub mod flash;
 mod pins;
 
 pub use exchange::{

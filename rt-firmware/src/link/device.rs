@@ -5,24 +5,22 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::{Refusal, Verified};
 use heapless::spsc::{Consumer, Producer};
 
-use super::access::{Access, Needs, needs};
 use super::frame::{
     CRC_BYTES, FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode, encode,
 };
-use super::key_safe::KeySafe;
-use super::keys::{Keys, SignedUpload};
 use super::message::{
     Capacities, Capacity, Channel, DeviceInfo, FromDevice, LastWords, LinkError, MAX_CHUNK,
     MAX_PART, MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
     ToDevice, Uploads,
 };
-use super::trial::MissionKeeper;
+use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::check::check;
 use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::Registry;
 use crate::ring::RingReader;
 use crate::runtime::About;
 use crate::status::SnapshotReader;
+use crate::store::keep::{Kept, Start};
 use esm_core::BlobBuffer;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
@@ -53,11 +51,6 @@ pub trait LinkPort {
     /// Bytes that the log dropped for want of room; wraps.
     fn log_dropped(&self) -> u32 {
         0
-    }
-
-    /// Where the board keeps the robot's key. None: it has none, and cannot.
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
-        None
     }
 
     /// The most bytes of stack that were in use since the start, where the board measures it. Asked for with each status.
@@ -147,11 +140,12 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) to_real_time: Producer<'q, &'m mut Letter<'m>>,
     pub(crate) from_real_time: Consumer<'q, &'m mut Letter<'m>>,
     pub(crate) freed: Consumer<'q, Freed<'m>>,
+    /// The keeper's mission is to be started, as soon as the letter is here.
+    pub(crate) start_wanted: bool,
     pub(crate) snapshot: SnapshotReader<'m>,
     pub(crate) trace: RingReader<'m>,
     pub(crate) trace_wanted: &'m AtomicBool,
     pub(crate) log_wanted: bool,
-    pub(crate) keys: Keys,
 }
 
 /// A blob that arrives.
@@ -159,7 +153,6 @@ pub(crate) struct Upload<'m> {
     blob: BlobBuffer<'m>,
     len: u32,
     crc: u32,
-    signed: Option<SignedUpload>,
 }
 
 impl Upload<'_> {
@@ -189,6 +182,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             next_channel: Channel::Trace,
             desk,
         }
+    }
+
+    /// Starts the mission that the board's keeper has for the robot, if it has one. To be called once, before all else.
+    pub fn start(&mut self, port: &mut impl LinkPort) {
+        self.desk.start_kept(port);
     }
 
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
@@ -352,6 +350,7 @@ fn keep_in_mind(
         }
         | Letter::Confirmed { mission } => keeper.trial_confirmed(mission),
         Letter::SwapFailed { mission, .. } => {
+            // What cannot even begin was checked before: there is nothing better to choose.
             keeper.trial_failed(mission);
             Ok(())
         }
@@ -380,31 +379,7 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
 }
 
 impl<'m> Desk<'_, 'm> {
-    /// Carries a request out, if whoever sent it may.
     fn react<'a, P: LinkPort>(
-        &'a mut self,
-        seq: u8,
-        request: &Request<'_>,
-        port: &mut P,
-    ) -> Reaction<'a> {
-        let access = self.keys.access(port.key_safe());
-        if let Request::Signed { signature, request } = *request {
-            return match self.signed(signature, request, port) {
-                Ok(request) => self.carry_out(seq, &request, port),
-                Err(error) => Reaction::Answer(Err(error)),
-            };
-        }
-        match (needs(request), access) {
-            (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {
-                self.carry_out(seq, request, port)
-            }
-            (Needs::Key, Access::Locked) => Reaction::Answer(Err(LinkError::NeedsKey)),
-            (Needs::Key, Access::Unreadable) => Reaction::Answer(Err(LinkError::NotKept)),
-        }
-    }
-
-    /// Carries a request out.
-    fn carry_out<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
         request: &Request<'_>,
@@ -414,8 +389,7 @@ impl<'m> Desk<'_, 'm> {
             Request::Hello => {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
-                let access = self.keys.access(port.key_safe());
-                Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
+                Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES))))
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc, port)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
@@ -424,7 +398,10 @@ impl<'m> Desk<'_, 'm> {
                 self.end_upload();
                 Reaction::Answer(Ok(Response::Done))
             }
-            Request::Status => Reaction::Answer(self.status(port.deepest_stack_bytes())),
+            Request::Status => {
+                let kept = port.keeper().map(|keeper| keeper.kept());
+                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
+            }
             Request::Stop => self.ask(seq, Letter::Stop),
             Request::Start => self.ask(seq, Letter::Start),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
@@ -443,102 +420,10 @@ impl<'m> Desk<'_, 'm> {
                 self.log_wanted = log;
                 Reaction::Answer(Ok(Response::Done))
             }
-            Request::Challenge
-            | Request::Sign { .. }
-            | Request::InstallKey { .. }
-            | Request::RemoveKey => Reaction::Answer(match port.key_safe() {
-                Some(safe) => self.of_keys(request, safe),
-                None => Err(LinkError::NoKeySupport),
-            }),
-            // A signed request holds a plain one: `signed` gives nothing else out.
-            Request::Signed { .. } => Reaction::Answer(Err(LinkError::Malformed)),
         }
     }
 
-    /// The request that the key has signed.
-    fn signed<'r>(
-        &mut self,
-        signature: &[u8],
-        bytes: &'r [u8],
-        port: &mut impl LinkPort,
-    ) -> Result<Request<'r>, LinkError> {
-        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
-        let request: Request<'r> = match postcard::take_from_bytes(bytes) {
-            Ok((request, [])) => request,
-            _ => return Err(LinkError::Malformed),
-        };
-        if needs(&request) != Needs::Key {
-            return Err(LinkError::Malformed);
-        }
-        // So that a nonce is not spent on what cannot be done now.
-        if self.letter.is_none() {
-            return Err(LinkError::Busy);
-        }
-        let upload = match (&request, &self.upload) {
-            (
-                Request::Commit(_),
-                Some(Upload {
-                    signed: Some(signed),
-                    ..
-                }),
-            ) => Some(signed),
-            _ => None,
-        };
-        self.keys.check_command(safe, signature, upload, bytes)?;
-        Ok(request)
-    }
-
-    /// Answers what is about keys alone.
-    #[inline(never)]
-    fn of_keys(
-        &mut self,
-        request: &Request<'_>,
-        safe: &mut dyn KeySafe,
-    ) -> Result<Response<'_>, LinkError> {
-        match *request {
-            Request::Challenge => {
-                let (nonce, counter, key) = self.keys.challenge(safe)?;
-                Ok(Response::Challenge {
-                    nonce,
-                    counter,
-                    key,
-                })
-            }
-            Request::Sign { counter, signature } => {
-                let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
-                if upload.received() != upload.len {
-                    return Err(LinkError::Incomplete {
-                        received: upload.received(),
-                    });
-                }
-                upload.signed =
-                    Some(
-                        self.keys
-                            .check_upload(safe, counter, signature, &upload.blob)?,
-                    );
-                Ok(Response::Done)
-            }
-            Request::InstallKey {
-                key,
-                seed,
-                signature,
-            } => {
-                self.keys.install(safe, key, seed, signature)?;
-                // What another key has signed is not signed.
-                if let Some(upload) = &mut self.upload {
-                    upload.signed = None;
-                }
-                Ok(Response::Done)
-            }
-            Request::RemoveKey => {
-                self.keys.remove(safe)?;
-                Ok(Response::Done)
-            }
-            _ => Err(LinkError::Malformed),
-        }
-    }
-
-    fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {
+    fn introduce(&self, window_bytes: u16) -> DeviceInfo<'_> {
         DeviceInfo {
             protocol: PROTOCOL_VERSION,
             firmware: self.about.firmware,
@@ -551,11 +436,14 @@ impl<'m> Desk<'_, 'm> {
                 chunk_bytes: MAX_CHUNK as u16,
                 window_bytes,
             },
-            access,
         }
     }
 
-    fn status(&self, stack_bytes: Option<u32>) -> Result<Response<'_>, LinkError> {
+    fn status(
+        &self,
+        stack_bytes: Option<u32>,
+        kept: Option<Kept>,
+    ) -> Result<Response<'_>, LinkError> {
         let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
         Ok(Response::Status(Status {
             mode: health.mode,
@@ -572,6 +460,7 @@ impl<'m> Desk<'_, 'm> {
             reset: self.about.reset,
             trial: health.trial,
             fell_back: health.fell_back,
+            kept,
         }))
     }
 
@@ -673,12 +562,7 @@ impl<'m> Desk<'_, 'm> {
             .find_map(Option::take)
             .ok_or(LinkError::Busy)?;
         blob.clear();
-        self.upload = Some(Upload {
-            blob,
-            len,
-            crc,
-            signed: None,
-        });
+        self.upload = Some(Upload { blob, len, crc });
         Ok(Response::Received { len: 0 })
     }
 
@@ -702,14 +586,18 @@ impl<'m> Desk<'_, 'm> {
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
     fn commit<'a>(&mut self, seq: u8, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
-        match self.stage(swap, port) {
-            Ok(()) => self.post(seq),
+        match self.stage(swap, port.keeper()) {
+            Ok(()) => self.post(Some(seq)),
             Err(error) => Reaction::Answer(Err(error)),
         }
     }
 
     /// Checks the blob that was uploaded, and puts it into the letter.
-    fn stage(&mut self, swap: Swap, port: &mut impl LinkPort) -> Result<(), LinkError> {
+    fn stage(
+        &mut self,
+        swap: Swap,
+        keeper: Option<&mut dyn MissionKeeper>,
+    ) -> Result<(), LinkError> {
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
@@ -721,10 +609,6 @@ impl<'m> Desk<'_, 'm> {
             });
         }
         let crc = upload.crc;
-        let signed = upload.signed;
-        if signed.is_none() && self.keys.access(port.key_safe()) == Access::Locked {
-            return Err(LinkError::NotSigned);
-        }
         let Some(Upload { blob, .. }) = self.upload.take() else {
             return Err(LinkError::NoUpload);
         };
@@ -739,9 +623,8 @@ impl<'m> Desk<'_, 'm> {
                 return Err(LinkError::Invalid(refusal));
             }
         };
-        let checked = check(&verified, self.registry, &self.capacities)
-            .and_then(|()| self.accept(signed.as_ref(), port))
-            .and_then(|()| match port.keeper() {
+        let checked =
+            check(&verified, self.registry, &self.capacities).and_then(|()| match keeper {
                 Some(keeper) => keeper.trial_begins(verified.bytes()),
                 None => Ok(()),
             });
@@ -769,21 +652,54 @@ impl<'m> Desk<'_, 'm> {
         while let Some(Freed { blob, fell_back }) = self.freed.dequeue() {
             self.keep(blob);
             if let (Some(fell_back), Some(keeper)) = (fell_back, port.keeper()) {
-                keeper.trial_failed(fell_back.mission);
+                self.start_wanted |= keeper.trial_failed(fell_back.mission);
             }
+        }
+        if self.start_wanted {
+            self.start_wanted = !self.start_kept(port);
         }
     }
 
-    /// Keeps the counter of a signed upload, before its mission runs: what follows is newer, whatever happens.
-    fn accept(
-        &mut self,
-        signed: Option<&SignedUpload>,
-        port: &mut impl LinkPort,
-    ) -> Result<(), LinkError> {
-        match (signed, port.key_safe()) {
-            (Some(signed), Some(safe)) => self.keys.accept(safe, signed),
-            _ => Ok(()),
+    /// Starts the mission that the board's keeper has for the robot, if it has one. Returns false if that is to be tried again, for the letter is under way.
+    // Not inlined: what it needs of the stack is needed for nothing else.
+    #[inline(never)]
+    fn start_kept(&mut self, port: &mut impl LinkPort) -> bool {
+        let Some(keeper) = port.keeper() else {
+            return true;
+        };
+        if self.letter.is_none() {
+            return false;
         }
+        let Some(mut blob) = self.blobs.iter_mut().find_map(Option::take) else {
+            return false;
+        };
+        let (registry, capacities) = (self.registry, &self.capacities);
+        let mut start = Start::Nothing;
+        blob.fill(|room| {
+            start = keeper.choose(room, &mut |bytes| {
+                esm_core::verify(bytes)
+                    .is_ok_and(|verified| check(&verified, registry, capacities).is_ok())
+            });
+            match start {
+                Start::Mission { len, .. } => len,
+                Start::Nothing => 0,
+            }
+        });
+        let Start::Mission { on_trial, .. } = start else {
+            self.keep(blob);
+            return true;
+        };
+        match (verified(blob), &mut self.letter) {
+            (Ok(mission), Some(letter)) => {
+                let trial_ms = if on_trial { TRIAL_AT_START_MS } else { 0 };
+                let swap = Swap { trial_ms };
+                **letter = Letter::Swap { mission, swap };
+                self.post(None);
+            }
+            (Ok(mission), None) => self.keep(mission.into_bytes()),
+            (Err((blob, _)), _) => self.keep(blob),
+        }
+        true
     }
 
     fn end_upload(&mut self) {
@@ -805,20 +721,20 @@ impl<'m> Desk<'_, 'm> {
         match &mut self.letter {
             Some(letter) => {
                 **letter = question;
-                self.post(seq)
+                self.post(Some(seq))
             }
             None => Reaction::Answer(Err(LinkError::Busy)),
         }
     }
 
-    /// Sends the letter to the real-time side, with what was put into it.
-    fn post<'a>(&mut self, seq: u8) -> Reaction<'a> {
+    /// Sends the letter to the real-time side, with what was put into it: for the request of this number, if it is for one.
+    fn post<'a>(&mut self, seq: Option<u8>) -> Reaction<'a> {
         let Some(letter) = self.letter.take() else {
             return Reaction::Answer(Err(LinkError::Busy));
         };
         match self.to_real_time.enqueue(letter) {
             Ok(()) => {
-                self.asked = Some(seq);
+                self.asked = seq;
                 Reaction::Later
             }
             // There is one letter, so that there is always room.

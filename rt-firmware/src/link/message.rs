@@ -3,8 +3,8 @@
 use esm_core::Refusal;
 use serde::{Deserialize, Serialize};
 
-use super::access::{Access, KEY_BYTES, NONCE_BYTES};
 use super::trial::{FallBack, Trial};
+use crate::store::keep::Kept;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
@@ -120,33 +120,6 @@ pub enum Request<'a> {
         /// Sequence number of the first one wanted, or the oldest that there is. Those that are gone are passed over.
         from: Option<u32>,
     },
-    /// A number for the next [`Request::Signed`]; the one before is void. Answer: [`Response::Challenge`].
-    Challenge,
-    /// A request that the robot's key has signed. Answer: that request's.
-    Signed {
-        /// The signature of [`command`](super::access::command): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
-        signature: &'a [u8],
-        /// The request as it is serialized, without a number; one that [needs](super::access::needs) a key.
-        request: &'a [u8],
-    },
-    /// The signature of the blob that was uploaded, which a robot with a key wants before [`Request::Commit`]. Answer: [`Response::Done`].
-    Sign {
-        /// Greater than that of any upload before.
-        counter: u64,
-        /// The signature of [`upload`](super::access::upload): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
-        signature: &'a [u8],
-    },
-    /// From now on the robot has this key. Answer, when it is kept: [`Response::Done`].
-    InstallKey {
-        /// The public key: [`KEY_BYTES`] bytes.
-        key: &'a [u8],
-        /// [`SEED_BYTES`](super::access::SEED_BYTES) bytes that nobody can guess, for the robot to make nonces from.
-        seed: &'a [u8],
-        /// The key's own signature of [`install`](super::access::install): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
-        signature: &'a [u8],
-    },
-    /// From now on the robot has no key. Answer, when it is forgotten: [`Response::Done`].
-    RemoveKey,
 }
 
 /// How a mission takes over.
@@ -258,15 +231,6 @@ pub enum Response<'a> {
         /// from a robot that keeps none.
         records: &'a [u8],
     },
-    /// To [`Request::Challenge`].
-    Challenge {
-        /// Good for one [`Request::Signed`].
-        nonce: [u8; NONCE_BYTES],
-        /// Of the last upload that was accepted.
-        counter: u64,
-        /// The robot's public key.
-        key: [u8; KEY_BYTES],
-    },
 }
 
 /// The state of a region that is not active.
@@ -291,8 +255,6 @@ pub struct DeviceInfo<'a> {
     pub reset: ResetReason,
     /// How it takes uploads.
     pub uploads: Uploads,
-    /// Whether it has a key.
-    pub access: Access,
 }
 
 /// How a robot takes uploads.
@@ -483,30 +445,8 @@ pub enum LinkError {
     OnTrial,
     /// The mission of this hash is not on trial: it was confirmed already, or the robot has gone back to the one before.
     NotOnTrial,
-    /// The robot has a key, which must sign this request: send it as [`Request::Signed`].
-    NeedsKey,
-    /// The robot has a key, which must sign the upload: send [`Request::Sign`] before [`Request::Commit`].
-    NotSigned,
-    /// The robot's key has not signed this.
-    WrongSignature,
-    /// An upload of this counter, or of a later one, was accepted already.
-    OldCounter {
-        /// The last one that was.
-        last: u64,
-    },
-    /// There is no nonce: it was used, or never asked for. Send [`Request::Challenge`].
-    NoChallenge,
-    /// The robot has no key.
-    NoKey,
-    /// The robot's firmware cannot have a key.
-    NoKeySupport,
-    /// What belongs to the key cannot be read or written: nothing was changed.
-    NotKept,
-    /// After a wrong signature the robot looks at none for some time: send it again then.
-    TooSoon {
-        /// Milliseconds until then.
-        ms: u32,
-    },
+    /// The flash did not take it: a mission that was to take over does not, one that was to be confirmed is so until the next reset only.
+    FlashRefused,
 }
 
 /// How the robot is.
@@ -540,6 +480,8 @@ pub struct Status {
     pub trial: Option<Trial>,
     /// The last mission that was given up on trial since the robot started.
     pub fell_back: Option<FallBack>,
+    /// Where the mission is that runs, and what else its flash has; none of a robot that keeps no missions.
+    pub kept: Option<Kept>,
 }
 
 /// What a robot is doing.
@@ -652,8 +594,9 @@ pub struct TaskCounters {
 mod tests {
     use super::super::trial::FallBackReason;
     use super::*;
-    use crate::link::access::{MAX_SIGNED_BYTES, SEED_BYTES, SIGNATURE_BYTES};
     use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
+    use crate::store::SlotState;
+    use crate::store::keep::Source;
 
     #[test]
     fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
@@ -711,7 +654,6 @@ mod tests {
             },
             mission: Some(u32::MAX),
             reset: ResetReason::Software,
-            access: Access::Unreadable,
             uploads: Uploads {
                 chunk_bytes: u16::MAX,
                 window_bytes: u16::MAX,
@@ -738,30 +680,15 @@ mod tests {
                 mission: u32::MAX,
                 reason: FallBackReason::Failed(SafeReason::Board),
             }),
+            kept: Some(Kept {
+                runs: Source::Firmware,
+                slots: [SlotState::NoRoom { len: u32::MAX }; 2],
+            }),
         };
-        let signature = [0xa5; SIGNATURE_BYTES];
-        let install = Request::InstallKey {
-            key: &[0xa5; KEY_BYTES],
-            seed: &[0xa5; SEED_BYTES],
-            signature: &signature,
-        };
-        let mut signed = [0; MAX_SIGNED_BYTES];
-        assert!(postcard::to_slice(&install, &mut signed).is_ok());
-        let requests = [
-            Request::Chunk {
-                offset: u32::MAX,
-                data: &chunk,
-            },
-            Request::Sign {
-                counter: u64::MAX,
-                signature: &signature,
-            },
-            install,
-            Request::Signed {
-                signature: &signature,
-                request: &signed,
-            },
-        ];
+        let requests = [Request::Chunk {
+            offset: u32::MAX,
+            data: &chunk,
+        }];
         for request in requests {
             assert!(
                 encode(&ToDevice { seq: 255, request }, &mut frame).is_ok(),
@@ -769,11 +696,6 @@ mod tests {
             );
         }
         let responses = [
-            Response::Challenge {
-                nonce: [0xa5; NONCE_BYTES],
-                counter: u64::MAX,
-                key: [0xa5; KEY_BYTES],
-            },
             Response::Hello(info),
             Response::Status(status),
             Response::TaskText {

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::message::{LinkError, SafeReason};
+use crate::store::keep::{Kept, Start};
 
 /// A mission that runs on trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,9 +72,20 @@ pub trait MissionKeeper {
     /// What the host is to be told. The mission goes on all the same, until the next reset.
     fn trial_confirmed(&mut self, mission: u32) -> Result<(), LinkError>;
 
-    /// The mission with this hash was given up: the one before runs already, if there is one.
-    fn trial_failed(&mut self, mission: u32);
+    /// The mission with this hash was given up: the one before runs already, if there is one. Returns whether the robot is to [choose](Self::choose) another, for
+    /// there was no mission before since the start, and now the one that was confirmed last is due.
+    fn trial_failed(&mut self, mission: u32) -> bool;
+
+    /// Puts the mission that the robot is to start with into the beginning of `room`: one that `accepts` takes.
+    fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start;
+
+    /// Which mission runs, and why.
+    fn kept(&self) -> Kept;
 }
+
+/// How long a mission that a robot starts with may run on trial, in milliseconds: one whose upload came to its end and whose trial did not begin before the
+/// power was lost.
+pub const TRIAL_AT_START_MS: u32 = 30_000;
 
 #[cfg(test)]
 mod tests {

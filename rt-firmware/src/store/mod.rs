@@ -61,6 +61,7 @@
 use core::ops::Range;
 
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
+use serde::{Deserialize, Serialize};
 
 /// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
 #[cfg(test)]
@@ -76,6 +77,7 @@ macro_rules! planted {
     };
 }
 
+pub mod keep;
 mod layout;
 #[cfg(test)]
 mod nor;
@@ -150,7 +152,7 @@ pub struct Mission {
 }
 
 /// What is in a slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SlotState {
     /// The mission that runs.
     Runs,
@@ -717,6 +719,18 @@ impl<F: NorFlash> Store<F> {
         } else {
             Err(FinishError::ReadBack)
         }
+    }
+
+    /// The slot that the upload which is under way goes to.
+    #[must_use]
+    pub fn upload_slot(&self) -> Option<Slot> {
+        Some(self.upload.as_ref()?.slot)
+    }
+
+    /// The slot of the mission that runs.
+    #[must_use]
+    pub fn running_slot(&self) -> Option<Slot> {
+        Some(self.running?.slot)
     }
 
     /// Ends the upload that is under way and forgets what arrived.

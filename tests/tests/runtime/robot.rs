@@ -4,15 +4,15 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use rt_firmware::link::access::{Access, KEY_BYTES, NONCE_BYTES};
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use rt_firmware::link::message::{
     FromDevice, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters,
     Status, Swap, TaskCounters, ToDevice,
 };
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::store::SlotState;
+use rt_firmware::store::keep::{self, Kept, Start};
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
@@ -215,8 +215,6 @@ pub struct Wire {
     pub stuck: bool,
     /// What is remembered across a reset.
     pub memory: Memo,
-    /// Where the robot keeps a key, if it can have one.
-    pub safe: Option<Safe>,
 }
 
 /// Remembers what it is told of missions on trial.
@@ -244,40 +242,20 @@ impl MissionKeeper for Memo {
         Ok(())
     }
 
-    fn trial_failed(&mut self, mission: u32) {
+    fn trial_failed(&mut self, mission: u32) -> bool {
         self.told.push(format!("{mission:08x} failed"));
-    }
-}
-
-/// Keeps a key.
-#[derive(Clone, Default)]
-pub struct Safe {
-    pub kept: Volatile,
-    pub now_us: u64,
-    /// It cannot be read and written.
-    pub broken: bool,
-    /// Writes so far.
-    pub writes: u32,
-}
-
-impl KeySafe for Safe {
-    fn now_us(&mut self) -> u64 {
-        self.now_us
+        false
     }
 
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        if self.broken {
-            return Err(NotKept);
+    fn choose(&mut self, _room: &mut [u8], _accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {
+        Start::Nothing
+    }
+
+    fn kept(&self) -> Kept {
+        Kept {
+            runs: keep::Source::Nothing,
+            slots: [SlotState::Empty; 2],
         }
-        self.kept.read(record, room)
-    }
-
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        if self.broken {
-            return Err(NotKept);
-        }
-        self.writes += 1;
-        self.kept.write(record, bytes)
     }
 }
 
@@ -305,10 +283,6 @@ impl LinkPort for Wire {
         self.memory
             .is_there
             .then_some(&mut self.memory as &mut dyn MissionKeeper)
-    }
-
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
-        self.safe.as_mut().map(|safe| safe as &mut dyn KeySafe)
     }
 }
 
@@ -402,12 +376,7 @@ pub enum Answer {
     Slot(SlotCounters),
     Task(TaskCounters),
     LastWords(LastWords),
-    Hello(String, Access),
-    Challenge {
-        nonce: [u8; NONCE_BYTES],
-        counter: u64,
-        key: [u8; KEY_BYTES],
-    },
+    Hello(String),
 }
 
 impl Bench<'_, '_, '_> {
@@ -464,7 +433,7 @@ impl Bench<'_, '_, '_> {
                     seq,
                     result.map(|response| match response {
                         Response::Hello(info) => {
-                            Answer::Hello(format!("{} {}", info.firmware, info.board), info.access)
+                            Answer::Hello(format!("{} {}", info.firmware, info.board))
                         }
                         Response::Received { len } => Answer::Received(len),
                         Response::Committed { mission } => Answer::Committed(mission),
@@ -481,15 +450,6 @@ impl Bench<'_, '_, '_> {
                         Response::TaskInstance(counters) => Answer::Task(counters),
                         Response::LastWords { words, .. } => Answer::LastWords(words),
                         Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
-                        Response::Challenge {
-                            nonce,
-                            counter,
-                            key,
-                        } => Answer::Challenge {
-                            nonce,
-                            counter,
-                            key,
-                        },
                     }),
                 )),
             }
@@ -572,14 +532,6 @@ impl Bench<'_, '_, '_> {
     /// Sends a blob that is right, and switches to it.
     pub fn start(&mut self, blob: &[u8]) {
         assert!(matches!(self.upload(blob), Ok(Answer::Committed(_))));
-    }
-
-    /// Whether the robot has a key, as it says.
-    pub fn access(&mut self) -> Access {
-        match self.ask(Request::Hello) {
-            Ok(Answer::Hello(_, access)) => access,
-            other => panic!("{other:?}"),
-        }
     }
 
     pub fn status(&mut self) -> Status {

@@ -331,7 +331,6 @@ pub(super) mod tests {
                 exclusive_groups: 4,
             },
             mission: Some(0x1234_abcd),
-            access: rt_firmware::link::access::Access::Open,
             reset: ResetReason::PowerOn,
             uploads: Uploads {
                 chunk_bytes: 176,
@@ -397,6 +396,7 @@ pub(super) mod tests {
                 reset: ResetReason::PowerOn,
                 trial: None,
                 fell_back: None,
+                kept: None,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]

@@ -1,0 +1,23 @@
+//! A firmware that keeps no missions: it is built without the feature `store`.
+
+/// Nothing is kept.
+pub enum BoardKeep {}
+
+/// The memory of what the board keeps: none.
+pub struct KeepMemory;
+
+impl KeepMemory {
+    /// No memory.
+    #[allow(clippy::new_without_default, reason = "there is one, in a static")]
+    pub const fn new() -> Self {
+        KeepMemory
+    }
+
+    /// Nothing is kept.
+    pub fn open(
+        &'static mut self,
+        _safe_default: Option<&'static [u8]>,
+    ) -> Option<&'static mut BoardKeep> {
+        None
+    }
+}

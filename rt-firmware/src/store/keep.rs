@@ -1,0 +1,297 @@
+//! What a robot keeps in its flash: two missions, and the records behind them.
+
+use embedded_storage::nor_flash::NorFlash;
+use serde::{Deserialize, Serialize};
+
+use super::records::Records;
+use super::{
+    AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, SlotState,
+    Store, TrialError,
+};
+use crate::link::message::{Capacity, LinkError};
+use crate::link::trial::MissionKeeper;
+
+/// Room for records: what [`Keep::open`] is to be given.
+pub const RECORD_BYTES: usize = 512;
+
+/// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where `erase_bytes` are erased at once.
+pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
+    2 * (slot_bytes(blob_bytes, erase_bytes) + slot_bytes(RECORD_BYTES as u32, erase_bytes))
+}
+
+const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
+    (HEAD_BYTES + payload_bytes).next_multiple_of(erase_bytes)
+}
+
+/// Which mission runs, and why: what the robot tells of its flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Kept {
+    /// Where the mission is that runs.
+    pub runs: Source,
+    /// What is in slot A and slot B.
+    pub slots: [SlotState; 2],
+}
+
+/// Where a mission is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Source {
+    /// Nowhere: none runs.
+    Nothing,
+    /// In slot A of the flash.
+    A,
+    /// In slot B of the flash.
+    B,
+    /// In the firmware.
+    Firmware,
+}
+
+impl From<Slot> for Source {
+    fn from(slot: Slot) -> Self {
+        match slot {
+            Slot::A => Source::A,
+            Slot::B => Source::B,
+        }
+    }
+}
+
+/// What to start with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// The mission of this length that is in the room now.
+    Mission {
+        /// Its length in bytes.
+        len: usize,
+        /// It was never confirmed: if it is not now, the other one is to run.
+        on_trial: bool,
+    },
+    /// Nothing: the flash never had a mission, and the firmware has none.
+    Nothing,
+}
+
+/// Why a mission could not be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeepError {
+    /// Another one is on trial.
+    OnTrial,
+    /// It is longer than a slot.
+    TooLong {
+        /// Its length in bytes.
+        needed: u32,
+        /// The longest mission in bytes.
+        capacity: u32,
+    },
+    /// The flash did not take it.
+    Flash,
+}
+
+/// Missions and records of a robot.
+pub struct Keep<'m, F> {
+    missions: Store<F>,
+    records: Records<'m, F>,
+    /// The mission that runs if the flash has none that may: the firmware's own.
+    safe_default: Option<&'m [u8]>,
+    kept: Kept,
+}
+
+impl<'m, F: NorFlash + Clone> Keep<'m, F> {
+    /// Opens missions and records of a flash: from its first byte on two slots for missions of up to `blob_bytes`, then the records, for whose table `room` is:
+    /// [`RECORD_BYTES`].
+    ///
+    /// # Errors
+    /// They do not fit the flash.
+    pub fn open(
+        flash: F,
+        blob_bytes: u32,
+        safe_default: Option<&'m [u8]>,
+        room: &'m mut [u8],
+    ) -> Result<Self, LayoutError> {
+        let erase_bytes = F::ERASE_SIZE as u32;
+        let mission_bytes = slot_bytes(blob_bytes, erase_bytes);
+        let record_bytes = slot_bytes(RECORD_BYTES as u32, erase_bytes);
+        let missions = Store::new(flash.clone(), Layout::new(0, mission_bytes))?;
+        let layout = Layout::new(2 * mission_bytes, record_bytes);
+        Ok(Keep {
+            missions,
+            records: Records::open(flash, layout, room)?,
+            safe_default,
+            kept: Kept {
+                runs: Source::Nothing,
+                slots: [SlotState::Empty; 2],
+            },
+        })
+    }
+
+    /// The records.
+    pub fn records(&mut self) -> &mut Records<'m, F> {
+        &mut self.records
+    }
+
+    /// Which mission runs, and why.
+    pub fn kept(&self) -> Kept {
+        self.kept
+    }
+
+    /// Reads the mission that is to run from now on into `room`: the flash's, or the firmware's own where the flash had missions and none of them may run.
+    /// `accepts` is asked before a mission is taken.
+    pub fn choose(&mut self, room: &mut [u8], mut accepts: impl FnMut(&[u8]) -> bool) -> Start {
+        let Choice { mission, slots } = self.missions.choose(room, &mut accepts);
+        self.kept.slots = slots;
+        if let Some(mission) = mission {
+            self.kept.runs = mission.slot.into();
+            return Start::Mission {
+                len: mission.len as usize,
+                on_trial: mission.on_trial,
+            };
+        }
+        self.kept.runs = Source::Nothing;
+        let is_new = slots == [SlotState::Empty; 2];
+        let own = self.safe_default.filter(|own| !is_new && accepts(own));
+        match own.and_then(|own| Some((own, room.get_mut(..own.len())?))) {
+            Some((own, room)) => {
+                room.copy_from_slice(own);
+                self.kept.runs = Source::Firmware;
+                Start::Mission {
+                    len: own.len(),
+                    on_trial: false,
+                }
+            }
+            None => Start::Nothing,
+        }
+    }
+
+    /// Puts a mission into the slot that does not run, and puts it on trial. It may run when this has come back.
+    ///
+    /// # Errors
+    /// Why it may not. The mission before runs on, and after the next start, too.
+    pub fn begin_trial(&mut self, blob: &[u8]) -> Result<(), KeepError> {
+        let len = u32::try_from(blob.len()).unwrap_or(u32::MAX);
+        let written = self.write(len, blob);
+        // What does not end here would go on if the same mission came again.
+        self.missions.abort();
+        written
+    }
+
+    fn write(&mut self, len: u32, blob: &[u8]) -> Result<(), KeepError> {
+        let crc = esm_core::format::crc32(blob);
+        self.missions
+            .prepare(len, crc)
+            .map_err(|error| match error {
+                BeginError::OnTrial => KeepError::OnTrial,
+                BeginError::Length { capacity } => KeepError::TooLong {
+                    needed: len,
+                    capacity,
+                },
+                BeginError::Flash(_) => KeepError::Flash,
+            })?;
+        let Some(slot) = self.missions.upload_slot() else {
+            return Err(KeepError::Flash);
+        };
+        self.set(slot, SlotState::Unsealed);
+        while self.missions.erase_next().map_err(|_| KeepError::Flash)? {}
+        self.missions.append(0, blob)?;
+        self.missions.finish()?;
+        self.set(slot, SlotState::TrialNotRecorded);
+        self.missions.begin_trial()?;
+        self.set(slot, SlotState::OnTrial);
+        if slot.other().of(self.kept.slots) == SlotState::Runs {
+            self.set(slot.other(), SlotState::Spare);
+        }
+        self.kept.runs = slot.into();
+        Ok(())
+    }
+
+    fn set(&mut self, slot: Slot, state: SlotState) {
+        *slot.of(self.kept.slots.each_mut()) = state;
+    }
+
+    /// The mission on trial, if one is, is the one that runs from now on.
+    ///
+    /// # Errors
+    /// The flash did not take it: it is still on trial.
+    pub fn confirm(&mut self) -> Result<(), KeepError> {
+        if !self.kept.slots.contains(&SlotState::OnTrial) {
+            return Ok(());
+        }
+        self.missions.confirm().map_err(|_| KeepError::Flash)?;
+        if let Some(slot) = self.missions.running_slot() {
+            self.set(slot, SlotState::Runs);
+        }
+        Ok(())
+    }
+
+    /// The mission on trial was left. Returns whether the one before runs again; if not, it was on trial since the start, and the next is to be
+    /// [chosen](Keep::choose).
+    pub fn fall_back(&mut self) -> bool {
+        let failed = self.missions.running_slot();
+        if !self.missions.fall_back() {
+            return false;
+        }
+        if let Some(slot) = failed {
+            self.set(slot, SlotState::TrialFailed);
+        }
+        self.kept.runs = match self.missions.running_slot() {
+            Some(slot) => {
+                self.set(slot, SlotState::Runs);
+                slot.into()
+            }
+            None if self.safe_default.is_some() => Source::Firmware,
+            None => Source::Nothing,
+        };
+        true
+    }
+}
+
+impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
+    fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
+        Ok(self.begin_trial(blob)?)
+    }
+
+    fn trial_confirmed(&mut self, _mission: u32) -> Result<(), LinkError> {
+        Ok(self.confirm()?)
+    }
+
+    fn trial_failed(&mut self, _mission: u32) -> bool {
+        let on_trial = self.kept.slots.contains(&SlotState::OnTrial);
+        on_trial && !self.fall_back()
+    }
+
+    fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {
+        Keep::choose(self, room, accepts)
+    }
+
+    fn kept(&self) -> Kept {
+        self.kept
+    }
+}
+
+impl From<KeepError> for LinkError {
+    fn from(error: KeepError) -> Self {
+        match error {
+            KeepError::OnTrial => LinkError::OnTrial,
+            KeepError::TooLong { needed, capacity } => LinkError::CapacityExceeded {
+                what: Capacity::BlobBytes,
+                needed,
+                available: capacity,
+            },
+            KeepError::Flash => LinkError::FlashRefused,
+        }
+    }
+}
+
+impl From<AppendError> for KeepError {
+    fn from(_: AppendError) -> Self {
+        KeepError::Flash
+    }
+}
+
+impl From<FinishError> for KeepError {
+    fn from(_: FinishError) -> Self {
+        KeepError::Flash
+    }
+}
+
+impl From<TrialError> for KeepError {
+    fn from(_: TrialError) -> Self {
+        KeepError::Flash
+    }
+}
