@@ -2,6 +2,7 @@
 
 use std::boxed::Box;
 
+use crate::link::message::SafeReason;
 use crate::ports::{Bank, Buffered, Executor, Inputs, Net, Outcome, TaskPlace, assemble};
 use crate::registry::nets;
 use crate::task::{
@@ -41,6 +42,7 @@ pub struct TaskBench<'a> {
     enter: bool,
     out_flags: u16,
     allowed_overruns: Option<u32>,
+    failure: Option<SafeReason>,
 }
 
 const TASK: TaskPlace = TaskPlace { bank: 0, place: 0 };
@@ -95,6 +97,7 @@ impl<'a> TaskBench<'a> {
             enter: true,
             out_flags: 0,
             allowed_overruns: None,
+            failure: None,
         }
     }
 
@@ -140,6 +143,12 @@ impl<'a> TaskBench<'a> {
         self
     }
 
+    /// Sets how long no request has come over the link.
+    pub fn link_silent_us(&mut self, silent_us: u32) -> &mut Self {
+        self.inputs.link_silent_us = silent_us;
+        self
+    }
+
     /// The next step is the first of a new activation; flags are cleared, as entering a task state does.
     pub fn enter_anew(&mut self) -> &mut Self {
         self.enter = true;
@@ -153,11 +162,13 @@ impl<'a> TaskBench<'a> {
             step,
             flags,
             allowed_overruns,
+            failure,
         } = self
             .executor
             .execute(TASK, Some, &self.inputs, self.enter)?;
         self.enter = false;
         self.allowed_overruns = allowed_overruns;
+        self.failure = failure;
         self.out_flags = (self.out_flags & !flags.written) | flags.values;
         self.inputs.now_us += u64::from(self.inputs.period_us);
         Some(step)
@@ -166,6 +177,11 @@ impl<'a> TaskBench<'a> {
     /// How many overruns in a row the task allowed in its last step, if it did.
     pub fn allowed_overruns(&self) -> Option<u32> {
         self.allowed_overruns
+    }
+
+    /// Why the robot was to go to its safe state after the last step, if the task said so.
+    pub fn failure(&self) -> Option<SafeReason> {
+        self.failure
     }
 
     /// The value that the task published last on this port.

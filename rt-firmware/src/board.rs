@@ -28,7 +28,8 @@ pub trait Board {
         Ok(())
     }
 
-    /// The slots are alive. Called in each occurrence of the interpreter's slot, and now and then while there is no mission.
+    /// All are alive who should be: slots, link, slot 0 ([`supervision`](crate::supervision) says what of each). Called at least each 100 ms, with and without
+    /// a mission; the watchdog's time must be longer than that, and longer than the longest occurrence.
     fn feed_watchdog(&mut self) {}
 
     /// Stops all that moves. Called when the robot stops, again in each occurrence of the interpreter's slot until it starts, and now

@@ -11,12 +11,18 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use crate::black_box::{BlackBox, Event};
 use crate::link::frame::checksum;
 use crate::link::message::{CoreFault, LastWords, ResetReason};
+use crate::supervision::Silent;
 
 /// The most bytes of a panic's place that are kept: the end of its file's path.
 pub const MAX_PLACE_BYTES: usize = 40;
 const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
-/// Words of a report: reason and length of the place; line; task; five of a fault; time, two; the place; checksum.
-const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + PLACE_WORDS + 1;
+/// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who was silent; the place; checksum.
+const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + 1 + PLACE_WORDS + 1;
+
+/// A start that is followed by so much robot time, in µs, was a good one.
+pub const HEALTHY_US: u64 = 10_000_000;
+/// After so many bad starts in a row no mission starts by itself.
+pub const BAD_STARTS: u32 = 3;
 
 /// Says that what stands here was written by a firmware with this layout.
 const MARK: u32 = 0x6B65_7001;
@@ -79,6 +85,10 @@ pub struct Kept {
     is_news: AtomicU32,
     /// The task instance that is executed by a slot, or [`NO_TASK`].
     task: AtomicU32,
+    /// Who was silent for so long that the watchdog is fed no more, by its number.
+    silent: AtomicU32,
+    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for [`HEALTHY_US`].
+    bad_starts: AtomicU32,
     /// Robot time, 48 bits and more, as of the last occurrence of the interpreter's slot.
     alive_us: [AtomicU32; 2],
     /// The flight recorder.
@@ -99,6 +109,8 @@ impl Kept {
             report: [const { AtomicU32::new(0) }; REPORT_WORDS],
             is_news: AtomicU32::new(0),
             task: AtomicU32::new(0),
+            silent: AtomicU32::new(0),
+            bad_starts: AtomicU32::new(0),
             alive_us: [const { AtomicU32::new(0) }; 2],
             black_box: BlackBox::new(),
         }
@@ -128,11 +140,30 @@ impl Kept {
             // Nobody has said how far the run had come, but that stands here.
             let words = LastWords {
                 after_us: if was_here { self.alive_us() } else { 0 },
+                silent: was_here
+                    .then(|| Silent::from_number(self.silent.load(Relaxed)))
+                    .flatten(),
                 ..LastWords::of(reason)
             };
             self.write_report(&words, "");
         }
+        let is_defect = matches!(
+            reason,
+            ResetReason::Watchdog | ResetReason::Panic | ResetReason::CpuFault
+        );
+        let before = if was_here {
+            self.bad_starts.load(Relaxed)
+        } else {
+            0
+        };
+        let bad_starts = if is_defect {
+            before.saturating_add(1)
+        } else {
+            0
+        };
+        self.bad_starts.store(bad_starts, Relaxed);
         self.is_news.store(0, Relaxed);
+        self.silent.store(0, Relaxed);
         self.task.store(NO_TASK, Relaxed);
         self.set_alive(0);
         self.mark.store(MARK, Relaxed);
@@ -156,6 +187,8 @@ impl Kept {
                 Ending::Fault(fault) => *fault,
                 _ => CoreFault::default(),
             },
+            silent: Silent::from_number(self.silent.load(Relaxed)),
+            bad_starts: 0,
         };
         self.write_report(&words, file);
         self.is_news.store(MARK, Relaxed);
@@ -166,6 +199,22 @@ impl Kept {
                 detail: ending.detail(),
             },
         );
+    }
+
+    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for [`HEALTHY_US`] of robot time.
+    pub fn bad_starts(&self) -> u32 {
+        self.bad_starts.load(Relaxed)
+    }
+
+    /// Whether a mission that is kept in flash may start by itself: not after [`BAD_STARTS`] starts that ended in no time. A robot whose mission resets it
+    /// does not do so for ever.
+    pub fn may_start_by_itself(&self) -> bool {
+        self.bad_starts() < BAD_STARTS
+    }
+
+    /// This one was silent for so long that the watchdog is fed no more.
+    pub(crate) fn set_silent(&self, who: Silent) {
+        self.silent.store(who.number(), Relaxed);
     }
 
     /// How the run before this one ended, and the place of its panic.
@@ -188,6 +237,9 @@ impl Kept {
 
     /// The robot has come this far.
     pub(crate) fn set_alive(&self, robot_us: u64) {
+        if robot_us >= HEALTHY_US {
+            self.bad_starts.store(0, Relaxed);
+        }
         let [low, high] = &self.alive_us;
         low.store(robot_us as u32, Relaxed);
         high.store((robot_us >> 32) as u32, Relaxed);
@@ -221,6 +273,7 @@ impl Kept {
             address,
             words.after_us as u32,
             (words.after_us >> 32) as u32,
+            words.silent.map_or(0, Silent::number),
         ];
         let mut text = [0; MAX_PLACE_BYTES];
         for (place, byte) in text.iter_mut().zip(end) {
@@ -254,6 +307,7 @@ impl Kept {
             address,
             after,
             after_high,
+            silent,
             text @ ..,
             sum,
         ] = report;
@@ -277,6 +331,8 @@ impl Kept {
                 hard_status,
                 address,
             },
+            silent: Silent::from_number(silent),
+            bad_starts: self.bad_starts.load(Relaxed),
         };
         let len = usize::from(first as u8).min(MAX_PLACE_BYTES);
         Some((words, Place { bytes, len }))
@@ -365,6 +421,8 @@ mod tests {
                 task: Some(5),
                 line,
                 fault,
+                silent: None,
+                bad_starts: 1,
             };
             assert_eq!(words, expected);
             assert_eq!(told.as_bytes(), place.as_bytes());
@@ -385,6 +443,33 @@ mod tests {
             kept.begin(Some(ResetReason::BrownOut)),
             ResetReason::BrownOut
         );
+    }
+
+    #[test]
+    fn a_robot_that_resets_again_and_again_starts_no_mission_by_itself_until_a_start_was_good() {
+        let kept = Kept::new();
+        kept.begin(None);
+        for bad in 1..=BAD_STARTS {
+            assert!(kept.may_start_by_itself());
+            kept.set_alive(HEALTHY_US - 1);
+            kept.set_silent(Silent::Slot(2));
+            kept.end(&Ending::Watchdog);
+            kept.begin(Some(ResetReason::Software));
+            let words = kept.last_words().0;
+            assert_eq!(
+                (words.silent, words.bad_starts),
+                (Some(Silent::Slot(2)), bad)
+            );
+        }
+        assert!(!kept.may_start_by_itself());
+        kept.set_alive(HEALTHY_US);
+        assert!(kept.may_start_by_itself());
+        // Somebody presses the button, which is a start like any first.
+        kept.end(&Ending::Watchdog);
+        kept.begin(None);
+        assert_eq!(kept.bad_starts(), 1);
+        assert_eq!(kept.begin(Some(ResetReason::Pin)), ResetReason::Pin);
+        assert_eq!(kept.bad_starts(), 0);
     }
 
     #[test]

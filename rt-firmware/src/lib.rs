@@ -43,6 +43,7 @@ pub mod rover;
 pub mod runtime;
 pub mod status;
 pub mod store;
+pub mod supervision;
 pub mod task;
 pub mod tasks;
 

@@ -23,6 +23,7 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
+use crate::link::message::SafeReason;
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
     OutFlag, Param, ParamType, PortType, Step, Task, same_text,
@@ -349,6 +350,7 @@ struct IoState {
     inputs: Inputs,
     flags: FlagChanges,
     allowed_overruns: Option<u32>,
+    failure: Option<SafeReason>,
 }
 
 impl IoState {
@@ -365,12 +367,14 @@ impl IoState {
             period_us: 0,
             overruns: 0,
             missed: 0,
+            link_silent_us: 0,
         },
         flags: FlagChanges {
             written: 0,
             values: 0,
         },
         allowed_overruns: None,
+        failure: None,
     };
 
     /// Makes it that of another execution, by a task of this declaration, where it is: it is too large to be passed around in each
@@ -392,8 +396,10 @@ impl IoState {
         self.inputs.period_us = 0;
         self.inputs.overruns = 0;
         self.inputs.missed = 0;
+        self.inputs.link_silent_us = 0;
         self.flags = FlagChanges::default();
         self.allowed_overruns = None;
+        self.failure = None;
     }
 }
 
@@ -412,6 +418,8 @@ pub struct Inputs {
     pub overruns: u32,
     /// Missed occurrences of all slots so far.
     pub missed: u32,
+    /// How long no request has come over the link, in microseconds; stays at its greatest value.
+    pub link_silent_us: u32,
 }
 
 /// The control flags that an execution wrote.
@@ -532,6 +540,18 @@ impl<'a> Io<'a> {
     /// How often an occurrence of any slot did not start within its period since the robot started.
     pub fn missed(&self) -> u32 {
         self.state.inputs.missed
+    }
+
+    /// How long no request has come over the link, in microseconds, as of the last occurrence of the interpreter's slot; counted from the start of the mission
+    /// where none has come since. Stays at its greatest value, which is 71 minutes.
+    pub fn link_silent_us(&self) -> u32 {
+        self.state.inputs.link_silent_us
+    }
+
+    /// The motors are to go off, whatever the mission does: after this execution the robot is in its safe state, for this reason. Said in slot 0, when the
+    /// run has ended.
+    pub fn fail_safe(&mut self, reason: SafeReason) {
+        self.state.failure = Some(reason);
     }
 
     /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a row may last too long; one more brings the robot
@@ -724,6 +744,17 @@ pub struct TaskPlace {
     pub place: u8,
 }
 
+/// What a task said in an execution beside what it published.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Said {
+    /// The control flags that it wrote.
+    pub flags: FlagChanges,
+    /// How many overruns in a row are allowed from now on, if it said so.
+    pub allowed_overruns: Option<u32>,
+    /// Why the robot is to go to its safe state, if it said so.
+    pub failure: Option<SafeReason>,
+}
+
 /// How an execution ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
@@ -733,6 +764,8 @@ pub struct Outcome {
     pub flags: FlagChanges,
     /// How many overruns in a row are allowed from now on, if the task said so.
     pub allowed_overruns: Option<u32>,
+    /// Why the robot is to go to its safe state, if the task said so.
+    pub failure: Option<SafeReason>,
 }
 
 /// What became of a job that came back.
@@ -844,11 +877,12 @@ impl<'m> Executor<'m> {
             return None;
         }
         let step = self.execute_ready()?;
-        let (flags, allowed_overruns) = self.end_ready(net_of)?;
+        let said = self.end_ready(net_of)?;
         Some(Outcome {
             step,
-            flags,
-            allowed_overruns,
+            flags: said.flags,
+            allowed_overruns: said.allowed_overruns,
+            failure: said.failure,
         })
     }
 
@@ -903,15 +937,15 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Publishes what the task wrote that was executed last, and tells which flags it changed, and how many overruns in a row it allows from now
-    /// on, if it said so.
-    pub fn end_ready(
-        &mut self,
-        net_of: impl Fn(usize) -> Option<usize>,
-    ) -> Option<(FlagChanges, Option<u32>)> {
+    /// Publishes what the task wrote that was executed last, and tells what else it said.
+    pub fn end_ready(&mut self, net_of: impl Fn(usize) -> Option<usize>) -> Option<Said> {
         self.ready.take()?;
         publish(self.nets, &self.prepared, net_of);
-        Some((self.prepared.flags, self.prepared.allowed_overruns))
+        Some(Said {
+            flags: self.prepared.flags,
+            allowed_overruns: self.prepared.allowed_overruns,
+            failure: self.prepared.failure,
+        })
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
@@ -978,6 +1012,7 @@ impl<'m> Executor<'m> {
             step: job.step,
             flags: job.state.flags,
             allowed_overruns: job.state.allowed_overruns,
+            failure: job.state.failure,
         })
     }
 
@@ -1340,6 +1375,7 @@ mod tests {
                     step: Step::Finished,
                     flags: FlagChanges::default(),
                     allowed_overruns: None,
+                    failure: None,
                 })
             );
             assert_eq!(executor.value_on(SUM), Some(Count(3)));

@@ -56,6 +56,7 @@ use crate::realtime::trace::Trace;
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::ring::Ring;
 use crate::status::Snapshot;
+use crate::supervision::Signs;
 use esm_core::BlobBuffer;
 
 /// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
@@ -78,6 +79,7 @@ pub struct Memory<
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
+    signs: Signs,
     snapshot: Snapshot,
     /// Written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
     job: MaybeUninit<Option<Job<'m>>>,
@@ -105,6 +107,7 @@ impl<
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
+            signs: Signs::new(),
             snapshot: Snapshot::new(),
             job: MaybeUninit::uninit(),
             letter: Letter::Empty,
@@ -225,12 +228,14 @@ pub fn split<
         freed,
         trace: Trace::new(trace_writer, trace_wanted),
         kept: about.kept,
+        signs: &memory.signs,
         snapshot: snapshot_writer,
     });
     let background = Background {
         jobs,
         ended,
         current: None,
+        signs: &memory.signs,
     };
     let link = LinkSide::new(Desk {
         registry,
@@ -249,6 +254,7 @@ pub fn split<
         snapshot: snapshot_reader,
         trace: trace_reader,
         trace_wanted,
+        signs: &memory.signs,
         log_wanted: false,
         start_wanted: false,
     });

@@ -26,8 +26,9 @@ use rt_firmware::rover::{
     BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
 };
 use rt_firmware::tasks::{
-    Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
-    Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
+    LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
+    SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, TaskBank};
 
@@ -617,6 +618,8 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
         follow_line: Bank::new(array::from_fn(|_| FollowLine)),
         slot_monitor: Bank::new([SlotMonitor::default()]),
+        link_monitor: Bank::new([LinkMonitor::default()]),
+        battery_guard: Bank::new([BatteryGuard]),
     };
     run(&mut robot.banks());
 }
@@ -651,6 +654,7 @@ fn a_changed_task_breaks_the_equality() {
             }],
             replay: None,
             plant_fault: None,
+            cut_link_us: None,
         };
         let interrupt = Interrupt::take_over().unwrap();
         let driven = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

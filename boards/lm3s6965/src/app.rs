@@ -122,7 +122,6 @@ macro_rules! app {
             fn slots(cx: slots::Context) {
                 let next_ticks = cx.local.real_time.on_timer(cx.local.board);
                 slot_timer::set(next_ticks);
-                watchdog::feed();
                 rtic::export::pend(Interrupt::SSI0);
             }
 

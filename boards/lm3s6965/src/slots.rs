@@ -5,7 +5,7 @@ use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Board, OccurrenceStart};
 
 use crate::clock::{self, TICKS_PER_US};
-use crate::{PINS, plant, post_mortem};
+use crate::{PINS, plant, post_mortem, watchdog};
 
 /// Time, body and pins for the slot timer's handler.
 pub struct SlotBoard {
@@ -50,6 +50,10 @@ impl Board for SlotBoard {
             Freshness::Fresh | Freshness::Stale => Ok(()),
             Freshness::Lost => Err(SafeReason::BodyLost),
         }
+    }
+
+    fn feed_watchdog(&mut self) {
+        watchdog::feed();
     }
 
     fn motors_off(&mut self) {

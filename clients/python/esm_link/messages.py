@@ -265,6 +265,8 @@ class LastWords:
     status: int
     hard_status: int
     address: int
+    silent: Optional[str]
+    bad_starts: int
     file: bytes
 
 
@@ -382,7 +384,12 @@ def _answer(fields: Fields) -> object:
     if kind == 10:
         reset, after_us, task = fields.one_of(RESETS), fields.number(64), fields.option_u16()
         numbers = [fields.number(32) for _ in range(6)]
-        return LastWords(reset, after_us, task, *numbers, fields.bytes())
+        silent = None
+        if fields.boolean():
+            silent = fields.one_of(("slot", "link", "slot 0"))
+            if silent == "slot":
+                silent = f"slot at place {fields.u8()}"
+        return LastWords(reset, after_us, task, *numbers, silent, fields.number(32), fields.bytes())
     if kind == 11:
         end, records = fields.number(32), fields.bytes()
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])

@@ -104,6 +104,7 @@ class Messages(unittest.TestCase):
         self.assertEqual(self.read("answer slot counters").body.delays, [65_535] * 8)
         words = self.read("answer last words").body
         self.assertEqual((words.reset, words.task, words.pc, words.file), ("processor fault", 300, 0x1234, b"src/tasks/cruise.rs"))
+        self.assertEqual((words.silent, words.bad_starts), ("slot at place 200", 300))
         box = self.read("answer black box").body
         self.assertEqual(box.end, 70_003)
         self.assertEqual([(record.sequence, record.kind) for record in box.records], [(70_000, 1), (70_001, 4), (70_002, 5)])

@@ -35,6 +35,7 @@ Examples:
   esm run missions/patrol.esm --until '60 s'
   esm run missions/patrol.esm --board host --world corridor --until '120 s' --trace patrol.jsonl
   esm run missions/patrol.esm --until '120 s' --then '60 s missions/follow_wall.esm' --out pictures/
+  esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
 pub struct RunArgs {
@@ -85,6 +86,10 @@ pub struct RunArgs {
     /// Lets the plant fall silent at that robot time, to see how the robot takes it
     #[arg(long, value_name = "TIME", hide = true)]
     pub freeze_plant_at: Option<Time>,
+
+    /// Lets the robot hear nothing more from that robot time on, to see its link monitor at work; a run with such a mission keeps to the wall clock
+    #[arg(long, value_name = "TIME")]
+    pub cut_link: Option<Time>,
 
     /// No faster than the wall clock, for a person watching
     #[arg(long)]
@@ -228,6 +233,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         realtime: args.realtime,
         missions,
         replay,
+        cut_link_us: args.cut_link.map(|at| at.us),
         plant_fault: args
             .freeze_plant_at
             .map(|at| PlantFault::FrozenFrom { robot_us: at.us }),

@@ -7,6 +7,7 @@ use rt_firmware::link::message::{LastWords, Mode, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{Kept, Source};
+use rt_firmware::supervision::Silent;
 use serde::Serialize;
 
 use super::console::Console;
@@ -90,6 +91,10 @@ pub struct LastWordsReport {
     pub panic: Option<String>,
     /// What the processor said of its fault.
     pub fault: Option<FaultReport>,
+    /// Who showed no sign of life, so that the watchdog ran out.
+    pub silent: Option<String>,
+    /// Starts after a defect in a row, this one included, none of which was healthy for long.
+    pub bad_starts: u32,
 }
 
 /// A fault of a processor, with its registers in hexadecimal.
@@ -117,6 +122,8 @@ impl LastWordsReport {
             task,
             line,
             fault,
+            silent,
+            bad_starts,
         } = words;
         LastWordsReport {
             after_us: (after_us > 0).then_some(after_us),
@@ -129,6 +136,14 @@ impl LastWordsReport {
                 hfsr: hex(fault.hard_status),
                 address: (fault.address != 0).then(|| hex(fault.address)),
             }),
+            silent: silent.map(|who| match who {
+                Silent::Slot(slot) => {
+                    format!("the slot at place {slot} was executed no more")
+                }
+                Silent::Link => "the link got no turn".to_owned(),
+                Silent::Slot0 => "a slot-0 task did not return, or had no time left".to_owned(),
+            }),
+            bad_starts,
         }
     }
 }
@@ -137,6 +152,9 @@ impl fmt::Display for LastWordsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(panic) = &self.panic {
             write!(f, ", at {panic}")?;
+        }
+        if let Some(silent) = &self.silent {
+            write!(f, ": {silent}")?;
         }
         if let Some(task) = self.task {
             write!(f, ", in task number {task} of its mission")?;
@@ -153,6 +171,9 @@ impl fmt::Display for LastWordsReport {
                 write!(f, ", address {address}")?;
             }
             write!(f, ")")?;
+        }
+        if self.bad_starts > 1 {
+            write!(f, "; {} starts like this in a row", self.bad_starts)?;
         }
         Ok(())
     }
@@ -384,7 +405,7 @@ pub fn reset_reason(reason: ResetReason) -> &'static str {
     match reason {
         ResetReason::PowerOn => "power on",
         ResetReason::Pin => "reset pin",
-        ResetReason::Watchdog => "watchdog: a task did not return",
+        ResetReason::Watchdog => "watchdog",
         ResetReason::Panic => "the firmware panicked",
         ResetReason::CpuFault => "the processor met a fault",
         ResetReason::BrownOut => "the supply voltage fell",

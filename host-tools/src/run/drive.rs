@@ -32,6 +32,12 @@ const LISTEN_TIME: Duration = Duration::from_millis(20);
 /// How long a robot whose time is over may take to say its last words.
 const SILENCE_AT_END: Duration = Duration::from_millis(300);
 
+/// The task whose missions want to hear of the host.
+const LINK_MONITOR: &str = "LinkMonitor";
+
+/// How often a robot with such a mission is called.
+const CALL_INTERVAL: Duration = Duration::from_millis(50);
+
 /// How long robot time may stand still before the board counts as hung.
 const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
 
@@ -65,6 +71,8 @@ pub struct Plan {
     pub plant_fault: Option<PlantFault>,
     /// The flash beside it; a blank one without.
     pub flash: Option<Flash>,
+    /// Robot time from which on the robot hears nothing more of this program, in microseconds.
+    pub cut_link_us: Option<u64>,
 }
 
 /// What whoever watches a run gets to hear.
@@ -201,6 +209,10 @@ struct Driver<W> {
     wall_start: Instant,
     /// When the robot's trace last had something to say.
     last_word: Instant,
+    /// Whether a mission wants to hear of the host, and from which robot time on it does not.
+    calls: bool,
+    cut_link_us: Option<u64>,
+    last_call: Instant,
 }
 
 impl<W: Write> Driver<W> {
@@ -213,7 +225,12 @@ impl<W: Write> Driver<W> {
                 planned.at_us = at_us;
             }
         }
-        let pace = Pace::new(plan.realtime);
+        // A robot measures the silence of its host in its own time: it must not run ahead of the wall clock.
+        let calls = missions.iter().any(|planned| {
+            let names = &planned.mission.task_names;
+            names.iter().any(|name| name == LINK_MONITOR)
+        });
+        let pace = Pace::new(plan.realtime || calls);
         let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
         let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(plan.flash);
         if let Some(fault) = plan.plant_fault {
@@ -248,6 +265,9 @@ impl<W: Write> Driver<W> {
             started: 0,
             wall_start,
             last_word: wall_start,
+            calls,
+            cut_link_us: plan.cut_link_us,
+            last_call: wall_start,
             plant,
         })
     }
@@ -272,6 +292,7 @@ impl<W: Write> Driver<W> {
             self.board.check()?;
             self.link(|robot| robot.listen(LISTEN_TIME))?;
             self.take_events(watch)?;
+            self.call()?;
             if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
                 return Ok(false);
             }
@@ -303,6 +324,20 @@ impl<W: Write> Driver<W> {
             RunningBoard::Host(board) => board.waits_at_gate() && !self.missions_left_in_time(),
         };
         over && self.last_word.elapsed() > SILENCE_AT_END
+    }
+
+    /// Lets the robot hear that this program is there, if it wants to and the link is not cut.
+    fn call(&mut self) -> Result<(), RunError> {
+        let is_cut = |at_us: u64| self.pace.robot_us() >= at_us;
+        if !self.calls
+            || self.cut_link_us.is_some_and(is_cut)
+            || self.last_call.elapsed() < CALL_INTERVAL
+        {
+            return Ok(());
+        }
+        self.last_call = Instant::now();
+        self.link(|robot| robot.status())?;
+        Ok(())
     }
 
     /// Whether another mission is to take over before the end.

@@ -154,6 +154,7 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
             .collect(),
         replay,
         plant_fault: None,
+        cut_link_us: None,
     }
 }
 

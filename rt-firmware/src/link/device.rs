@@ -21,6 +21,7 @@ use crate::ring::RingReader;
 use crate::runtime::About;
 use crate::status::SnapshotReader;
 use crate::store::keep::{Kept, Start};
+use crate::supervision::Signs;
 use esm_core::BlobBuffer;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
@@ -145,6 +146,7 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) snapshot: SnapshotReader<'m>,
     pub(crate) trace: RingReader<'m>,
     pub(crate) trace_wanted: &'m AtomicBool,
+    pub(crate) signs: &'m Signs,
     pub(crate) log_wanted: bool,
 }
 
@@ -192,6 +194,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
+        self.desk.signs.link.store(true, Ordering::Relaxed);
         loop {
             self.desk.take_freed(port);
             self.take_answer(port);
@@ -246,6 +249,12 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 }
                 Err(_) => continue,
             };
+            // Only this side counts them, so load and store suffice.
+            let requests = &self.desk.signs.requests;
+            requests.store(
+                requests.load(Ordering::Relaxed).wrapping_add(1),
+                Ordering::Relaxed,
+            );
             let seq = message.seq;
             if message.request == Request::Hello {
                 self.stream_seq = [0; CHANNELS];

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::trial::{FallBack, Trial};
 use crate::store::keep::Kept;
+use crate::supervision::Silent;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
@@ -332,6 +333,10 @@ pub struct LastWords {
     pub line: u32,
     /// What the processor said of its fault, if it was one; zeros otherwise.
     pub fault: CoreFault,
+    /// Who showed no sign of life, so that the watchdog was fed no more.
+    pub silent: Option<Silent>,
+    /// Starts after a watchdog, a panic or a fault in a row, this one included, none of which was healthy for long.
+    pub bad_starts: u32,
 }
 
 impl LastWords {
@@ -349,6 +354,8 @@ impl LastWords {
                 hard_status: 0,
                 address: 0,
             },
+            silent: None,
+            bad_starts: 0,
         }
     }
 }
@@ -724,6 +731,8 @@ mod tests {
                         hard_status: u32::MAX,
                         address: u32::MAX,
                     },
+                    silent: Some(Silent::Slot(u8::MAX)),
+                    bad_starts: u32::MAX,
                 },
                 file: &part[..crate::kept::MAX_PLACE_BYTES],
             },

@@ -12,6 +12,7 @@ pub(crate) mod tasks;
 pub(crate) mod trace;
 
 use core::num::NonZeroU64;
+use core::sync::atomic::Ordering;
 
 use esm_core::tables::{Tables, TaskPlaces};
 use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
@@ -24,8 +25,9 @@ use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCoun
 use crate::link::trace::TraceRecord;
 use crate::link::trial::{self, FallBack, FallBackReason};
 use crate::mail::{Bytes, Freed, Letter};
-use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job};
+use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
 use crate::status::{Health, SnapshotWriter};
+use crate::supervision::{Signs, Supervision};
 use crate::task::{Declaration, Step};
 use esm_core::BlobBuffer;
 use slots::{SlotEntry, nanoseconds};
@@ -137,6 +139,17 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     trial: Option<Trial<'m>>,
     trace: Trace<'m>,
     kept: Option<&'m Kept>,
+    signs: &'m Signs,
+    supervision: Supervision,
+    /// Which slots were executed since the supervision asked last.
+    was_executed: [bool; SLOTS],
+    /// Requests that had come when that was looked at last, and robot time when another one had.
+    requests: u32,
+    heard_us: u64,
+    /// How long none has come.
+    link_silent_us: u32,
+    /// What a slot-0 run that has ended found wrong.
+    failure: Option<SafeReason>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
@@ -197,6 +210,7 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) freed: Producer<'q, Freed<'m>>,
     pub(crate) trace: Trace<'m>,
     pub(crate) kept: Option<&'m Kept>,
+    pub(crate) signs: &'m Signs,
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
@@ -223,6 +237,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             trial: None,
             trace: parts.trace,
             kept: parts.kept,
+            signs: parts.signs,
+            supervision: Supervision::new(),
+            was_executed: [false; SLOTS],
+            requests: 0,
+            heard_us: 0,
+            link_silent_us: 0,
+            failure: None,
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
@@ -495,7 +516,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     }
                 }
                 self.take_job_back(None);
-                board.feed_watchdog();
+                self.feed_watchdog(board, now);
                 board.motors_off();
                 self.tell_health();
                 return now + poll_ticks;
@@ -503,6 +524,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             let next = self.dispatcher.next();
             let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
             let Some(late_ticks) = now.checked_sub(start_ticks) else {
+                self.feed_watchdog(board, now);
                 // A slot is not delayed by a poll just before it.
                 return if start_ticks - now > 2 * poll_ticks {
                     now + poll_ticks
@@ -554,6 +576,48 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// What the real-time side is doing.
     pub fn mode(&self) -> Mode {
         self.mode
+    }
+
+    /// Feeds the watchdog if all have shown that they live who should have.
+    #[inline(never)]
+    fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
+        let was_executed = &mut self.was_executed;
+        let count = self
+            .mission
+            .as_ref()
+            .map_or(0, |mission| mission.interpreter.tables().slots().len());
+        let first_silent_slot = || {
+            let mut silent = None;
+            for (index, was_executed) in was_executed.iter_mut().enumerate().take(count) {
+                if !core::mem::take(was_executed) {
+                    silent.get_or_insert(index);
+                }
+            }
+            silent
+        };
+        let fed = self.supervision.allows_food(
+            now_ticks,
+            B::TICKS_PER_US,
+            self.signs,
+            self.mode == Mode::Running,
+            first_silent_slot,
+        );
+        match (fed, self.kept) {
+            (Ok(()), _) => board.feed_watchdog(),
+            (Err(who), Some(kept)) => kept.set_silent(who),
+            (Err(_), None) => {}
+        }
+    }
+
+    /// Looks whether the host has called, in an occurrence that starts at this robot time.
+    fn listen(&mut self, robot_us: u64) {
+        let requests = self.signs.requests.load(Ordering::Relaxed);
+        if requests != self.requests {
+            self.requests = requests;
+            self.heard_us = robot_us;
+        }
+        let silent_us = robot_us.saturating_sub(self.heard_us);
+        self.link_silent_us = u32::try_from(silent_us).unwrap_or(u32::MAX);
     }
 
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
@@ -672,7 +736,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
         self.take_job_back(Some(occurrence.number));
         if occurrence.interpreter {
-            board.feed_watchdog();
+            self.listen(start_us);
             if self.mode == Mode::Running {
                 self.macro_step(board, start_us);
             } else {
@@ -729,9 +793,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return;
         };
         entry.began(delay_ticks);
+        if let Some(was_executed) = self.was_executed.get_mut(slot) {
+            *was_executed = true;
+        }
         if entry.ended(took_ticks, duration_ticks) {
             let in_a_row = entry.overruns_in_a_row();
             self.count_overrun(board, in_a_row);
+        }
+        // After all tasks of the slot, so that none of them writes the motors any more.
+        if let Some(reason) = self.failure.take() {
+            self.fail_safe(board, reason);
         }
     }
 
@@ -813,6 +884,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         };
         self.ready.places = places;
         let health = &self.health;
+        let link_silent_us = self.link_silent_us;
         self.executor.make_ready(
             task,
             tables.nets_from(places.first_connection),
@@ -822,6 +894,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 inputs.period_us = period_us;
                 inputs.overruns = health.overruns;
                 inputs.missed = health.missed;
+                inputs.link_silent_us = link_silent_us;
                 find_inputs(interpreter, &places, declared, inputs);
             },
         )
@@ -848,7 +921,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         };
         interpreter.set_busy_at(&places, false);
         let tables = interpreter.tables();
-        let (flags, allowed_overruns) = self
+        let Said {
+            flags,
+            allowed_overruns,
+            failure,
+        } = self
             .executor
             .end_ready(tables.nets_from(places.first_connection))
             .unwrap_or_default();
@@ -857,6 +934,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
         self.tasks.executed(instance);
         apply_flags(interpreter, &places, flags);
+        self.failure = self.failure.or(failure);
         if step == Step::Finished {
             interpreter.report_exit(index);
             self.tasks.disable(instance);
@@ -899,6 +977,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let (Some(instance), Harvest::Ended(outcome)) = (running, harvest) else {
             return;
         };
+        self.failure = self.failure.or(outcome.failure);
         if self.tasks.is_fresh(instance) {
             // Entered anew meanwhile: flags and enable bit belong to the next activation.
             self.tasks.requeue(instance);
@@ -1138,6 +1217,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.executor.clear();
         self.running = None;
         self.supervisor = None;
+        self.failure = None;
+        self.heard_us = at.us;
+        self.link_silent_us = 0;
         self.begin_health();
         // At hand while there is no mission.
         let Some(arena) = self.arena.take() else {
@@ -1180,6 +1262,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         {}
         self.tasks
             .load(&tables, self.executor.registry(), self.slots);
+        let longest = tables.slots().map(|slot| slot.period_us).max();
+        self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
         self.health.mission = Some(mission);
         if self.mode != Mode::Stopped {

@@ -34,8 +34,9 @@ use crate::drivers::{
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor, LineSensor, Logger,
-    Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
+    LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
+    SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -226,6 +227,8 @@ registry! {
         line_monitor: LineMonitor[4],
         follow_line: FollowLine[2],
         slot_monitor: SlotMonitor[1],
+        link_monitor: LinkMonitor[1],
+        battery_guard: BatteryGuard[1],
     }
 }
 
@@ -261,6 +264,8 @@ where
             line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
             slot_monitor: Bank::new([SlotMonitor::default()]),
+            link_monitor: Bank::new([LinkMonitor::default()]),
+            battery_guard: Bank::new([BatteryGuard]),
         }
     }
 }

@@ -17,18 +17,22 @@
 //! | [`LineMonitor`] | watches for a line and for crossings | |
 //! | [`FollowLine`] | drives along a line | |
 //! | [`SlotMonitor`] | watches whether slots keep their times | |
+//! | [`LinkMonitor`] | watches whether the host still calls, and stops the robot if it does not | |
+//! | [`BatteryGuard`] | stops the robot when the battery is empty | |
 //! | [`Logger`] | writes pose and battery to the log, in no hurry | |
 //!
 //! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they publish a [`Twist`], and the mission's
 //! data paths decide whose twist reaches the wheels.
 
 mod back;
+mod battery_guard;
 mod battery_monitor;
 mod cruise;
 mod follow_line;
 mod follow_wall;
 mod line_monitor;
 mod line_sensor;
+mod link_monitor;
 mod logger;
 mod odometry;
 mod proximity_monitor;
@@ -41,12 +45,14 @@ mod values;
 mod wheel_speed;
 
 pub use back::Back;
+pub use battery_guard::BatteryGuard;
 pub use battery_monitor::BatteryMonitor;
 pub use cruise::Cruise;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
+pub use link_monitor::LinkMonitor;
 pub use logger::Logger;
 pub use odometry::Odometry;
 pub use proximity_monitor::ProximityMonitor;

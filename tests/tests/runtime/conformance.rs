@@ -16,6 +16,7 @@ use rt_firmware::link::message::{
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{Kept, Source};
+use rt_firmware::supervision::Silent;
 use serde::Serialize;
 
 use super::counting;
@@ -319,6 +320,8 @@ fn write_frames(text: &mut String) {
                         hard_status: 0x4000_0000,
                         address: u32::MAX,
                     },
+                    silent: Some(Silent::Slot(200)),
+                    bad_starts: 300,
                 },
                 file: b"src/tasks/cruise.rs",
             }),

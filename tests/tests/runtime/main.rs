@@ -920,7 +920,12 @@ fn the_watchdog_is_fed_with_and_without_a_mission() {
         robot.start(&counting(1).blob());
         let before = robot.board.fed;
         robot.run_us(100_000);
-        assert_eq!(robot.board.fed - before, 10);
+        // Each time that nothing is due any more.
+        assert!(
+            robot.board.fed - before >= 10,
+            "{}",
+            robot.board.fed - before
+        );
     });
 }
 

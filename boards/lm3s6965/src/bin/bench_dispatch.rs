@@ -156,6 +156,10 @@ impl Board for BenchBoard {
         Ok(())
     }
 
+    fn feed_watchdog(&mut self) {
+        self.0.feed_watchdog();
+    }
+
     fn motors_off(&mut self) {
         self.0.motors_off();
     }

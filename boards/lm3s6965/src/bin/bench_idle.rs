@@ -57,6 +57,10 @@ impl Board for CountingBoard {
         self.0.begin_occurrence(occurrence)
     }
 
+    fn feed_watchdog(&mut self) {
+        self.0.feed_watchdog();
+    }
+
     fn motors_off(&mut self) {
         self.0.motors_off();
     }

@@ -74,6 +74,10 @@ impl Board for SwapBoard {
         Ok(())
     }
 
+    fn feed_watchdog(&mut self) {
+        self.board.feed_watchdog();
+    }
+
     fn motors_off(&mut self) {
         self.board.motors_off();
     }

@@ -1,4 +1,4 @@
-//! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked interrupts, a task that never returns, a
+//! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked interrupts, tasks that never return, a
 //! panic, a fault of the core.
 //!
 //! Each does its harm in the first step after its state was entered, and only then, so that counters can be compared with exact numbers.
@@ -88,6 +88,23 @@ impl Task for NeverReturn {
     }
 }
 
+/// Never returns, and has no slot that would miss it.
+struct NeverReturnInSlot0;
+
+task! {
+    impl NeverReturnInSlot0 {
+        slot 0;
+    }
+}
+
+impl Task for NeverReturnInSlot0 {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        loop {
+            cortex_m::asm::nop();
+        }
+    }
+}
+
 /// Panics.
 struct Panic;
 
@@ -131,6 +148,7 @@ registry! {
         overrun: Overrun[2],
         mask_interrupts: MaskInterrupts[1],
         never_return: NeverReturn[1],
+        never_return_in_slot_0: NeverReturnInSlot0[1],
         panic: Panic[1],
         undefined: Undefined[1],
     }
@@ -150,6 +168,7 @@ impl Faults {
             overrun: Bank::new(array::from_fn(|_| Overrun::default())),
             mask_interrupts: Bank::new([MaskInterrupts]),
             never_return: Bank::new([NeverReturn]),
+            never_return_in_slot_0: Bank::new([NeverReturnInSlot0]),
             panic: Bank::new([Panic]),
             undefined: Bank::new([Undefined]),
         }
