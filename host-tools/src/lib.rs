@@ -10,6 +10,7 @@ pub mod diagram;
 pub mod fit;
 pub mod host_board;
 pub mod inspect;
+pub mod keys;
 pub mod lang;
 pub mod language_server;
 pub mod link_client;

@@ -256,6 +256,7 @@ pub fn split<
         trace_wanted,
         signs: &memory.signs,
         log_wanted: false,
+        keys: crate::link::keys::Keys::new(),
         start_wanted: false,
     });
     Ok((real_time, background, link))

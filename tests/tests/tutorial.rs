@@ -102,6 +102,7 @@ impl StepOfTutorial {
         esm(&["build", &self.file(), "-o", blob.to_str().unwrap()]).good();
         let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
         let plan = Plan {
+            flash: None,
             board: Board::Host {
                 robot: host_board::rover,
             },

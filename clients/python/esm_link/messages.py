@@ -7,8 +7,8 @@ PROTOCOL_VERSION = 3
 
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
-    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX,
-) = range(18)  # fmt: skip
+    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
+) = range(23)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -42,6 +42,7 @@ SLOT_STATES = (
 )
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
 CHANNELS = ("trace", "log")
+ACCESS = ("unsupported", "open", "locked", "unreadable")
 
 
 class Malformed(Exception):
@@ -157,6 +158,7 @@ class Hello:
     reset: str
     chunk_bytes: int
     window_bytes: int
+    access: str
 
 
 @dataclass
@@ -288,6 +290,13 @@ class BlackBox:
 
 
 @dataclass
+class Challenge:
+    nonce: bytes
+    counter: int
+    key: bytes
+
+
+@dataclass
 class Error:
     """Why a request was not carried out; the fields are named in section 8."""
 
@@ -358,7 +367,7 @@ def _answer(fields: Fields) -> object:
         counts = [fields.number(16) for _ in range(4)]
         mission, reset = fields.option_u32(), fields.one_of(RESETS)
         return Hello(
-            protocol, firmware, board, task_types, blob_bytes, arena_words, *counts, mission, reset, fields.number(16), fields.number(16)
+            protocol, firmware, board, task_types, blob_bytes, arena_words, *counts, mission, reset, fields.number(16), fields.number(16), fields.one_of(ACCESS)
         )
     if kind == 1:
         return Received(fields.number(32))
@@ -393,6 +402,8 @@ def _answer(fields: Fields) -> object:
     if kind == 11:
         end, records = fields.number(32), fields.bytes()
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
+    if kind == 12:
+        return Challenge(fields.take(16), fields.number(64), fields.take(32))
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -441,7 +452,14 @@ def _error(fields: Fields) -> Error:
         14: "NoAnswer",
         17: "OnTrial",
         18: "NotOnTrial",
-        19: "FlashRefused",
+        19: "NeedsKey",
+        20: "NotSigned",
+        21: "WrongSignature",
+        23: "NoChallenge",
+        24: "NoKey",
+        25: "NoKeySupport",
+        26: "NotKept",
+        28: "FlashRefused",
     }
     if kind in plain:
         return Error(plain[kind], {})
@@ -469,4 +487,8 @@ def _error(fields: Fields) -> Error:
         return Error("NetTypeDiffers", u16("task", "port"))
     if kind == 16:
         return Error("ParamOutOfRange", u16("task", "param"))
+    if kind == 22:
+        return Error("OldCounter", {"last": fields.number(64)})
+    if kind == 27:
+        return Error("TooSoon", u32("ms"))
     raise Malformed(f"an error of kind {kind}")

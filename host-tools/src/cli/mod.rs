@@ -30,6 +30,7 @@ pub mod fallback;
 pub mod file;
 pub mod fmt;
 pub mod inspect;
+pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
@@ -111,6 +112,7 @@ pub enum Command {
     BlackBox(blackbox::BlackBoxArgs),
     Stop(stop::StopArgs),
     Start(start::StartArgs),
+    Key(key::KeyArgs),
     Tasks(tasks::TasksArgs),
 }
 
@@ -188,6 +190,7 @@ pub fn execute(
         Command::BlackBox(args) => blackbox::execute(args, console),
         Command::Stop(args) => stop::execute(args, console),
         Command::Start(args) => start::execute(args, console),
+        Command::Key(args) => key::execute(args, console),
         Command::Tasks(args) => tasks::execute(args, robot, console),
     }
 }

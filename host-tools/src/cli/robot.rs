@@ -1,9 +1,14 @@
 //! A robot at the other end of a line, as several commands reach it.
 
+use std::io::{self, Write};
+use std::path::PathBuf;
+
 use clap::Args;
+use rt_firmware::link::access::Access;
 
 use super::argument::Port;
 use super::exit::CommandError;
+use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, LinkClient, RobotInfo};
 use crate::reading::ReadError;
 use crate::serial::noise::{Noise, Noisy};
@@ -15,6 +20,10 @@ pub struct RobotArgs {
     /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
     #[arg(long, value_name = "PORT")]
     pub port: Port,
+
+    /// The key that the robot has, if it has one [default: esm/key in the folder for configuration, ~/.config]
+    #[arg(long, value_name = "FILE", env = "ESM_KEY")]
+    pub key: Option<PathBuf>,
 
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
@@ -57,7 +66,22 @@ impl RobotArgs {
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect(&self) -> Result<(Robot, RobotInfo), CommandError> {
-        connect(&self.port, self.line)
+        let (robot, info) = self.connect_quietly()?;
+        warn(info.access);
+        Ok((robot, info))
+    }
+
+    /// The same, without a word on who may command this robot.
+    ///
+    /// # Errors
+    /// What is wrong with the port, or with the robot behind it.
+    pub fn connect_quietly(&self) -> Result<(Robot, RobotInfo), CommandError> {
+        let (mut robot, info) = open(&self.port, self.line)?;
+        let path = self.key.clone();
+        robot.use_key(Box::new(move || {
+            SigningKey::read(&path.clone().map_or_else(keys::default_path, Ok)?)
+        }));
+        Ok((robot, info))
     }
 }
 
@@ -66,6 +90,12 @@ impl RobotArgs {
 /// # Errors
 /// What is wrong with the port, or with the robot behind it.
 pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
+    let (robot, info) = open(port, line)?;
+    warn(info.access);
+    Ok((robot, info))
+}
+
+fn open(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
     let link = serial::open(port, line.baud).map_err(|error| CommandError::World(error.into()))?;
     let link = match line.line_noise {
         Some(noise) => Box::new(Noisy::new(link, noise, NOISE_SEED)),
@@ -74,11 +104,35 @@ pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), Comman
     Ok(LinkClient::connect(link)?)
 }
 
+/// Tells who may command a robot, where that is not as it should be.
+fn warn(access: Access) {
+    if let Some(warning) = warning(access) {
+        // There is no better place to tell that standard error is closed.
+        let _ = writeln!(io::stderr(), "{warning}");
+    }
+}
+
+/// What is to be said of a robot that does as anyone says.
+fn warning(access: Access) -> Option<&'static str> {
+    match access {
+        Access::Unsupported => {
+            Some("this robot takes commands from anyone: its firmware has no room for a key")
+        }
+        Access::Open => Some("this robot takes commands from anyone: `esm key install`"),
+        Access::Locked => None,
+        Access::Unreadable => Some(
+            "this robot takes no commands but `esm stop`: its key cannot be read, its memory is damaged",
+        ),
+    }
+}
+
 /// A robot that refuses has been given something that it cannot take; all else is the outside world.
 impl From<ClientError> for CommandError {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } => CommandError::Input(error.into()),
+            ClientError::Refused { .. } | ClientError::OtherKey { .. } => {
+                CommandError::Input(error.into())
+            }
             _ => CommandError::World(error.into()),
         }
     }

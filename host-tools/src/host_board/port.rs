@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rt_firmware::LinkPort;
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
 
@@ -25,6 +26,27 @@ pub(super) struct Port<'k> {
     incoming: VecDeque<u8>,
     outgoing: Vec<u8>,
     keep: Option<Keep<'k, Flash>>,
+    safe: Safe,
+}
+
+/// Keeps a key for as long as the process lives.
+struct Safe {
+    kept: Volatile,
+    started: Instant,
+}
+
+impl KeySafe for Safe {
+    fn now_us(&mut self) -> u64 {
+        self.started.elapsed().as_micros() as u64
+    }
+
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.kept.read(record, room)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        self.kept.write(record, bytes)
+    }
 }
 
 impl<'k> Port<'k> {
@@ -33,6 +55,10 @@ impl<'k> Port<'k> {
             line,
             incoming: VecDeque::new(),
             outgoing: Vec::new(),
+            safe: Safe {
+                kept: Volatile::default(),
+                started: Instant::now(),
+            },
             keep,
         }
     }
@@ -74,6 +100,10 @@ impl LinkPort for Port<'_> {
 
     fn log_dropped(&self) -> u32 {
         log_lines::dropped()
+    }
+
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        Some(&mut self.safe)
     }
 
     fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {

@@ -6,6 +6,8 @@ use std::time::Duration;
 use rt_firmware::link::message::{Capacity, LinkError, PROTOCOL_VERSION};
 use thiserror::Error;
 
+use crate::keys::{KeyError, PublicKey};
+
 /// Why a request was not done.
 #[derive(Debug, Error)]
 pub enum ClientError {
@@ -53,6 +55,22 @@ pub enum ClientError {
         request: &'static str,
         /// Why.
         error: LinkError,
+    },
+    /// The robot has a key, and this session has none.
+    #[error("the robot takes this from the owner of its key alone, and no key was given")]
+    NoKey,
+    /// The robot has a key, and the one for it cannot be had.
+    #[error("the robot takes this from the owner of its key alone: {0}")]
+    Key(#[from] KeyError),
+    /// The robot has another key.
+    #[error(
+        "the robot has the key {robot}, this one is {ours}; `--key FILE` and ESM_KEY name another"
+    )]
+    OtherKey {
+        /// The robot's.
+        robot: PublicKey,
+        /// This session's.
+        ours: PublicKey,
     },
     /// The upload does not come to an end.
     #[error("the upload failed again and again: {}", reason(*error))]
@@ -145,6 +163,25 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
             "parameter number {param} of {} is outside of what its firmware allows; `esm tasks` prints the bounds",
             task(index)
         ),
+        LinkError::NeedsKey => {
+            "it has a key, whose owner must sign this; `--key FILE` names the key".into()
+        }
+        LinkError::NotSigned => {
+            "it has a key, whose owner must sign the mission; `--key FILE` names the key".into()
+        }
+        LinkError::WrongSignature => "its key has not signed this".into(),
+        LinkError::OldCounter { last } => format!(
+            "the mission was signed as number {last} or before, and the robot has accepted number {last}: it is an old upload; upload it again"
+        ),
+        LinkError::NoChallenge => "the signature is of no use any more; try again".into(),
+        LinkError::NoKey => "it has no key; `esm key install` gives it one".into(),
+        LinkError::NoKeySupport => "its firmware has no room for a key".into(),
+        LinkError::NotKept => {
+            "what it keeps of its key cannot be read or written: its memory is damaged".into()
+        }
+        LinkError::TooSoon { ms } => {
+            format!("somebody has sent it a wrong signature; it looks at the next in {ms} ms")
+        }
     }
 }
 

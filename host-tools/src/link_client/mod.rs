@@ -7,6 +7,7 @@
 
 pub mod error;
 pub mod log_lines;
+mod signing;
 mod streams;
 mod timing;
 mod upload;
@@ -14,6 +15,7 @@ mod upload;
 use std::time::{Duration, Instant};
 
 use rt_firmware::black_box::{RECORD_BYTES, Record};
+use rt_firmware::link::access::Access;
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION, Request,
@@ -24,12 +26,20 @@ use rt_firmware::link::message::{
 use crate::serial::ByteLink;
 
 pub use error::ClientError;
+use signing::Signing;
+pub use signing::{Challenge, KeyLoader};
 use streams::Assembler;
 pub use streams::StreamEvent;
 use timing::{Patience, ReplyTime};
 
 /// How long the robot may be busy with the request before.
 const BUSY_WAIT: Duration = Duration::from_millis(5);
+
+/// No robot looks at no signature for longer.
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+
+/// How long an answer is waited for at least that takes the verification of a signature.
+const VERIFICATION_WAIT: Duration = Duration::from_millis(500);
 
 /// How long a reply is waited for when a spoiled frame came in its place.
 const SPOILED_WAIT: Duration = Duration::from_millis(10);
@@ -57,6 +67,8 @@ pub struct RobotInfo {
     pub reset: ResetReason,
     /// How it takes uploads.
     pub uploads: Uploads,
+    /// Whether it has a key.
+    pub access: Access,
 }
 
 /// What is current on a robot.
@@ -90,6 +102,7 @@ pub struct LinkClient<L> {
     uploads: Uploads,
     /// Whether whoever waits for an answer has had enough.
     stop: Option<Box<dyn Fn() -> bool + Send>>,
+    signing: Signing,
 }
 
 impl<L: ByteLink> LinkClient<L> {
@@ -111,6 +124,7 @@ impl<L: ByteLink> LinkClient<L> {
                 window_bytes: 1,
             },
             stop: None,
+            signing: Signing::default(),
         };
         let info = client.hello()?;
         Ok((client, info))
@@ -129,6 +143,7 @@ impl<L: ByteLink> LinkClient<L> {
             return Err(ClientError::OtherVersion { robot: protocol });
         }
         self.uploads = info.uploads;
+        self.signing.access = info.access;
         Ok(info)
     }
 
@@ -461,12 +476,21 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<T, ClientError> {
         let mut patience = Patience::new();
         loop {
-            match self.exchange(name, request, &mut patience, &mut read)? {
+            let answer = if self.signing.is_for(&request) {
+                self.exchange_signed(name, request, &mut patience, &mut read)?
+            } else {
+                self.exchange(name, request, &mut patience, &mut read)?
+            };
+            match answer {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
                 // The robot saw noise, or has its hands full: the request is as good as new.
                 Err(LinkError::Malformed | LinkError::Busy) if patience.lasts() => {
                     std::thread::sleep(BUSY_WAIT);
+                }
+                // Somebody else has sent it a wrong signature.
+                Err(LinkError::TooSoon { ms }) if patience.lasts() => {
+                    std::thread::sleep(Duration::from_millis(ms.into()).min(LONGEST_PAUSE));
                 }
                 Err(error) => {
                     return Err(ClientError::Refused {
@@ -493,7 +517,11 @@ impl<L: ByteLink> LinkClient<L> {
         loop {
             self.send_wire(wire)?;
             let sent = Instant::now();
-            let mut deadline = sent + self.reply_time.wait(attempt, wire.len());
+            let mut wait = self.reply_time.wait(attempt, wire.len());
+            if is_verified(&request) {
+                wait = wait.max(VERIFICATION_WAIT);
+            }
+            let mut deadline = sent + wait;
             let mut answer = None;
             while answer.is_none() {
                 let now = Instant::now();
@@ -526,7 +554,7 @@ impl<L: ByteLink> LinkClient<L> {
                 }
             }
             if let Some(answer) = answer {
-                if attempt == 0 {
+                if attempt == 0 && !is_verified(&request) {
                     self.reply_time.seen(sent.elapsed());
                 }
                 return Ok(answer);
@@ -564,6 +592,14 @@ impl<L: ByteLink> LinkClient<L> {
     }
 }
 
+/// Whether the robot verifies a signature before it answers.
+fn is_verified(request: &Request<'_>) -> bool {
+    matches!(
+        request,
+        Request::Signed { .. } | Request::Sign { .. } | Request::InstallKey { .. }
+    )
+}
+
 impl From<DeviceInfo<'_>> for RobotInfo {
     fn from(info: DeviceInfo<'_>) -> Self {
         RobotInfo {
@@ -574,6 +610,7 @@ impl From<DeviceInfo<'_>> for RobotInfo {
             mission: info.mission,
             reset: info.reset,
             uploads: info.uploads,
+            access: info.access,
         }
     }
 }

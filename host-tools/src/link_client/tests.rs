@@ -5,6 +5,7 @@ use super::*;
 use crate::compile::NameTable;
 use crate::fit::compile_to_fit;
 use crate::host_board::{self, HostBoard};
+use crate::keys::SigningKey;
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
@@ -274,6 +275,7 @@ fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
             seq: 0,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
+            signing: Signing::default(),
             uploads: Uploads {
                 chunk_bytes: 176,
                 window_bytes,
@@ -331,5 +333,45 @@ fn over<L, M>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M>
         counts: client.counts,
         uploads: client.uploads,
         stop: client.stop,
+        signing: client.signing,
     }
+}
+
+#[test]
+fn a_robot_with_a_key_is_driven_by_its_owner_alone() {
+    let key = |number: u8| SigningKey::of(&[number; 32]);
+    let owner = || -> KeyLoader { Box::new(|| Ok(SigningKey::of(&[1; 32]))) };
+    let stranger = || -> KeyLoader { Box::new(|| Ok(SigningKey::of(&[2; 32]))) };
+    let (_board, line) = robot();
+    let (mut client, info) = LinkClient::connect(line).unwrap();
+    assert_eq!(info.access, Access::Open);
+    let blob = mission();
+    client.install_key(&key(1)).unwrap();
+
+    assert!(matches!(client.start(), Err(ClientError::NoKey)));
+    client.use_key(stranger());
+    assert!(matches!(client.start(), Err(ClientError::OtherKey { .. })));
+    let refused = client.upload(&blob, &mut |_| ()).unwrap_err();
+    assert!(matches!(refused, ClientError::OtherKey { .. }));
+    assert_eq!(client.status().unwrap().mission, None);
+    client.stop().unwrap();
+
+    client.use_key(owner());
+    let mission = client.upload(&blob, &mut |_| ()).unwrap();
+    client.stop().unwrap();
+    client.start().unwrap();
+    assert_eq!(client.status().unwrap().mission, Some(mission));
+    assert_eq!(client.challenge().unwrap().counter, 1);
+
+    // And over a bad line, where requests are sent again.
+    let noise = Noise::of_each(Noise::WHOLE / 300);
+    let (mut client, info) = LinkClient::connect(Noisy::new(client.link, noise, 5)).unwrap();
+    assert_eq!(info.access, Access::Locked);
+    client.use_key(owner());
+    for counter in 2..5 {
+        assert_eq!(client.upload(&blob, &mut |_| ()).unwrap(), mission);
+        assert_eq!(client.challenge().unwrap().counter, counter);
+    }
+    client.remove_key().unwrap();
+    assert_eq!(client.hello().unwrap().access, Access::Open);
 }

@@ -7,6 +7,7 @@
 
 use std::time::{Duration, Instant};
 
+use rt_firmware::link::access::Access;
 use rt_firmware::link::frame;
 use rt_firmware::link::message::{LinkError, Request, Response, Uploads};
 
@@ -160,7 +161,7 @@ impl Standing {
 }
 
 impl<L: ByteLink> LinkClient<L> {
-    /// Brings a mission to the robot without letting it take over. `progress` is told the bytes that are there. An upload of the same blob that was
+    /// Brings a mission to the robot, signed if the robot has a key, without letting it take over. `progress` is told the bytes that are there. An upload of the same blob that was
     /// broken off goes on where it was.
     ///
     /// # Errors
@@ -174,7 +175,10 @@ impl<L: ByteLink> LinkClient<L> {
         for _ in 0..BEGIN_LIMIT {
             let there = self.begin(blob)?;
             if self.send_from(blob, there, &mut rate, progress)? {
-                return Ok(());
+                return match self.signing.access {
+                    Access::Locked => self.sign_upload(blob),
+                    Access::Unsupported | Access::Open | Access::Unreadable => Ok(()),
+                };
             }
         }
         Err(ClientError::UploadStuck {

@@ -5,9 +5,12 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::{Refusal, Verified};
 use heapless::spsc::{Consumer, Producer};
 
+use super::access::{Access, Needs, needs};
 use super::frame::{
     CRC_BYTES, FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode, encode,
 };
+use super::key_safe::KeySafe;
+use super::keys::{Keys, SignedUpload};
 use super::message::{
     Capacities, Capacity, Channel, DeviceInfo, FromDevice, LastWords, LinkError, MAX_CHUNK,
     MAX_PART, MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
@@ -52,6 +55,11 @@ pub trait LinkPort {
     /// Bytes that the log dropped for want of room; wraps.
     fn log_dropped(&self) -> u32 {
         0
+    }
+
+    /// Where the board keeps the robot's key. None: it has none, and cannot.
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        None
     }
 
     /// The most bytes of stack that were in use since the start, where the board measures it. Asked for with each status.
@@ -148,6 +156,7 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) trace_wanted: &'m AtomicBool,
     pub(crate) signs: &'m Signs,
     pub(crate) log_wanted: bool,
+    pub(crate) keys: Keys,
 }
 
 /// A blob that arrives.
@@ -155,6 +164,7 @@ pub(crate) struct Upload<'m> {
     blob: BlobBuffer<'m>,
     len: u32,
     crc: u32,
+    signed: Option<SignedUpload>,
 }
 
 impl Upload<'_> {
@@ -388,7 +398,31 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
 }
 
 impl<'m> Desk<'_, 'm> {
+    /// Carries a request out, if whoever sent it may.
     fn react<'a, P: LinkPort>(
+        &'a mut self,
+        seq: u8,
+        request: &Request<'_>,
+        port: &mut P,
+    ) -> Reaction<'a> {
+        let access = self.keys.access(port.key_safe());
+        if let Request::Signed { signature, request } = *request {
+            return match self.signed(signature, request, port) {
+                Ok(request) => self.carry_out(seq, &request, port),
+                Err(error) => Reaction::Answer(Err(error)),
+            };
+        }
+        match (needs(request), access) {
+            (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {
+                self.carry_out(seq, request, port)
+            }
+            (Needs::Key, Access::Locked) => Reaction::Answer(Err(LinkError::NeedsKey)),
+            (Needs::Key, Access::Unreadable) => Reaction::Answer(Err(LinkError::NotKept)),
+        }
+    }
+
+    /// Carries a request out.
+    fn carry_out<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
         request: &Request<'_>,
@@ -398,7 +432,8 @@ impl<'m> Desk<'_, 'm> {
             Request::Hello => {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
-                Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES))))
+                let access = self.keys.access(port.key_safe());
+                Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc, port)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
@@ -429,10 +464,102 @@ impl<'m> Desk<'_, 'm> {
                 self.log_wanted = log;
                 Reaction::Answer(Ok(Response::Done))
             }
+            Request::Challenge
+            | Request::Sign { .. }
+            | Request::InstallKey { .. }
+            | Request::RemoveKey => Reaction::Answer(match port.key_safe() {
+                Some(safe) => self.of_keys(request, safe),
+                None => Err(LinkError::NoKeySupport),
+            }),
+            // A signed request holds a plain one: `signed` gives nothing else out.
+            Request::Signed { .. } => Reaction::Answer(Err(LinkError::Malformed)),
         }
     }
 
-    fn introduce(&self, window_bytes: u16) -> DeviceInfo<'_> {
+    /// The request that the key has signed.
+    fn signed<'r>(
+        &mut self,
+        signature: &[u8],
+        bytes: &'r [u8],
+        port: &mut impl LinkPort,
+    ) -> Result<Request<'r>, LinkError> {
+        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
+        let request: Request<'r> = match postcard::take_from_bytes(bytes) {
+            Ok((request, [])) => request,
+            _ => return Err(LinkError::Malformed),
+        };
+        if needs(&request) != Needs::Key {
+            return Err(LinkError::Malformed);
+        }
+        // So that a nonce is not spent on what cannot be done now.
+        if self.letter.is_none() {
+            return Err(LinkError::Busy);
+        }
+        let upload = match (&request, &self.upload) {
+            (
+                Request::Commit(_),
+                Some(Upload {
+                    signed: Some(signed),
+                    ..
+                }),
+            ) => Some(signed),
+            _ => None,
+        };
+        self.keys.check_command(safe, signature, upload, bytes)?;
+        Ok(request)
+    }
+
+    /// Answers what is about keys alone.
+    #[inline(never)]
+    fn of_keys(
+        &mut self,
+        request: &Request<'_>,
+        safe: &mut dyn KeySafe,
+    ) -> Result<Response<'_>, LinkError> {
+        match *request {
+            Request::Challenge => {
+                let (nonce, counter, key) = self.keys.challenge(safe)?;
+                Ok(Response::Challenge {
+                    nonce,
+                    counter,
+                    key,
+                })
+            }
+            Request::Sign { counter, signature } => {
+                let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
+                if upload.received() != upload.len {
+                    return Err(LinkError::Incomplete {
+                        received: upload.received(),
+                    });
+                }
+                upload.signed =
+                    Some(
+                        self.keys
+                            .check_upload(safe, counter, signature, &upload.blob)?,
+                    );
+                Ok(Response::Done)
+            }
+            Request::InstallKey {
+                key,
+                seed,
+                signature,
+            } => {
+                self.keys.install(safe, key, seed, signature)?;
+                // What another key has signed is not signed.
+                if let Some(upload) = &mut self.upload {
+                    upload.signed = None;
+                }
+                Ok(Response::Done)
+            }
+            Request::RemoveKey => {
+                self.keys.remove(safe)?;
+                Ok(Response::Done)
+            }
+            _ => Err(LinkError::Malformed),
+        }
+    }
+
+    fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {
         DeviceInfo {
             protocol: PROTOCOL_VERSION,
             firmware: self.about.firmware,
@@ -445,6 +572,7 @@ impl<'m> Desk<'_, 'm> {
                 chunk_bytes: MAX_CHUNK as u16,
                 window_bytes,
             },
+            access,
         }
     }
 
@@ -571,7 +699,12 @@ impl<'m> Desk<'_, 'm> {
             .find_map(Option::take)
             .ok_or(LinkError::Busy)?;
         blob.clear();
-        self.upload = Some(Upload { blob, len, crc });
+        self.upload = Some(Upload {
+            blob,
+            len,
+            crc,
+            signed: None,
+        });
         Ok(Response::Received { len: 0 })
     }
 
@@ -595,18 +728,14 @@ impl<'m> Desk<'_, 'm> {
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
     fn commit<'a>(&mut self, seq: u8, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
-        match self.stage(swap, port.keeper()) {
+        match self.stage(swap, port) {
             Ok(()) => self.post(Some(seq)),
             Err(error) => Reaction::Answer(Err(error)),
         }
     }
 
     /// Checks the blob that was uploaded, and puts it into the letter.
-    fn stage(
-        &mut self,
-        swap: Swap,
-        keeper: Option<&mut dyn MissionKeeper>,
-    ) -> Result<(), LinkError> {
+    fn stage(&mut self, swap: Swap, port: &mut impl LinkPort) -> Result<(), LinkError> {
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
@@ -618,6 +747,10 @@ impl<'m> Desk<'_, 'm> {
             });
         }
         let crc = upload.crc;
+        let signed = upload.signed;
+        if signed.is_none() && self.keys.access(port.key_safe()) == Access::Locked {
+            return Err(LinkError::NotSigned);
+        }
         let Some(Upload { blob, .. }) = self.upload.take() else {
             return Err(LinkError::NoUpload);
         };
@@ -632,8 +765,9 @@ impl<'m> Desk<'_, 'm> {
                 return Err(LinkError::Invalid(refusal));
             }
         };
-        let checked =
-            check(&verified, self.registry, &self.capacities).and_then(|()| match keeper {
+        let checked = check(&verified, self.registry, &self.capacities)
+            .and_then(|()| self.accept(signed.as_ref(), port))
+            .and_then(|()| match port.keeper() {
                 Some(keeper) => keeper.trial_begins(verified.bytes()),
                 None => Ok(()),
             });
@@ -709,6 +843,18 @@ impl<'m> Desk<'_, 'm> {
             (Err((blob, _)), _) => self.keep(blob),
         }
         true
+    }
+
+    /// Keeps the counter of a signed upload, before its mission runs: what follows is newer, whatever happens.
+    fn accept(
+        &mut self,
+        signed: Option<&SignedUpload>,
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
+        match (signed, port.key_safe()) {
+            (Some(signed), Some(safe)) => self.keys.accept(safe, signed),
+            _ => Ok(()),
+        }
     }
 
     fn end_upload(&mut self) {

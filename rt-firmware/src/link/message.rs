@@ -3,6 +3,7 @@
 use esm_core::Refusal;
 use serde::{Deserialize, Serialize};
 
+use super::access::{Access, KEY_BYTES, NONCE_BYTES};
 use super::trial::{FallBack, Trial};
 use crate::store::keep::Kept;
 use crate::supervision::Silent;
@@ -121,6 +122,33 @@ pub enum Request<'a> {
         /// Sequence number of the first one wanted, or the oldest that there is. Those that are gone are passed over.
         from: Option<u32>,
     },
+    /// A number for the next [`Request::Signed`]; the one before is void. Answer: [`Response::Challenge`].
+    Challenge,
+    /// A request that the robot's key has signed. Answer: that request's.
+    Signed {
+        /// The signature of [`command`](super::access::command): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
+        signature: &'a [u8],
+        /// The request as it is serialized, without a number; one that [needs](super::access::needs) a key.
+        request: &'a [u8],
+    },
+    /// The signature of the blob that was uploaded, which a robot with a key wants before [`Request::Commit`]. Answer: [`Response::Done`].
+    Sign {
+        /// Greater than that of any upload before.
+        counter: u64,
+        /// The signature of [`upload`](super::access::upload): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
+        signature: &'a [u8],
+    },
+    /// From now on the robot has this key. Answer, when it is kept: [`Response::Done`].
+    InstallKey {
+        /// The public key: [`KEY_BYTES`] bytes.
+        key: &'a [u8],
+        /// [`SEED_BYTES`](super::access::SEED_BYTES) bytes that nobody can guess, for the robot to make nonces from.
+        seed: &'a [u8],
+        /// The key's own signature of [`install`](super::access::install): [`SIGNATURE_BYTES`](super::access::SIGNATURE_BYTES).
+        signature: &'a [u8],
+    },
+    /// From now on the robot has no key. Answer, when it is forgotten: [`Response::Done`].
+    RemoveKey,
 }
 
 /// How a mission takes over.
@@ -232,6 +260,15 @@ pub enum Response<'a> {
         /// from a robot that keeps none.
         records: &'a [u8],
     },
+    /// To [`Request::Challenge`].
+    Challenge {
+        /// Good for one [`Request::Signed`].
+        nonce: [u8; NONCE_BYTES],
+        /// Of the last upload that was accepted.
+        counter: u64,
+        /// The robot's public key.
+        key: [u8; KEY_BYTES],
+    },
 }
 
 /// The state of a region that is not active.
@@ -256,6 +293,8 @@ pub struct DeviceInfo<'a> {
     pub reset: ResetReason,
     /// How it takes uploads.
     pub uploads: Uploads,
+    /// Whether it has a key.
+    pub access: Access,
 }
 
 /// How a robot takes uploads.
@@ -452,6 +491,30 @@ pub enum LinkError {
     OnTrial,
     /// The mission of this hash is not on trial: it was confirmed already, or the robot has gone back to the one before.
     NotOnTrial,
+    /// The robot has a key, which must sign this request: send it as [`Request::Signed`].
+    NeedsKey,
+    /// The robot has a key, which must sign the upload: send [`Request::Sign`] before [`Request::Commit`].
+    NotSigned,
+    /// The robot's key has not signed this.
+    WrongSignature,
+    /// An upload of this counter, or of a later one, was accepted already.
+    OldCounter {
+        /// The last one that was.
+        last: u64,
+    },
+    /// There is no nonce: it was used, or never asked for. Send [`Request::Challenge`].
+    NoChallenge,
+    /// The robot has no key.
+    NoKey,
+    /// The robot's firmware cannot have a key.
+    NoKeySupport,
+    /// What belongs to the key cannot be read or written: nothing was changed.
+    NotKept,
+    /// After a wrong signature the robot looks at none for some time: send it again then.
+    TooSoon {
+        /// Milliseconds until then.
+        ms: u32,
+    },
     /// The flash did not take it: a mission that was to take over does not, one that was to be confirmed is so until the next reset only.
     FlashRefused,
 }
@@ -601,6 +664,7 @@ pub struct TaskCounters {
 mod tests {
     use super::super::trial::FallBackReason;
     use super::*;
+    use crate::link::access::{MAX_SIGNED_BYTES, SEED_BYTES, SIGNATURE_BYTES};
     use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
     use crate::store::SlotState;
     use crate::store::keep::Source;
@@ -661,6 +725,7 @@ mod tests {
             },
             mission: Some(u32::MAX),
             reset: ResetReason::Software,
+            access: Access::Unreadable,
             uploads: Uploads {
                 chunk_bytes: u16::MAX,
                 window_bytes: u16::MAX,
@@ -692,10 +757,29 @@ mod tests {
                 slots: [SlotState::NoRoom { len: u32::MAX }; 2],
             }),
         };
-        let requests = [Request::Chunk {
-            offset: u32::MAX,
-            data: &chunk,
-        }];
+        let signature = [0xa5; SIGNATURE_BYTES];
+        let install = Request::InstallKey {
+            key: &[0xa5; KEY_BYTES],
+            seed: &[0xa5; SEED_BYTES],
+            signature: &signature,
+        };
+        let mut signed = [0; MAX_SIGNED_BYTES];
+        assert!(postcard::to_slice(&install, &mut signed).is_ok());
+        let requests = [
+            Request::Chunk {
+                offset: u32::MAX,
+                data: &chunk,
+            },
+            Request::Sign {
+                counter: u64::MAX,
+                signature: &signature,
+            },
+            install,
+            Request::Signed {
+                signature: &signature,
+                request: &signed,
+            },
+        ];
         for request in requests {
             assert!(
                 encode(&ToDevice { seq: 255, request }, &mut frame).is_ok(),
@@ -703,6 +787,11 @@ mod tests {
             );
         }
         let responses = [
+            Response::Challenge {
+                nonce: [0xa5; NONCE_BYTES],
+                counter: u64::MAX,
+                key: [0xa5; KEY_BYTES],
+            },
             Response::Hello(info),
             Response::Status(status),
             Response::TaskText {

@@ -5,8 +5,15 @@
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
 //! sends [trace records](trace) and log bytes as streams, where there is room between answers.
 
+pub mod access;
 pub mod device;
 pub mod frame;
+pub mod key_safe;
+#[cfg(feature = "keys")]
+pub mod keys;
+#[cfg(not(feature = "keys"))]
+#[path = "no_keys.rs"]
+pub(crate) mod keys;
 pub mod message;
 pub mod trace;
 pub mod trial;

@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use esm_tests::command::root;
 use rt_firmware::black_box::{Event, Record};
+use rt_firmware::link::access::{Access, KEY_BYTES, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES};
 use rt_firmware::link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
@@ -163,6 +164,30 @@ fn write_frames(text: &mut String) {
             "request black box",
             Request::BlackBox { from: Some(70_000) },
         ),
+        ("request challenge", Request::Challenge),
+        (
+            "request signed",
+            Request::Signed {
+                signature: &[0xa5; SIGNATURE_BYTES],
+                request: &[7],
+            },
+        ),
+        (
+            "request sign",
+            Request::Sign {
+                counter: u64::MAX,
+                signature: &[0x5a; SIGNATURE_BYTES],
+            },
+        ),
+        (
+            "request install key",
+            Request::InstallKey {
+                key: &[0x11; KEY_BYTES],
+                seed: &[0x22; SEED_BYTES],
+                signature: &[0x33; SIGNATURE_BYTES],
+            },
+        ),
+        ("request remove key", Request::RemoveKey),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -214,7 +239,7 @@ fn write_frames(text: &mut String) {
             slots: [SlotState::NoRoom { len: 5000 }, SlotState::OnTrial],
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 29] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 39] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -236,6 +261,7 @@ fn write_frames(text: &mut String) {
                     chunk_bytes: 176,
                     window_bytes: 528,
                 },
+                access: Access::Locked,
             })),
         ),
         ("received", Ok(Response::Received { len: 300 })),
@@ -380,6 +406,26 @@ fn write_frames(text: &mut String) {
         ),
         ("error on trial", Err(LinkError::OnTrial)),
         ("error not on trial", Err(LinkError::NotOnTrial)),
+        (
+            "challenge",
+            Ok(Response::Challenge {
+                nonce: [0xc3; NONCE_BYTES],
+                counter: 1 << 40,
+                key: [0x11; KEY_BYTES],
+            }),
+        ),
+        ("error needs key", Err(LinkError::NeedsKey)),
+        ("error not signed", Err(LinkError::NotSigned)),
+        ("error wrong signature", Err(LinkError::WrongSignature)),
+        (
+            "error old counter",
+            Err(LinkError::OldCounter { last: u64::MAX }),
+        ),
+        ("error no challenge", Err(LinkError::NoChallenge)),
+        ("error no key", Err(LinkError::NoKey)),
+        ("error no key support", Err(LinkError::NoKeySupport)),
+        ("error not kept", Err(LinkError::NotKept)),
+        ("error too soon", Err(LinkError::TooSoon { ms: 1000 })),
         ("error flash refused", Err(LinkError::FlashRefused)),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {

@@ -4,6 +4,7 @@
 
 mod conformance;
 mod keeping;
+mod keys;
 mod mission;
 mod readiness;
 mod robot;
@@ -16,6 +17,7 @@ use esm_core::signature::fnv1a;
 use host_tools::schedule::handover::{Handover, SlotTable, lay_out};
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
+use rt_firmware::link::access::Access;
 use rt_firmware::link::frame::checksum;
 use rt_firmware::link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason, Swap};
 
@@ -42,7 +44,7 @@ fn a_mission_runs_from_its_upload_on() {
     with_robot(|robot| {
         assert_eq!(
             robot.ask(Request::Hello),
-            Ok(Answer::Hello("toy 0.1 bench".into()))
+            Ok(Answer::Hello("toy 0.1 bench".into(), Access::Unsupported))
         );
         assert_eq!(robot.status().mode, Mode::Empty);
         assert_eq!(

@@ -4,7 +4,9 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use rt_firmware::link::access::{Access, KEY_BYTES, NONCE_BYTES};
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use rt_firmware::link::message::{
     FromDevice, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters,
     Status, Swap, TaskCounters, ToDevice,
@@ -215,6 +217,8 @@ pub struct Wire {
     pub stuck: bool,
     /// What is remembered across a reset.
     pub memory: Memo,
+    /// Where the robot keeps a key, if it can have one.
+    pub safe: Option<Safe>,
 }
 
 /// Remembers what it is told of missions on trial.
@@ -259,6 +263,38 @@ impl MissionKeeper for Memo {
     }
 }
 
+/// Keeps a key.
+#[derive(Clone, Default)]
+pub struct Safe {
+    pub kept: Volatile,
+    pub now_us: u64,
+    /// It cannot be read and written.
+    pub broken: bool,
+    /// Writes so far.
+    pub writes: u32,
+}
+
+impl KeySafe for Safe {
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        if self.broken {
+            return Err(NotKept);
+        }
+        self.kept.read(record, room)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        if self.broken {
+            return Err(NotKept);
+        }
+        self.writes += 1;
+        self.kept.write(record, bytes)
+    }
+}
+
 impl LinkPort for Wire {
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
@@ -283,6 +319,10 @@ impl LinkPort for Wire {
         self.memory
             .is_there
             .then_some(&mut self.memory as &mut dyn MissionKeeper)
+    }
+
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        self.safe.as_mut().map(|safe| safe as &mut dyn KeySafe)
     }
 }
 
@@ -376,7 +416,12 @@ pub enum Answer {
     Slot(SlotCounters),
     Task(TaskCounters),
     LastWords(LastWords),
-    Hello(String),
+    Hello(String, Access),
+    Challenge {
+        nonce: [u8; NONCE_BYTES],
+        counter: u64,
+        key: [u8; KEY_BYTES],
+    },
 }
 
 impl Bench<'_, '_, '_> {
@@ -433,7 +478,7 @@ impl Bench<'_, '_, '_> {
                     seq,
                     result.map(|response| match response {
                         Response::Hello(info) => {
-                            Answer::Hello(format!("{} {}", info.firmware, info.board))
+                            Answer::Hello(format!("{} {}", info.firmware, info.board), info.access)
                         }
                         Response::Received { len } => Answer::Received(len),
                         Response::Committed { mission } => Answer::Committed(mission),
@@ -450,6 +495,15 @@ impl Bench<'_, '_, '_> {
                         Response::TaskInstance(counters) => Answer::Task(counters),
                         Response::LastWords { words, .. } => Answer::LastWords(words),
                         Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
+                        Response::Challenge {
+                            nonce,
+                            counter,
+                            key,
+                        } => Answer::Challenge {
+                            nonce,
+                            counter,
+                            key,
+                        },
                     }),
                 )),
             }
@@ -532,6 +586,14 @@ impl Bench<'_, '_, '_> {
     /// Sends a blob that is right, and switches to it.
     pub fn start(&mut self, blob: &[u8]) {
         assert!(matches!(self.upload(blob), Ok(Answer::Committed(_))));
+    }
+
+    /// Whether the robot has a key, as it says.
+    pub fn access(&mut self) -> Access {
+        match self.ask(Request::Hello) {
+            Ok(Answer::Hello(_, access)) => access,
+            other => panic!("{other:?}"),
+        }
     }
 
     pub fn status(&mut self) -> Status {

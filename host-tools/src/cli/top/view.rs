@@ -331,6 +331,7 @@ pub(super) mod tests {
                 exclusive_groups: 4,
             },
             mission: Some(0x1234_abcd),
+            access: rt_firmware::link::access::Access::Open,
             reset: ResetReason::PowerOn,
             uploads: Uploads {
                 chunk_bytes: 176,

@@ -1,0 +1,245 @@
+//! `esm key`: who may command a robot.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::anyhow;
+use clap::{Args, Subcommand};
+use rt_firmware::link::access::Access;
+use serde::Serialize;
+
+use super::argument::Port;
+use super::console::Console;
+use super::exit::CommandError;
+use super::robot::{self, LineArgs, RobotArgs};
+use crate::keys::{KeyError, SigningKey, default_path};
+
+/// Makes and installs the key without which a robot takes no commands
+///
+/// A robot takes missions and commands from anyone who reaches its line, until it has a key. From then on it takes them only if the key has signed them. Reading
+/// stays open to everyone, and so does `esm stop`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esm key new
+  esm key install --port /dev/ttyUSB0
+  esm upload missions/patrol.esm --port /dev/ttyUSB0                  # signed with the same key
+  esm key show --port /dev/ttyUSB0
+  esm key new -o robot7.key
+  esm key install --port /dev/ttyUSB0 --key robot7.key --present ~/.config/esm/key
+  esm key remove --port /dev/ttyUSB0 --key robot7.key")]
+pub struct KeyArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: Action,
+}
+
+/// What is done with keys.
+#[derive(Debug, Subcommand)]
+pub enum Action {
+    /// Makes a key and keeps it in a file that nobody else may read
+    New(NewArgs),
+    /// Shows the public part of a key, or of a robot's
+    Show(ShowArgs),
+    /// Gives a robot a key; one that has another takes it from that one's owner alone
+    Install(InstallArgs),
+    /// Lets a robot forget its key, so that it takes commands from anyone
+    Remove(RemoveArgs),
+}
+
+/// Arguments of `esm key new`.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// The file to make [default: esm/key in the folder for configuration, ~/.config]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// Arguments of `esm key show`.
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// The key's file [default: esm/key in the folder for configuration, ~/.config]
+    #[arg(long, value_name = "FILE", env = "ESM_KEY", conflicts_with = "port")]
+    pub key: Option<PathBuf>,
+
+    /// The robot whose key to show: a serial line, unix:PATH or tcp:HOST:PORT
+    #[arg(long, value_name = "PORT")]
+    pub port: Option<Port>,
+
+    /// For programs: the same as JSON
+    #[arg(long)]
+    pub json: bool,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub line: LineArgs,
+}
+
+/// Arguments of `esm key install`.
+#[derive(Debug, Args)]
+pub struct InstallArgs {
+    /// The key that the robot has now, if it has one
+    #[arg(long, value_name = "FILE")]
+    pub present: Option<PathBuf>,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
+}
+
+/// Arguments of `esm key remove`.
+#[derive(Debug, Args)]
+pub struct RemoveArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
+}
+
+/// What is shown of a key, in the form of its JSON.
+#[derive(Serialize)]
+struct Shown {
+    /// The public part, in hex; none where the robot has no key.
+    key: Option<String>,
+    /// Whether commands are taken from the owner of a key alone.
+    locked: bool,
+    /// Counter of the last upload that the robot accepted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uploads: Option<u64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What kept it from ending well.
+pub fn execute(args: &KeyArgs, console: &mut Console) -> Result<(), CommandError> {
+    match &args.action {
+        Action::New(args) => make(args, console),
+        Action::Show(args) => show(args, console),
+        Action::Install(args) => install(args, console),
+        Action::Remove(args) => remove(args, console),
+    }
+}
+
+/// The file that was named, or the one of those who name none.
+fn file(named: Option<&Path>) -> Result<PathBuf, KeyError> {
+    named.map_or_else(default_path, |path| Ok(path.to_owned()))
+}
+
+fn make(args: &NewArgs, console: &mut Console) -> Result<(), CommandError> {
+    let path = file(args.output.as_deref())?;
+    let key = SigningKey::create(&path)?;
+    writeln!(
+        console.out(),
+        "made the key {}\nits private part is in {}, which is yours alone: whoever has it commands the robots that have this key, and without it nobody does",
+        key.public(),
+        path.display()
+    )?;
+    Ok(())
+}
+
+fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
+    let shown = match &args.port {
+        None => Shown {
+            key: Some(
+                SigningKey::read(&file(args.key.as_deref())?)?
+                    .public()
+                    .to_string(),
+            ),
+            locked: true,
+            uploads: None,
+        },
+        Some(port) => {
+            let (mut robot, info) = robot::connect(port, args.line)?;
+            match info.access {
+                Access::Locked => {
+                    let challenge = robot.challenge()?;
+                    Shown {
+                        key: Some(challenge.key.to_string()),
+                        locked: true,
+                        uploads: Some(challenge.counter),
+                    }
+                }
+                Access::Unsupported | Access::Open | Access::Unreadable => Shown {
+                    key: None,
+                    locked: info.access == Access::Unreadable,
+                    uploads: None,
+                },
+            }
+        }
+    };
+    if args.json {
+        return console.json_line(&shown);
+    }
+    match (&shown.key, shown.uploads) {
+        (Some(key), Some(uploads)) => writeln!(
+            console.out(),
+            "{key}\nthe last upload that the robot accepted was number {uploads}"
+        )?,
+        (Some(key), None) => writeln!(console.out(), "{key}")?,
+        (None, _) => writeln!(console.out(), "the robot has no key")?,
+    }
+    Ok(())
+}
+
+fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError> {
+    let key = SigningKey::read(&file(args.robot.key.as_deref())?)?;
+    let (mut robot, info) = args.robot.connect_quietly()?;
+    match (info.access, &args.present) {
+        (Access::Open, _) => {}
+        (Access::Locked, Some(present)) => {
+            let present = present.clone();
+            robot.use_key(Box::new(move || SigningKey::read(&present)));
+        }
+        (Access::Locked, None) => {
+            if robot.challenge()?.key == key.public() {
+                writeln!(
+                    console.out(),
+                    "the robot has the key {} already",
+                    key.public()
+                )?;
+                return Ok(());
+            }
+            return Err(CommandError::Input(anyhow!(
+                "the robot has another key already; `--present FILE` names it, and only its owner may replace it"
+            )));
+        }
+        (Access::Unsupported, _) => {
+            return Err(CommandError::Input(anyhow!(
+                "the robot cannot have a key: its firmware ({}) has no room for one",
+                info.firmware
+            )));
+        }
+        (Access::Unreadable, _) => {
+            return Err(CommandError::World(anyhow!(
+                "what the robot keeps of its key cannot be read: its memory is damaged"
+            )));
+        }
+    }
+    robot.install_key(&key)?;
+    writeln!(
+        console.out(),
+        "installed: the robot takes missions and commands from the owner of the key {} alone; anyone may read, and stop it",
+        key.public()
+    )?;
+    Ok(())
+}
+
+fn remove(args: &RemoveArgs, console: &mut Console) -> Result<(), CommandError> {
+    let (mut robot, _) = args.robot.connect_quietly()?;
+    robot.remove_key()?;
+    writeln!(
+        console.out(),
+        "removed: the robot takes missions and commands from anyone"
+    )?;
+    Ok(())
+}
+
+/// A file that holds no key is bad input; all else is the outside world.
+impl From<KeyError> for CommandError {
+    fn from(error: KeyError) -> Self {
+        match error {
+            KeyError::NotAKey { .. } => CommandError::Input(error.into()),
+            _ => CommandError::World(error.into()),
+        }
+    }
+}

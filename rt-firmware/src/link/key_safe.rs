@@ -1,0 +1,91 @@
+//! Where a board keeps what belongs to the robot's key.
+
+use super::access::{KEY_BYTES, SEED_BYTES};
+use super::message::LinkError;
+
+/// Bytes of [`KeyRecord::Key`].
+pub const KEY_RECORD_BYTES: usize = KEY_BYTES + SEED_BYTES;
+
+/// What is kept through resets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeyRecord {
+    /// The public key, and what nonces are made from: 48 bytes. None where there is no key.
+    Key,
+    /// The counter of the last upload that was accepted: 8 bytes, little endian.
+    Counter,
+    /// How often the robot has started and was asked for a nonce: 8 bytes, little endian.
+    Starts,
+}
+
+/// A record could not be read or written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotKept;
+
+/// Where a board keeps what belongs to its key, and its clock.
+pub trait KeySafe {
+    /// Microseconds since the start.
+    fn now_us(&mut self) -> u64;
+
+    /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or an empty one.
+    ///
+    /// # Errors
+    /// [`NotKept`]: there may be one, and it cannot be read, or has no room.
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept>;
+
+    /// Replaces a record. When it returns, the new one outlasts a loss of power; cut before, the old one stays as it was.
+    ///
+    /// # Errors
+    /// [`NotKept`]: the old one may have stayed.
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept>;
+}
+
+/// A place that keeps nothing beyond a reset: for a board that is a part of a process, and for tests.
+#[derive(Clone, Debug, Default)]
+pub struct Volatile {
+    key: Option<[u8; KEY_RECORD_BYTES]>,
+    counter: Option<[u8; 8]>,
+    starts: Option<[u8; 8]>,
+}
+
+impl Volatile {
+    /// Reads a record, as [`KeySafe::read`] does.
+    ///
+    /// # Errors
+    /// [`NotKept`]: it has no room.
+    pub fn read(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        let kept = match record {
+            KeyRecord::Key => self.key.as_ref().map(<[u8; _]>::as_slice),
+            KeyRecord::Counter => self.counter.as_ref().map(<[u8; _]>::as_slice),
+            KeyRecord::Starts => self.starts.as_ref().map(<[u8; _]>::as_slice),
+        }
+        .unwrap_or_default();
+        let room = room.get_mut(..kept.len()).ok_or(NotKept)?;
+        room.copy_from_slice(kept);
+        Ok(kept.len())
+    }
+
+    /// Replaces a record, as [`KeySafe::write`] does.
+    ///
+    /// # Errors
+    /// [`NotKept`]: it has another length than that kind has.
+    pub fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        fn kept<const N: usize>(bytes: &[u8]) -> Result<Option<[u8; N]>, NotKept> {
+            if bytes.is_empty() {
+                return Ok(None);
+            }
+            bytes.try_into().map(Some).map_err(|_| NotKept)
+        }
+        match record {
+            KeyRecord::Key => self.key = kept(bytes)?,
+            KeyRecord::Counter => self.counter = kept(bytes)?,
+            KeyRecord::Starts => self.starts = kept(bytes)?,
+        }
+        Ok(())
+    }
+}
+
+impl From<NotKept> for LinkError {
+    fn from(_: NotKept) -> Self {
+        LinkError::NotKept
+    }
+}
