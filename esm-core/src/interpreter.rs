@@ -184,6 +184,31 @@ impl<P> Starts<P> {
     }
 }
 
+/// Where the parts of the arena begin that are used most.
+#[derive(Clone, Copy, Debug)]
+struct Parts<P> {
+    current: P,
+    active: P,
+    flags: P,
+    enabled: P,
+    entered: P,
+    queue: P,
+}
+
+impl<P> Parts<P> {
+    fn of<R: Access<Part = P>>(arena: &mut [u32], layout: &ArenaLayout) -> Self {
+        let mut part = |word| R::part(arena, word);
+        Self {
+            current: part(0),
+            active: part(layout.active),
+            flags: part(layout.flags),
+            enabled: part(layout.enabled),
+            entered: part(layout.entered),
+            queue: part(layout.queue),
+        }
+    }
+}
+
 /// Places of the event queue: a power of two, so that going round is cheap.
 fn queue_places(tables: &Tables<'_>) -> usize {
     tables.queue_capacity().next_power_of_two()
@@ -196,28 +221,48 @@ pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     arena: &'m mut [u32],
     layout: ArenaLayout,
     starts: Starts<R::Place>,
+    parts: Parts<R::Part>,
     period_us: u32,
-    /// Macro steps that began, or were skipped.
-    steps: u64,
-    /// Macro steps until a timer may have run out, that one included.
+    /// Macro steps until a timer may have run out, that one included. A machine that was stopped has none left but the next.
     steps_left: u32,
+    /// Macro steps that will have begun then, or been skipped.
+    due: u64,
     /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of
     /// two: the low bits say the place.
     queued: u32,
     taken: u32,
     queue_mask: u32,
     queue_capacity: u32,
-    /// Whether a transition was taken in this macro step.
-    changed: bool,
-    /// Whether some region is awake. A machine that was stopped never sleeps.
-    is_awake: bool,
+    /// What the next macro step does, and what it does once some region is awake.
+    next_step: Step,
+    visit: Step,
     fault: Option<Fault>,
+}
+
+/// Whether it is compiled for size: without ways of their own for what is frequent. See the build script.
+const SMALL: bool = cfg!(small);
+
+/// What a macro step does if no timer runs out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// All sleep.
+    Rest,
+    /// It visits the region instances, which are in one word.
+    Near,
+    /// It visits the region instances, word by word.
+    Far,
 }
 
 const WORD_BITS: usize = u32::BITS as usize;
 const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 /// The first region instance of a word.
 const FIRST: u32 = 1 << (u32::BITS - 1);
+
+/// The region instances of its word that are not before a region instance.
+#[inline(always)]
+fn from_place(region: usize) -> u32 {
+    u32::MAX >> (region % WORD_BITS)
+}
 
 /// The region instances of a word of 32 that are not before `region`.
 #[inline]
@@ -269,8 +314,8 @@ impl<const REVERSED: bool> Window<REVERSED> {
 
     /// The first that is true of guards that ask for one bit each, `count` of them, from this one on.
     #[inline(always)]
-    fn first_of(self, guard: usize, count: usize) -> Option<usize> {
-        let (guard, count) = (guard as u32 % u32::BITS, count as u32 % u32::BITS);
+    fn first_of<R: Access>(self, guard: usize, count: usize) -> Option<usize> {
+        let (guard, count) = (R::below_32(guard), R::below_32(count));
         let first = if REVERSED {
             let bits = (self.0 << guard) & !(u32::MAX >> count);
             (bits != 0).then(|| bits.leading_zeros())
@@ -340,27 +385,33 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             });
         };
         used.fill(0);
+        let parts = Parts::of::<R>(used, &layout);
         let starts = Starts::of::<R>(&tables);
         let mut machine = Self {
             verified,
             arena,
             layout,
             starts,
+            parts,
             period_us,
-            steps: 0,
             steps_left: u32::MAX,
+            due: u32::MAX.into(),
             queued: 0,
             taken: 0,
             queue_mask,
             queue_capacity,
-            changed: false,
-            is_awake: false,
+            next_step: Step::Rest,
+            visit: if !SMALL && layout.regions <= WORD_BITS {
+                Step::Near
+            } else {
+                Step::Far
+            },
             fault: None,
         };
         for region in 0..layout.regions {
             let record = machine.record(Section::RegionInstances, region);
             let initial = machine.field(record, region_instance::INITIAL);
-            R::store_half(machine.arena, region, initial as u16);
+            machine.set_current(region, initial);
         }
         machine.start_regions(0, layout.regions);
         Ok(machine)
@@ -379,22 +430,21 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             self.steps_left -= missed;
         } else {
             self.age_timers(missed);
+            self.due = self.begun() + u64::from(missed) + 1;
             self.steps_left = 1;
         }
-        self.steps += u64::from(missed);
     }
 
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
     ///
     /// # Errors
     /// The fault that stopped the machine, in this macro step or before.
-    #[inline]
+    #[inline(always)]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        let step = self.steps;
-        self.steps = step + 1;
         self.steps_left -= 1;
+        let step = self.begun() - 1;
         if self.steps_left == 0 {
-            self.run_timers();
+            self.run_timers()?;
         }
         let mut summary = StepSummary {
             step,
@@ -403,10 +453,12 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             changed: false,
             finished: false,
         };
-        if self.is_awake {
-            self.walk(observer)?;
+        if !SMALL && self.next_step == Step::Near {
+            summary.changed = self.walk::<_, true>(observer)?;
             summary.micro_steps = self.taken as u8 + 1;
-            summary.changed = self.changed;
+        } else if self.next_step != Step::Rest {
+            summary.changed = self.walk_far(observer)?;
+            summary.micro_steps = self.taken as u8 + 1;
         }
         summary.finished = self.is_finished();
         Ok(summary)
@@ -486,12 +538,12 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     /// Writes a flag, and wakes the region that it belongs to if it changes.
     #[inline]
     fn write_flag(&mut self, flag: usize, region: usize, value: bool) {
-        let place = self.layout.flags + flag / WORD_BITS;
+        let (flags, place) = (self.parts.flags, flag / WORD_BITS);
         let bit = 1 << (flag % WORD_BITS);
-        let word = self.load(place);
+        let word = self.load(flags, place);
         let written = if value { word | bit } else { word & !bit };
         if written != word {
-            self.store(place, written);
+            self.store(flags, place, written);
             self.wake(region);
         }
     }
@@ -528,7 +580,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
     /// [is active](Self::is_active).
     pub fn current(&self, region_instance: usize) -> usize {
         if region_instance < self.layout.regions {
-            Checked::load_half(self.arena, region_instance).into()
+            Checked::load_half(self.arena, 0, region_instance).into()
         } else {
             0
         }
@@ -543,21 +595,21 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
 
     /// Whether all superstates around a region instance are current. Takes constant time.
     pub fn is_region_active(&self, region_instance: usize) -> bool {
-        let word = self.layout.active + 2 * (region_instance / WORD_BITS);
-        let active = Checked::load(self.arena, word);
+        let word = 2 * (region_instance / WORD_BITS);
+        let active = Checked::load(self.arena, self.layout.active, word);
         region_instance < self.layout.regions && active & bit_of(region_instance) != 0
     }
 
     /// Whether the next pulse visits a region instance, if it is active then: for those who count what a macro step does.
     pub fn is_region_awake(&self, region_instance: usize) -> bool {
-        let word = self.layout.active + 2 * (region_instance / WORD_BITS) + 1;
-        let awake = Checked::load(self.arena, word);
+        let word = 2 * (region_instance / WORD_BITS) + 1;
+        let awake = Checked::load(self.arena, self.layout.active, word);
         region_instance < self.layout.regions && awake & bit_of(region_instance) != 0
     }
 
     /// Whether the next macro step looks at all timers: for those who count what a macro step does.
     pub fn looks_at_timers(&self) -> bool {
-        self.steps_left == 1
+        self.steps_left == 1 && self.fault.is_none()
     }
 
     /// Whether a state of a region instance is current, and all superstates around it are.
@@ -614,7 +666,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
         }
         let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
         // Places need not come from this machine's tables.
-        let flags = Checked::window(self.flag_words(), first);
+        let flags = Checked::window(self.flag_words(), 0, first);
         let unused = 16usize.saturating_sub(count) as u32;
         flags as u16 & u16::MAX >> unused
     }
@@ -674,25 +726,47 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     #[inline(always)]
-    fn load(&self, word: usize) -> u32 {
-        R::load(self.arena, word)
+    fn load(&self, part: R::Part, word: usize) -> u32 {
+        R::load(self.arena, part, word)
     }
 
     #[inline(always)]
-    fn store(&mut self, word: usize, value: u32) {
-        R::store(self.arena, word, value);
+    fn store(&mut self, part: R::Part, word: usize, value: u32) {
+        R::store(self.arena, part, word, value);
     }
 
     /// The record of a region instance's current state.
     #[inline(always)]
     fn current_record(&self, region: usize) -> R::Place {
-        self.record(Section::States, R::load_half(self.arena, region).into())
+        let current = R::load_half(self.arena, self.parts.current, region);
+        self.record(Section::States, current.into())
     }
 
-    /// The words that say whether a region instance is active, and behind it whether it is awake.
     #[inline(always)]
-    fn active_word(&self, region: usize) -> usize {
-        self.layout.active + 2 * (region / WORD_BITS)
+    fn set_current(&mut self, region: usize, state: usize) {
+        R::store_half(self.arena, self.parts.current, region, state as u16);
+    }
+
+    /// Who is active of a word of region instances.
+    #[inline(always)]
+    fn active(&self, word: usize) -> u32 {
+        self.load(self.parts.active, 2 * word)
+    }
+
+    #[inline(always)]
+    fn set_active(&mut self, word: usize, active: u32) {
+        self.store(self.parts.active, 2 * word, active);
+    }
+
+    /// Who is awake of a word of region instances.
+    #[inline(always)]
+    fn awake(&self, word: usize) -> u32 {
+        self.load(self.parts.active, 2 * word + 1)
+    }
+
+    #[inline(always)]
+    fn set_awake(&mut self, word: usize, awake: u32) {
+        self.store(self.parts.active, 2 * word + 1, awake);
     }
 
     /// The next region instance that is not inside this one.
@@ -709,41 +783,35 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
     }
 
-    /// The bit of the arena at which the own flags of a state begin.
-    #[inline(always)]
-    fn own_flags(&self, region: usize, state: R::Place) -> usize {
-        WORD_BITS * self.layout.flags + self.first_flag(region, state)
-    }
-
     #[inline(always)]
     fn flag_at(&self, flag: usize) -> bool {
-        self.load(self.layout.flags + flag / WORD_BITS) >> (flag % WORD_BITS) & 1 != 0
+        self.load(self.parts.flags, flag / WORD_BITS) >> (flag % WORD_BITS) & 1 != 0
     }
 
     #[inline(never)]
     fn set_flag_to(&mut self, flag: usize, value: bool) {
-        let place = self.layout.flags + flag / WORD_BITS;
+        let (flags, place) = (self.parts.flags, flag / WORD_BITS);
         let bit = 1 << (flag % WORD_BITS);
-        let word = self.load(place);
-        self.store(place, if value { word | bit } else { word & !bit });
+        let word = self.load(flags, place);
+        self.store(flags, place, if value { word | bit } else { word & !bit });
     }
 
     #[inline(always)]
     fn wake(&mut self, region: usize) {
-        let awake = self.active_word(region) + 1;
-        self.store(awake, self.load(awake) | bit_of(region));
-        self.is_awake = true;
+        let word = region / WORD_BITS;
+        self.set_awake(word, self.awake(word) | bit_of(region));
+        self.next_step = self.visit;
     }
 
     /// Resets an enable bit and says whether it was set.
     #[inline(never)]
     fn disable(&mut self, task: usize) -> bool {
-        let place = self.layout.enabled + task / WORD_BITS;
+        let (enabled, place) = (self.parts.enabled, task / WORD_BITS);
         let bit = 1 << (task % WORD_BITS);
-        let word = self.load(place);
+        let word = self.load(enabled, place);
         let was_enabled = word & bit != 0;
         if was_enabled {
-            self.store(place, word & !bit);
+            self.store(enabled, place, word & !bit);
         }
         was_enabled
     }
@@ -751,27 +819,24 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Sets an enable bit and says whether it was set.
     #[inline(always)]
     fn enable(&mut self, task: usize) -> bool {
-        let place = self.layout.enabled + task / WORD_BITS;
+        let (enabled, place) = (self.parts.enabled, task / WORD_BITS);
         let bit = 1 << (task % WORD_BITS);
-        let word = self.load(place);
-        self.store(place, word | bit);
+        let word = self.load(enabled, place);
+        self.store(enabled, place, word | bit);
         word & bit != 0
     }
 }
 
 /// What happens in a macro step.
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Handles the pulse and all events that follow from it.
-    #[inline(never)]
-    fn walk<O: Observer>(&mut self, observer: &mut O) -> Result<(), Fault> {
-        if let Some(fault) = self.fault {
-            return Err(fault);
-        }
+    /// Handles the pulse and all events that follow from it, in a machine whose region instances are `NEAR`: in one word. Says whether a transition was taken.
+    #[inline(always)]
+    fn walk<O: Observer, const NEAR: bool>(&mut self, observer: &mut O) -> Result<bool, Fault> {
+        let mut changed = false;
         self.queued = 0;
         self.taken = 0;
-        self.changed = false;
-        self.is_awake = false;
-        if self.pulse(observer) == NOT_TAKEN {
+        self.next_step = Step::Rest;
+        if !self.pulse::<O, NEAR>(&mut changed, observer) {
             return Err(self.stop(Fault::EventQueueOverflow, observer));
         }
         while self.taken != self.queued {
@@ -780,96 +845,143 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             }
             let place = (self.taken & self.queue_mask) as usize;
             self.taken += 1;
-            let sent = R::load_half(self.arena, 2 * self.layout.queue + place);
-            if self.event(sent.into(), observer) == NOT_TAKEN {
+            let sent = R::load_half(self.arena, self.parts.queue, place);
+            if !self.event::<O, NEAR>(sent.into(), &mut changed, observer) {
                 return Err(self.stop(Fault::EventQueueOverflow, observer));
             }
         }
-        Ok(())
+        Ok(changed)
     }
 
-    /// Shows the pulse to those who are awake.
+    /// The same in any machine.
+    #[inline(never)]
+    fn walk_far<O: Observer>(&mut self, observer: &mut O) -> Result<bool, Fault> {
+        self.walk::<O, false>(observer)
+    }
+
+    /// Shows the pulse to those who are awake. False if the queue had no room for an event.
     #[inline(always)]
-    fn pulse<O: Observer>(&mut self, observer: &mut O) -> Resume {
-        let mut resume = ON;
+    fn pulse<O: Observer, const NEAR: bool>(
+        &mut self,
+        changed: &mut bool,
+        observer: &mut O,
+    ) -> bool {
         let mut word = 0;
+        let mut visit = self.active(word) & self.awake(word);
         loop {
-            let active = self.layout.active + 2 * word;
-            let awake = self.load(active + 1);
-            let mut visit = self.load(active) & awake;
-            if resume != ON {
-                visit &= not_before(resume, word);
-            }
-            // Who is shown the pulse sleeps until woken again.
-            self.store(active + 1, awake & !visit);
-            let seen = self.visit_on_pulse(visit, word, observer);
-            if seen != ON {
-                if seen == NOT_TAKEN {
-                    return NOT_TAKEN;
+            while visit != 0 {
+                let offset = visit.leading_zeros();
+                visit &= !(FIRST >> offset);
+                let here = self.here(word, offset);
+                let Some((at, flags)) = self.find_on_pulse(here) else {
+                    continue;
+                };
+                *changed = true;
+                let trigger = self.field(at, transition::EVENT) as u16;
+                let action = self.field(at, transition::ACTION) as u16;
+                if trigger & format::TRANSITION_IS_PLAIN != 0 {
+                    if action == format::ACTION_NONE {
+                        self.put_to_sleep(here.region);
+                        self.take_plain(here, at);
+                    } else if !self.take_again::<O, NEAR>(here, flags, action, observer) {
+                        return false;
+                    }
+                    self.tell(here, at, observer);
+                    continue;
                 }
-                // Once more, for who woke behind it.
-                resume = seen;
-                continue;
+                self.put_to_sleep(here.region);
+                let behind = self.take_any(here.region, at, observer);
+                if behind == NOT_TAKEN {
+                    return false;
+                }
+                self.tell(here, at, observer);
+                if behind != ON {
+                    if behind >= self.layout.regions {
+                        return true;
+                    }
+                    if !NEAR {
+                        word = behind / WORD_BITS;
+                    }
+                    visit = self.active(word) & self.awake(word) & from_place(behind);
+                }
             }
             word += 1;
-            if WORD_BITS * word >= self.layout.regions {
-                return ON;
+            if NEAR || WORD_BITS * word >= self.layout.regions {
+                return true;
             }
+            visit = self.active(word) & self.awake(word);
         }
     }
 
-    /// Shows an event to those who listen.
+    /// Shows an event to those who listen. False if the queue had no room for another.
     #[inline(always)]
-    fn event<O: Observer>(&mut self, sent: usize, observer: &mut O) -> Resume {
+    fn event<O: Observer, const NEAR: bool>(
+        &mut self,
+        sent: usize,
+        changed: &mut bool,
+        observer: &mut O,
+    ) -> bool {
         let sent = self.record(Section::Channels, sent);
         let mut words = self.field(sent, channel::REGION_WORDS);
         if words == 0 {
-            return ON;
+            return true;
         }
         let event = self.field(sent, channel::EVENT) as u16;
         let waits = 1 << (u32::from(event) % u32::BITS);
         let row = self.field(sent, channel::FIRST_ROW_WORD);
         let mut row = self.record(Section::Listeners, row);
-        let mut word = self.field(sent, channel::FIRST_REGION_WORD);
-        let mut resume = ON;
+        let mut word = if NEAR {
+            words = 1;
+            0
+        } else {
+            self.field(sent, channel::FIRST_REGION_WORD)
+        };
+        let mut visit = self.active(word) & self.word_of(row);
         loop {
-            let mut visit = self.load(self.layout.active + 2 * word) & self.word_of(row);
-            if resume != ON {
-                visit &= not_before(resume, word);
-            }
-            let seen = loop {
-                let Some(here) = self.next_who_waits(&mut visit, word, waits) else {
-                    break ON;
-                };
+            while visit != 0 {
+                let offset = visit.leading_zeros();
+                visit &= !(FIRST >> offset);
+                let mut here = self.here(word, offset);
+                if self.events(here.current) & waits == 0 {
+                    // Where there are many, most do not wait: so there is a loop for them alone.
+                    if NEAR || !self.skip_idle(&mut visit, word, waits, &mut here) {
+                        continue;
+                    }
+                }
                 let Some((at, is_plain)) = self.find_on_event(event, here) else {
                     continue;
                 };
+                *changed = true;
                 if is_plain {
                     self.take_plain(here, at);
                     self.tell(here, at, observer);
                     continue;
                 }
-                let seen = self.take_any(here.region, at, observer);
-                if seen != NOT_TAKEN {
-                    self.tell(here, at, observer);
+                let behind = self.take_any(here.region, at, observer);
+                if behind == NOT_TAKEN {
+                    return false;
                 }
-                if seen != ON {
-                    break seen;
+                self.tell(here, at, observer);
+                if behind != ON {
+                    let ahead = behind / WORD_BITS - word;
+                    if ahead >= words {
+                        return true;
+                    }
+                    if !NEAR {
+                        words -= ahead;
+                        word += ahead;
+                        row = R::ahead(row, record_bytes(Section::Listeners) * ahead);
+                    }
+                    visit = self.active(word) & self.word_of(row) & from_place(behind);
                 }
-            };
-            if seen != ON {
-                if seen == NOT_TAKEN {
-                    return NOT_TAKEN;
-                }
-                resume = seen;
-                continue;
             }
             words -= 1;
-            if words == 0 {
-                return ON;
+            if NEAR || words == 0 {
+                return true;
             }
             word += 1;
             row = R::ahead(row, record_bytes(Section::Listeners));
+            visit = self.active(word) & self.word_of(row);
         }
     }
 
@@ -880,40 +992,28 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.disable_real_time(0..self.layout.tasks, observer);
         self.fault = Some(fault);
         self.taken = self.queued;
-        self.steps_left = u32::MAX;
-        self.is_awake = true;
+        self.look_at_timers_in(1);
         fault
     }
 
-    /// Shows the pulse to the region instances of one word that are set in `visit`.
-    ///
-    /// If it is not [`ON`] that is returned, it ended with the transition that this is of.
+    /// Goes on to the next of the region instances in `visit` whose current state waits for one of these events, if there is one; it and those before it are taken out.
     #[inline(always)]
-    fn visit_on_pulse<O: Observer>(
-        &mut self,
-        mut visit: u32,
+    fn skip_idle(
+        &self,
+        visit: &mut u32,
         word: usize,
-        observer: &mut O,
-    ) -> Resume {
-        while visit != 0 {
+        waits: u32,
+        here: &mut Here<R::Place>,
+    ) -> bool {
+        while *visit != 0 {
             let offset = visit.leading_zeros();
-            visit &= !(FIRST >> offset);
-            let here = self.here(word, offset);
-            let Some((at, flags)) = self.find_on_pulse(here) else {
-                continue;
-            };
-            let seen = self.take_on_pulse(here, at, flags, observer);
-            if seen != NOT_TAKEN {
-                self.tell(here, at, observer);
-            }
-            if seen != ON {
-                // Those who were not shown it yet are awake as before.
-                let awake = self.layout.active + 2 * word + 1;
-                self.store(awake, self.load(awake) | visit);
-                return seen;
+            *here = self.here(word, offset);
+            *visit &= !(FIRST >> offset);
+            if self.events(here.current) & waits != 0 {
+                return true;
             }
         }
-        ON
+        false
     }
 
     /// The region instance at a place of a word.
@@ -924,20 +1024,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             region,
             current: self.current_record(region),
         }
-    }
-
-    /// The next of the region instances in `visit` whose current state waits for one of these events; it and those before it are taken out.
-    #[inline(always)]
-    fn next_who_waits(&self, visit: &mut u32, word: usize, waits: u32) -> Option<Here<R::Place>> {
-        while *visit != 0 {
-            let offset = visit.leading_zeros();
-            let here = self.here(word, offset);
-            *visit &= !(FIRST >> offset);
-            if self.events(here.current) & waits != 0 {
-                return Some(here);
-            }
-        }
-        None
     }
 
     /// Tells of a transition that was taken.
@@ -954,32 +1040,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Takes a plain transition to a simple state.
     #[inline(always)]
     fn take_plain(&mut self, here: Here<R::Place>, at: R::Place) {
-        self.changed = true;
         self.make_current(here.region, self.field(at, transition::TARGET));
     }
 
-    /// Takes a transition on the pulse. What is most frequent is done here. `flags` is where those of the current state begin.
-    #[inline(always)]
-    fn take_on_pulse<O: Observer>(
-        &mut self,
-        here: Here<R::Place>,
-        at: R::Place,
-        flags: usize,
-        observer: &mut O,
-    ) -> Resume {
-        let trigger = self.field(at, transition::EVENT) as u16;
-        if trigger & format::TRANSITION_IS_PLAIN == 0 {
-            return self.take_any(here.region, at, observer);
-        }
-        let action = self.field(at, transition::ACTION) as u16;
-        if action != format::ACTION_NONE {
-            return self.take_again(here, flags, action, observer);
-        }
-        self.take_plain(here, at);
-        ON
-    }
-
     /// The first transition on the pulse whose guard is true, out of the current state of a region instance; and where its flags begin in the arena.
+    ///
+    /// From then on the region instance sleeps until it is woken again, but if what was found is the state's entering itself anew by a plain transition.
     #[inline(always)]
     fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<(R::Place, usize)> {
         let Here { region, current } = here;
@@ -992,15 +1058,16 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let end = self.field(current, state::FIRST_EVENT_TRANSITION);
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
-        let flags = self.own_flags(region, current);
-        let window: Window = Window::of(R::window(self.arena, flags));
+        let flags = self.first_flag(region, current);
+        let window: Window = Window::of(R::window(self.arena, self.parts.flags, flags));
         if row != 0 {
             let guard = self.field(at, transition::GUARD);
-            if let Some(first) = window.first_of(guard, row) {
+            if let Some(first) = window.first_of::<R>(guard, row) {
                 return Some((R::ahead(at, TRANSITION_BYTES * first), flags));
             }
             at = R::ahead(at, TRANSITION_BYTES * row);
         }
+        self.put_to_sleep(region);
         while at != end {
             let guard = self.field(at, transition::GUARD);
             let holds = if guard < usize::from(format::GUARD_PROGRAM) {
@@ -1009,11 +1076,22 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 self.is_true(guard, region, current)
             };
             if holds {
+                if self.is_again(at) {
+                    self.wake(region);
+                }
                 return Some((at, flags));
             }
             at = R::ahead(at, TRANSITION_BYTES);
         }
         None
+    }
+
+    /// Whether a transition on the pulse is a plain one from a real-time task to itself.
+    #[inline(always)]
+    fn is_again(&self, at: R::Place) -> bool {
+        let trigger = self.field(at, transition::EVENT) as u16;
+        let action = self.field(at, transition::ACTION) as u16;
+        trigger & format::TRANSITION_IS_PLAIN != 0 && action != format::ACTION_NONE
     }
 
     /// The same on another event; and whether it is plain.
@@ -1041,10 +1119,16 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         None
     }
 
+    #[inline(always)]
+    fn put_to_sleep(&mut self, region: usize) {
+        let word = region / WORD_BITS;
+        self.set_awake(word, self.awake(word) & !bit_of(region));
+    }
+
     /// Makes a state the current one of its region instance, which wakes if the state has transitions on the pulse.
     #[inline(always)]
     fn make_current(&mut self, region: usize, target: usize) {
-        R::store_half(self.arena, region, target as u16);
+        self.set_current(region, target);
         if self.events(self.record(Section::States, target)) & 1 != 0 {
             self.wake(region);
         }
@@ -1053,7 +1137,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// A guard of any form.
     #[inline(never)]
     fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
-        let flags = R::window(self.arena, self.own_flags(region, current));
+        let flags = self.first_flag(region, current);
+        let flags = R::window(self.arena, self.parts.flags, flags);
         if guard < usize::from(format::GUARD_PROGRAM) {
             let window: Window = Window::of(flags);
             return window.holds(guard);
@@ -1095,24 +1180,23 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(never)]
     fn is_busy_within(&self, region: usize) -> bool {
         (region + 1..self.next(region)).any(|inside| {
-            let active = self.load(self.active_word(inside));
             let current = self.current_record(inside);
             let kind = self.field(current, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
-            active & bit_of(inside) != 0
+            self.active(inside / WORD_BITS) & bit_of(inside) != 0
                 && matches!(kind, format::STATE_TASK | format::STATE_BACKGROUND_TASK)
                 && self.flag_at(self.first_flag(inside, current) + format::FLAG_BUSY)
         })
     }
 
-    /// Takes a plain transition on the pulse from a real-time task to itself, with its one `send`.
+    /// Takes a plain transition on the pulse from a real-time task to itself, with its one `send`. It stays awake: the transition is on the pulse. False if the queue had no room.
     #[inline(always)]
-    fn take_again<O: Observer>(
+    fn take_again<O: Observer, const NEAR: bool>(
         &mut self,
         here: Here<R::Place>,
         flags: usize,
         action: u16,
         observer: &mut O,
-    ) -> Resume {
+    ) -> bool {
         let Here { region, current } = here;
         let record = self.record(Section::RegionInstances, region);
         let instance = self.field(record, region_instance::INSTANCE);
@@ -1120,18 +1204,21 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let task = self.field(instance, instance::FIRST_TASK) + self.field(current, state::A);
         let first_channel = self.field(instance, instance::FIRST_CHANNEL);
         let count = self.field(current, state::SHAPE) as u32 % u32::BITS;
-        R::clear_window(self.arena, flags, count);
-        if !self.send(first_channel + usize::from(action & !format::ACTION_SEND)) {
-            return NOT_TAKEN;
+        R::clear_window(self.arena, self.parts.flags, flags, count);
+        // No event of this macro step has been taken out of the queue yet.
+        if self.queued == self.queue_capacity {
+            return false;
         }
-        // It is on the pulse.
-        self.wake(region);
-        self.changed = true;
+        let channel = first_channel + usize::from(action & !format::ACTION_SEND);
+        let place = self.queued as usize;
+        R::store_half(self.arena, self.parts.queue, place, channel as u16);
+        self.queued += 1;
+        self.next_step = if NEAR { Step::Near } else { self.visit };
         if self.enable(task) {
             observer.disabled(task as u16);
         }
         observer.enabled(task as u16);
-        ON
+        true
     }
 
     /// Leaves a state, acts, enters another.
@@ -1142,7 +1229,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         transition: R::Place,
         observer: &mut O,
     ) -> Resume {
-        self.changed = true;
         let target = self.field(transition, transition::TARGET);
         let left = self.current_record(region);
         let entered = self.record(Section::States, target);
@@ -1245,14 +1331,14 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Resets `count` flags from `first` on.
     #[inline(always)]
     fn reset_flags(&mut self, first: usize, count: u16) {
-        let mut first = WORD_BITS * self.layout.flags + first;
+        let mut first = first;
         let mut left = u32::from(count);
         while left > WINDOW_BITS {
-            R::clear_window(self.arena, first, WINDOW_BITS);
+            R::clear_window(self.arena, self.parts.flags, first, WINDOW_BITS);
             first += WINDOW_BITS as usize;
             left -= WINDOW_BITS;
         }
-        R::clear_window(self.arena, first, left);
+        R::clear_window(self.arena, self.parts.flags, first, left);
     }
 
     /// The same as [`Self::send`], where less room is worth more than speed.
@@ -1268,7 +1354,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             return false;
         }
         let place = (self.queued & self.queue_mask) as usize;
-        R::store_half(self.arena, 2 * self.layout.queue + place, channel as u16);
+        R::store_half(self.arena, self.parts.queue, place, channel as u16);
         self.queued += 1;
         true
     }
@@ -1289,10 +1375,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(never)]
     fn wake_all(&mut self, regions: Range<usize>) {
         for (word, those) in words_of(regions) {
-            let awake = self.layout.active + 2 * word + 1;
-            self.store(awake, self.load(awake) | those);
+            self.set_awake(word, self.awake(word) | those);
         }
-        self.is_awake = true;
+        self.next_step = self.visit;
     }
 
     /// Ends what is inside the superstate of a region instance, a container instance.
@@ -1305,8 +1390,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let tasks = self.field(content, container::TASK_SPAN);
         self.disable_real_time(first_task..first_task + tasks, observer);
         for (word, those) in words_of(region + 1..self.next(region)) {
-            let active = self.layout.active + 2 * word;
-            self.store(active, self.load(active) & !those);
+            self.set_active(word, self.active(word) & !those);
         }
     }
 
@@ -1317,10 +1401,10 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         while at < end {
             let record = self.record(Section::RegionInstances, at);
             let initial = self.field(record, region_instance::INITIAL);
-            let active = self.active_word(at);
-            self.store(active, self.load(active) | bit_of(at));
+            let word = at / WORD_BITS;
+            self.set_active(word, self.active(word) | bit_of(at));
             // It may have been woken when it was not active.
-            self.store(active + 1, self.load(active + 1) & !bit_of(at));
+            self.set_awake(word, self.awake(word) & !bit_of(at));
             self.make_current(at, initial);
             at = self.field(record, region_instance::NEXT);
         }
@@ -1340,14 +1424,26 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 }
 
-/// Timers.
+/// Timers, and the number of macro steps.
 ///
 /// A state's age is the number of macro steps since the one in which it was entered. Until its timeout flag is set, it is at most one above the highest at which the state is
 /// not overdue, which fits in 32 bits. Macro steps that are skipped are added by [`Self::age_timers`].
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
+    /// Macro steps that began, or were skipped.
+    #[inline(always)]
+    fn begun(&self) -> u64 {
+        self.due - u64::from(self.steps_left)
+    }
+
     /// The low bits of the number of the last macro step that began.
     fn now(&self) -> u32 {
-        (self.steps as u32).wrapping_sub(1)
+        (self.begun() as u32).wrapping_sub(1)
+    }
+
+    /// Looks at the timers in the macro step that comes so many after the last that began.
+    fn look_at_timers_in(&mut self, steps: u32) {
+        self.due = self.begun() + u64::from(steps);
+        self.steps_left = steps;
     }
 
     /// The highest age at which a state is not overdue.
@@ -1361,8 +1457,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     #[inline(never)]
     fn start_timer(&mut self, region: usize, entered: R::Place) {
-        self.store(self.layout.entered + region, self.now());
-        self.steps_left = self.steps_left.min(self.limit(entered) + 1);
+        self.store(self.parts.entered, region, self.now());
+        let steps = self.steps_left.min(self.limit(entered) + 1);
+        self.look_at_timers_in(steps);
     }
 
     /// The timeout flag of a state in a region instance.
@@ -1374,7 +1471,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     /// The record of a region instance's current state, if that is active and its timer runs, and how much older it may get before it is overdue; none if it is.
     fn timed(&self, region: usize) -> Option<(R::Place, Option<u32>)> {
-        let active = self.load(self.active_word(region)) & bit_of(region) != 0;
+        let active = self.active(region / WORD_BITS) & bit_of(region) != 0;
         let current = self.current_record(region);
         let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
         if !active || !timed || self.flag_at(self.timeout_flag(region, current)) {
@@ -1382,7 +1479,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         }
         let age = self
             .now()
-            .wrapping_sub(self.load(self.layout.entered + region));
+            .wrapping_sub(self.load(self.parts.entered, region));
         Some((current, self.limit(current).checked_sub(age)))
     }
 
@@ -1395,31 +1492,38 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         }
     }
 
-    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds out when the next may be.
+    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds out when the next may be. A machine that was stopped has its last macro step
+    /// again and again, so that no other has to look for its fault.
     #[cold]
     #[inline(never)]
-    fn run_timers(&mut self) {
-        self.steps_left = u32::MAX;
+    fn run_timers(&mut self) -> Result<(), Fault> {
+        if let Some(fault) = self.fault {
+            self.look_at_timers_in(1);
+            return Err(fault);
+        }
+        let mut steps = u32::MAX;
         for region in 0..self.layout.regions {
             match self.timed(region) {
                 Some((_, None)) => self.wake_all(region..self.next(region)),
-                Some((_, Some(left))) => self.steps_left = self.steps_left.min(left + 1),
+                Some((_, Some(left))) => steps = steps.min(left + 1),
                 None => {}
             }
         }
+        self.look_at_timers_in(steps);
+        Ok(())
     }
 
     /// Lets the timers of states run out that will be overdue when more macro steps have passed. Their true ages might not fit.
     #[cold]
     #[inline(never)]
     fn age_timers(&mut self, missed: u32) {
-        let next = (self.steps as u32).wrapping_add(missed);
+        let next = (self.begun() as u32).wrapping_add(missed);
         for region in 0..self.layout.regions {
             if let Some((current, left)) = self.timed(region)
                 && left.is_none_or(|left| left <= missed)
             {
                 let entered = next.wrapping_sub(self.limit(current) + 1);
-                self.store(self.layout.entered + region, entered);
+                self.store(self.parts.entered, region, entered);
             }
         }
     }
@@ -1467,7 +1571,7 @@ mod tests {
                 );
                 for count in 2..=(u32::from(format::GUARD_PROGRAM) - guard).min(16) {
                     let first = (0..count).find(|ahead| holds(guard + ahead));
-                    let found = window.first_of(guard as usize, count as usize);
+                    let found = window.first_of::<Checked>(guard as usize, count as usize);
                     assert_eq!(
                         found,
                         first.map(|it| it as usize),

@@ -68,10 +68,12 @@ mod stable {
 }
 
 pub(crate) mod access {
-    /// The reads and writes. Indices are words or halves of the arena, halves low ones first.
+    /// The reads and writes. Indices are words, halves or bits of a part of the arena, halves and bits low ones first.
     pub trait Access {
         /// A byte of the blob. It was made from the same bytes that it is read with, which their owner may have moved from one place to another since.
         type Place: Copy + PartialEq + core::fmt::Debug;
+        /// A part of the arena, from some word on. It was made from the same arena that it is read with.
+        type Part: Copy + core::fmt::Debug;
 
         /// The place of a byte.
         fn place(bytes: &[u8], at: usize) -> Self::Place;
@@ -80,22 +82,27 @@ pub(crate) mod access {
         /// Bytes from one place to another that is not before it.
         fn distance(from: Self::Place, to: Self::Place) -> usize;
 
+        /// A number of the blob that the verifier found to be below 32.
+        fn below_32(number: usize) -> u32;
         /// 16 bits of the blob.
         fn half(bytes: &[u8], at: Self::Place) -> u16;
         /// 32 bits of the blob.
         fn word(bytes: &[u8], at: Self::Place) -> u32;
+
+        /// The part that begins with a word.
+        fn part(arena: &mut [u32], word: usize) -> Self::Part;
         /// A word of the arena.
-        fn load(arena: &[u32], index: usize) -> u32;
+        fn load(arena: &[u32], part: Self::Part, index: usize) -> u32;
         /// Writes a word of the arena.
-        fn store(arena: &mut [u32], index: usize, value: u32);
+        fn store(arena: &mut [u32], part: Self::Part, index: usize, value: u32);
         /// Half a word of the arena.
-        fn load_half(arena: &[u32], index: usize) -> u16;
+        fn load_half(arena: &[u32], part: Self::Part, index: usize) -> u16;
         /// Writes half a word of the arena.
-        fn store_half(arena: &mut [u32], index: usize, value: u16);
+        fn store_half(arena: &mut [u32], part: Self::Part, index: usize, value: u16);
         /// At least 25 bits of the arena, from bit `at` on; the bits above mean nothing. The word behind is in the arena, too.
-        fn window(arena: &[u32], at: usize) -> u32;
+        fn window(arena: &[u32], part: Self::Part, at: usize) -> u32;
         /// Clears `count` bits of the arena, at most 25, from bit `at` on.
-        fn clear_window(arena: &mut [u32], at: usize, count: u32);
+        fn clear_window(arena: &mut [u32], part: Self::Part, at: usize, count: u32);
     }
 }
 
@@ -104,6 +111,7 @@ pub(crate) const WINDOW_BITS: u32 = u32::BITS - 7;
 
 impl access::Access for Checked {
     type Place = usize;
+    type Part = usize;
 
     #[inline(always)]
     fn place(_: &[u8], at: usize) -> usize {
@@ -121,6 +129,11 @@ impl access::Access for Checked {
     }
 
     #[inline(always)]
+    fn below_32(number: usize) -> u32 {
+        number as u32 % u32::BITS
+    }
+
+    #[inline(always)]
     fn half(bytes: &[u8], at: usize) -> u16 {
         let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
         found.map_or(0, |half| u16::from_le_bytes(*half))
@@ -133,41 +146,46 @@ impl access::Access for Checked {
     }
 
     #[inline(always)]
-    fn load(arena: &[u32], index: usize) -> u32 {
-        arena.get(index).copied().unwrap_or(0)
+    fn part(_: &mut [u32], word: usize) -> usize {
+        word
     }
 
     #[inline(always)]
-    fn store(arena: &mut [u32], index: usize, value: u32) {
-        if let Some(word) = arena.get_mut(index) {
+    fn load(arena: &[u32], part: usize, index: usize) -> u32 {
+        arena.get(part + index).copied().unwrap_or(0)
+    }
+
+    #[inline(always)]
+    fn store(arena: &mut [u32], part: usize, index: usize, value: u32) {
+        if let Some(word) = arena.get_mut(part + index) {
             *word = value;
         }
     }
 
     #[inline(always)]
-    fn load_half(arena: &[u32], index: usize) -> u16 {
-        (Self::load(arena, index / 2) >> (index % 2 * 16)) as u16
+    fn load_half(arena: &[u32], part: usize, index: usize) -> u16 {
+        (Self::load(arena, part, index / 2) >> (index % 2 * 16)) as u16
     }
 
     #[inline(always)]
-    fn store_half(arena: &mut [u32], index: usize, value: u16) {
-        if let Some(word) = arena.get_mut(index / 2) {
+    fn store_half(arena: &mut [u32], part: usize, index: usize, value: u16) {
+        if let Some(word) = arena.get_mut(part + index / 2) {
             let shift = index % 2 * 16;
             *word = *word & !(0xFFFF << shift) | u32::from(value) << shift;
         }
     }
 
     #[inline(always)]
-    fn window(arena: &[u32], at: usize) -> u32 {
+    fn window(arena: &[u32], part: usize, at: usize) -> u32 {
         let index = at / WORD_BITS;
-        let low = u64::from(Self::load(arena, index));
-        let high = u64::from(Self::load(arena, index + 1));
+        let low = u64::from(Self::load(arena, part, index));
+        let high = u64::from(Self::load(arena, part, index + 1));
         ((high << WORD_BITS | low) >> (at % WORD_BITS)) as u32
     }
 
     #[inline(always)]
-    fn clear_window(arena: &mut [u32], at: usize, count: u32) {
-        let index = at / WORD_BITS;
+    fn clear_window(arena: &mut [u32], part: usize, at: usize, count: u32) {
+        let index = part + at / WORD_BITS;
         let mask = ((1u64 << count) - 1) << (at % WORD_BITS);
         if let Some(word) = arena.get_mut(index) {
             *word &= !(mask as u32);
@@ -195,6 +213,10 @@ mod unchecked {
     // SAFETY: as above.
     unsafe impl Sync for Byte {}
 
+    /// A word of an arena. It is no more than an address: whoever reads or writes there must bring the arena, too.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Word(usize);
+
     /// `T` at a byte of the blob, which need not lie as a `T` of its own would.
     #[inline(always)]
     fn in_blob<T: Copy>(bytes: &[u8], Byte(at): Byte) -> T {
@@ -207,30 +229,32 @@ mod unchecked {
         unsafe { at.read_unaligned() }
     }
 
-    /// The place of `T` at a byte of the arena.
+    /// The place of `T` so many bytes behind a word of the arena.
     #[inline(always)]
-    fn in_arena<T>(arena: &[u32], at: usize) -> *const T {
+    fn in_arena<T>(arena: &[u32], Word(part): Word, bytes: usize) -> *const T {
+        // As in the blob: the arena may have been moved with its owner since the word was made, so it is used as it is borrowed now.
+        let from = part.wrapping_sub(arena.as_ptr().expose_provenance());
         debug_assert!(
-            at + size_of::<T>() <= size_of_val(arena),
-            "invariants 2 and 3: {at}"
+            from + bytes + size_of::<T>() <= size_of_val(arena),
+            "invariants 2 and 3: {from} + {bytes}"
         );
-        // SAFETY: invariants 2 and 3: what the blob speaks of has its place, and so has what the arena itself speaks of.
-        unsafe { arena.as_ptr().cast::<u8>().add(at).cast() }
+        core::ptr::with_exposed_provenance(part + bytes)
     }
 
     /// The same to write to.
     #[inline(always)]
-    fn in_arena_mut<T>(arena: &mut [u32], at: usize) -> *mut T {
+    fn in_arena_mut<T>(arena: &mut [u32], Word(part): Word, bytes: usize) -> *mut T {
+        let from = part.wrapping_sub(arena.as_mut_ptr().expose_provenance());
         debug_assert!(
-            at + size_of::<T>() <= size_of_val(arena),
-            "invariants 2 and 3: {at}"
+            from + bytes + size_of::<T>() <= size_of_val(arena),
+            "invariants 2 and 3: {from} + {bytes}"
         );
-        // SAFETY: as above.
-        unsafe { arena.as_mut_ptr().cast::<u8>().add(at).cast() }
+        core::ptr::with_exposed_provenance_mut(part + bytes)
     }
 
     impl Access for Unchecked {
         type Place = Byte;
+        type Part = Word;
 
         #[inline(always)]
         fn place(bytes: &[u8], at: usize) -> Byte {
@@ -248,6 +272,13 @@ mod unchecked {
         }
 
         #[inline(always)]
+        fn below_32(number: usize) -> u32 {
+            // SAFETY: invariant 1. With debug assertions it is looked at.
+            unsafe { core::hint::assert_unchecked(number < 32) };
+            number as u32
+        }
+
+        #[inline(always)]
         fn half(bytes: &[u8], at: Byte) -> u16 {
             u16::from_le(in_blob(bytes, at))
         }
@@ -258,40 +289,45 @@ mod unchecked {
         }
 
         #[inline(always)]
-        fn load(arena: &[u32], index: usize) -> u32 {
-            // SAFETY: `in_arena` gave a place inside, at a whole word.
-            unsafe { in_arena::<u32>(arena, 4 * index).read() }
+        fn part(arena: &mut [u32], word: usize) -> Word {
+            Word(arena.as_mut_ptr().wrapping_add(word).addr())
         }
 
         #[inline(always)]
-        fn store(arena: &mut [u32], index: usize, value: u32) {
+        fn load(arena: &[u32], part: Word, index: usize) -> u32 {
+            // SAFETY: invariants 2 and 3: what the blob speaks of has its place in the arena, and so has what the arena itself speaks of. It is a whole word.
+            unsafe { in_arena::<u32>(arena, part, 4 * index).read() }
+        }
+
+        #[inline(always)]
+        fn store(arena: &mut [u32], part: Word, index: usize, value: u32) {
             // SAFETY: as above.
-            unsafe { in_arena_mut::<u32>(arena, 4 * index).write(value) }
+            unsafe { in_arena_mut::<u32>(arena, part, 4 * index).write(value) }
         }
 
         #[inline(always)]
-        fn load_half(arena: &[u32], index: usize) -> u16 {
-            // SAFETY: `in_arena` gave a place inside, at a whole half.
-            u16::from_le(unsafe { in_arena::<u16>(arena, 2 * index).read() })
+        fn load_half(arena: &[u32], part: Word, index: usize) -> u16 {
+            // SAFETY: as above, and a whole half.
+            u16::from_le(unsafe { in_arena::<u16>(arena, part, 2 * index).read() })
         }
 
         #[inline(always)]
-        fn store_half(arena: &mut [u32], index: usize, value: u16) {
+        fn store_half(arena: &mut [u32], part: Word, index: usize, value: u16) {
             // SAFETY: as above.
-            unsafe { in_arena_mut::<u16>(arena, 2 * index).write(value.to_le()) }
+            unsafe { in_arena_mut::<u16>(arena, part, 2 * index).write(value.to_le()) }
         }
 
         #[inline(always)]
-        fn window(arena: &[u32], at: usize) -> u32 {
-            // SAFETY: `in_arena` gave a place inside; any four bytes are a number.
-            let word = unsafe { in_arena::<u32>(arena, at / 8).read_unaligned() };
+        fn window(arena: &[u32], part: Word, at: usize) -> u32 {
+            // SAFETY: as above; any four bytes are a number.
+            let word = unsafe { in_arena::<u32>(arena, part, at / 8).read_unaligned() };
             word >> (at % 8)
         }
 
         #[inline(always)]
-        fn clear_window(arena: &mut [u32], at: usize, count: u32) {
+        fn clear_window(arena: &mut [u32], part: Word, at: usize, count: u32) {
             debug_assert!(count <= WINDOW_BITS);
-            let place = in_arena_mut::<u32>(arena, at / 8);
+            let place = in_arena_mut::<u32>(arena, part, at / 8);
             let mask = ((1u32 << count) - 1) << (at % 8);
             // SAFETY: as above.
             unsafe { place.write_unaligned(place.read_unaligned() & !mask) }

@@ -150,6 +150,21 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
             size::check_stack(root, &demo::drive(root)?.join("summary.json"))
         });
         tally.tests("tests of the workspace", root, &["--workspace"], None);
+        tally.tests(
+            "the interpreter that is compiled for size",
+            root,
+            &[
+                "--package",
+                "esm-tests",
+                "--features",
+                "esm-core/small",
+                "--test",
+                "fuzzing",
+                "--test",
+                "differential",
+            ],
+            None,
+        );
         let target = root.join(bench::MACHINES_TARGET);
         tally.tests(
             "tests of the machines that are compared",

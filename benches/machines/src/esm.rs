@@ -5,7 +5,7 @@ use esm_core::{Interpreter, Observer, TransitionTaken};
 
 use crate::{Button, Counters, Player};
 
-/// Transitions that are told apart; the last count is of all from there on.
+/// Transitions that are told apart: those whose places leave the same remainder are counted together.
 pub const TRANSITIONS: usize = 64;
 
 /// Counts of transitions, by their place in the mission's tables.
@@ -17,8 +17,7 @@ pub struct Count<'c>(pub &'c TransitionCounters);
 impl Observer for Count<'_> {
     #[inline(always)]
     fn transition(&mut self, taken: TransitionTaken) {
-        self.0
-            .count(usize::from(taken.transition).min(TRANSITIONS - 1));
+        self.0.count(usize::from(taken.transition) % TRANSITIONS);
     }
 }
 
