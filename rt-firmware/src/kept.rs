@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use crate::black_box::{BlackBox, Event};
 use crate::link::frame::checksum;
 use crate::link::message::{CoreFault, LastWords, ResetReason};
-use crate::supervision::Silent;
+use crate::supervision::{SLOT_0_BOUND_US, Silent};
 
 /// The most bytes of a panic's place that are kept: the end of its file's path.
 pub const MAX_PLACE_BYTES: usize = 40;
@@ -19,8 +19,9 @@ const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
 /// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who was silent; the place; checksum.
 const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + 1 + PLACE_WORDS + 1;
 
-/// A start that is followed by so much robot time, in µs, was a good one.
-pub const HEALTHY_US: u64 = 10_000_000;
+/// A start that is followed by so much robot time, in µs, was a good one: more than it takes until any silence is found in a mission whose periods are short.
+pub const HEALTHY_US: u64 = 60_000_000;
+const _: () = assert!(HEALTHY_US > 2 * SLOT_0_BOUND_US as u64);
 /// After so many bad starts in a row no mission starts by itself.
 pub const BAD_STARTS: u32 = 3;
 

@@ -197,8 +197,17 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     /// Starts the mission that the board's keeper has for the robot, if it has one. To be called once, before all else.
+    ///
+    /// A robot that was reset by a defect again and again, each time after no time, starts none: see [`Kept::may_start_by_itself`](crate::Kept::may_start_by_itself).
     pub fn start(&mut self, port: &mut impl LinkPort) {
-        self.desk.start_kept(port);
+        if self
+            .desk
+            .about
+            .kept
+            .is_none_or(|kept| kept.may_start_by_itself())
+        {
+            self.desk.start_kept(port);
+        }
     }
 
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
