@@ -17,6 +17,7 @@ pub mod link_client;
 pub mod lockstep;
 pub mod model;
 pub mod nearest;
+pub mod parameters;
 pub mod pictures;
 pub mod plant;
 pub mod qemu;

@@ -138,10 +138,45 @@ pub enum Letter<'m> {
     },
     /// Real time: this.
     Task(TaskCounters),
+    /// Link: the value of this parameter.
+    ReadParam {
+        /// Hash of the mission that is meant.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+    },
+    /// Real time: this.
+    Param {
+        /// Bits of its value.
+        value: u32,
+        /// Bits of the value that the mission gives it.
+        of_mission: u32,
+    },
+    /// Link: another value for this parameter.
+    SetParam {
+        /// Hash of the mission that is meant.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+        /// Bits of the value.
+        value: u32,
+    },
+    /// Real time: it has it.
+    ParamSet {
+        /// Bits of the value before.
+        before: u32,
+    },
     /// Real time: that cannot be done.
     Failed(LinkError),
     /// Link, to itself: it makes an answer here that it need not ask for.
     Note(Bytes),
+}
+
+impl Letter<'_> {
+    /// Whether it brings another value of a parameter.
+    pub(crate) fn sets_param(&self) -> bool {
+        matches!(self, Letter::SetParam { .. })
+    }
 }
 
 /// As many bytes as one answer carries.

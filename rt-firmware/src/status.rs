@@ -30,6 +30,8 @@ pub struct Health {
     pub trial: Option<Trial>,
     /// The last mission that was given up on trial.
     pub fell_back: Option<FallBack>,
+    /// Parameters whose values differ from the mission's.
+    pub changed_params: u8,
 }
 
 impl Health {
@@ -46,10 +48,13 @@ impl Health {
         background_busy: false,
         trial: None,
         fell_back: None,
+        changed_params: 0,
     };
 }
 
 const WORDS: usize = 13;
+/// From this bit on the number of parameters that differ.
+const CHANGED_PARAMS_SHIFT: u32 = 8;
 const HAS_MISSION: u32 = 1 << 16;
 const BACKGROUND_BUSY: u32 = 1 << 17;
 const ON_TRIAL: u32 = 1 << 18;
@@ -131,6 +136,7 @@ impl SnapshotReader<'_> {
 
 fn pack(health: &Health) -> [u32; WORDS] {
     let mode = u32::from(health.mode.number());
+    let changed_params = u32::from(health.changed_params) << CHANGED_PARAMS_SHIFT;
     let mission = if health.mission.is_some() {
         HAS_MISSION
     } else {
@@ -153,7 +159,7 @@ fn pack(health: &Health) -> [u32; WORDS] {
         (HAS_FALLEN_BACK | reason, fell_back.mission)
     });
     [
-        mode | mission | background | trial | fell_back,
+        mode | changed_params | mission | background | trial | fell_back,
         health.mission.unwrap_or(0),
         health.steps as u32,
         (health.steps >> 32) as u32,
@@ -205,6 +211,7 @@ fn unpack(words: &[u32; WORDS]) -> Health {
             reason: FallBackReason::from_number((first >> FALL_BACK_SHIFT) as u8)
                 .unwrap_or(FallBackReason::Failed(SafeReason::Board)),
         }),
+        changed_params: (first >> CHANGED_PARAMS_SHIFT) as u8,
     }
 }
 
@@ -259,6 +266,7 @@ mod tests {
                         mission,
                         reason: FallBackReason::Failed(SafeReason::Board),
                     }),
+                    changed_params: if background_busy { u8::MAX } else { 0 },
                 };
                 let mut snapshot = Snapshot::new();
                 let (mut writer, reader) = snapshot.split();

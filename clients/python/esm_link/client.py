@@ -120,6 +120,14 @@ class Client:
             records = records + part.records
         return records
 
+    def param(self, mission: int, index: int) -> messages.Param:
+        """Bits of a parameter of the running mission, and of the value that the mission gives it."""
+        return self._ask("param", messages.Param, messages.PARAM, mission, index)
+
+    def set_param(self, mission: int, index: int, value: int) -> int:
+        """Gives a parameter of the running mission another value, by its bits. Returns the bits of the value before."""
+        return self._ask("set param", messages.ParamSet, messages.SET_PARAM, mission, index, value).before
+
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
 

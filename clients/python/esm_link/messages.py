@@ -8,7 +8,8 @@ PROTOCOL_VERSION = 3
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
-) = range(23)  # fmt: skip
+    PARAM, SET_PARAM,
+) = range(25)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -213,6 +214,18 @@ class Status:
     trial: Optional[Trial]
     fell_back: Optional[FallBack]
     kept: Optional[Kept]
+    changed_params: int
+
+
+@dataclass
+class Param:
+    value: int
+    of_mission: int
+
+
+@dataclass
+class ParamSet:
+    before: int
 
 
 @dataclass
@@ -404,6 +417,10 @@ def _answer(fields: Fields) -> object:
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
     if kind == 12:
         return Challenge(fields.take(16), fields.number(64), fields.take(32))
+    if kind == 13:
+        return Param(fields.number(32), fields.number(32))
+    if kind == 14:
+        return ParamSet(fields.number(32))
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -424,7 +441,7 @@ def _status(fields: Fields) -> Status:
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
     fell_back = FallBack(fields.number(32), _fall_back_reason(fields)) if fields.boolean() else None
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
-    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept)
+    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, fields.u8())
 
 
 def _slot_state(fields: Fields) -> str:
@@ -460,6 +477,8 @@ def _error(fields: Fields) -> Error:
         25: "NoKeySupport",
         26: "NotKept",
         28: "FlashRefused",
+        29: "OtherMission",
+        30: "ParamNoValue",
     }
     if kind in plain:
         return Error(plain[kind], {})
@@ -475,6 +494,10 @@ def _error(fields: Fields) -> Error:
             # What follows belongs to the blob's format.
             return Error("Invalid", {"refusal": refusal, "detail": fields.rest().hex()})
         return Error("Invalid", {"refusal": refusal})
+    if kind == 31:
+        return Error("ParamOutside", u32("min", "max"))
+    if kind == 32:
+        return Error("TooManyParams", {"available": fields.u8()})
     if kind == 7:
         return Error("UnknownTask", u16("task"))
     if kind == 8:

@@ -34,6 +34,7 @@ pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
+pub mod param;
 pub mod robot;
 pub mod run;
 pub mod schedule;
@@ -105,6 +106,7 @@ pub enum Command {
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
+    Param(param::ParamArgs),
     Log(log::LogArgs),
     Status(status::StatusArgs),
     Top(top::TopArgs),
@@ -184,6 +186,7 @@ pub fn execute(
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),
+        Command::Param(args) => param::execute(args, console),
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
         Command::Top(args) => top::execute(args, console),

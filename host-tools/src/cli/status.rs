@@ -54,6 +54,8 @@ pub struct StatusReport {
     pub fell_back: Option<FallBackReport>,
     /// What its flash has; none of a robot that keeps no missions.
     pub kept: Option<KeptReport>,
+    /// Parameters whose values differ from the mission's.
+    pub changed_params: u8,
     /// Current local states, depth first.
     pub active: Vec<String>,
     /// Macro steps since the mission started.
@@ -306,6 +308,7 @@ impl StatusReport {
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
             kept: status.kept.map(KeptReport::from),
+            changed_params: status.changed_params,
             active: reading.active,
             steps: status.steps,
             t_us: status.t_us,
@@ -345,6 +348,15 @@ impl fmt::Display for StatusReport {
                 format!("{mission}, for {seconds:.1} s, {} macro steps", self.steps),
             )?;
             row("current states", self.active.join(", "))?;
+        }
+        if self.changed_params > 0 {
+            row(
+                "parameters",
+                format!(
+                    "{} differ from the mission's: `esm param get`",
+                    self.changed_params
+                ),
+            )?;
         }
         if let Some(TrialReport { left_ms, before }) = &self.trial {
             let seconds = f64::from(*left_ms) / 1e3;

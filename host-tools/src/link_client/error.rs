@@ -152,6 +152,13 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::OnTrial => "a mission is on trial, and the one before is kept until then; `esm confirm` or `esm fallback` first".into(),
         LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),
         LinkError::FlashRefused => "its flash did not take the mission; what it ran before is what it starts with".into(),
+        LinkError::OtherMission => "another mission runs there by now; ask again".into(),
+        LinkError::ParamNoValue => "that is no value of the parameter's type; NaN and infinity are no numbers there".into(),
+        // The bits mean something to who knows the parameter's type.
+        LinkError::ParamOutside { .. } => "the value is outside of what its task takes; `esm tasks` prints the bounds".into(),
+        LinkError::TooManyParams { available } => format!(
+            "{available} parameters differ from the mission's already, and it can keep no more; `esm param set` one of them back to the mission's value, or build the mission with them"
+        ),
         LinkError::NoAnswer => {
             "its real-time side did not answer in time; `esm status` says how it is".into()
         }

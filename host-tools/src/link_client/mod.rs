@@ -380,6 +380,34 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("fall back", Request::FallBack { mission })
     }
 
+    /// The value of a parameter of the running mission, and the one that the mission gives it, by their bits; `param` is its index in the blob.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs than the one of this hash.
+    pub fn param(&mut self, mission: u32, param: u16) -> Result<(u32, u32), ClientError> {
+        let request = Request::Param { mission, param };
+        self.ask("read the parameter", request, |response| match response {
+            Response::Param { value, of_mission } => Some((value, of_mission)),
+            _ => None,
+        })
+    }
+
+    /// Gives a parameter of the running mission another value, by its bits, from the next macro step on. Answers the bits of the value before.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::ParamOutside`] and others where the robot's task does not take the value.
+    pub fn set_param(&mut self, mission: u32, param: u16, value: u32) -> Result<u32, ClientError> {
+        let request = Request::SetParam {
+            mission,
+            param,
+            value,
+        };
+        self.ask("set the parameter", request, |response| match response {
+            Response::ParamSet { before } => Some(before),
+            _ => None,
+        })
+    }
+
     /// Lets the robot forget an upload.
     ///
     /// # Errors

@@ -69,6 +69,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Subscribe { .. }
         | Request::LastWords
         | Request::BlackBox { .. }
+        | Request::Param { .. }
         | Request::Challenge => Needs::Nothing,
         // They fill a buffer that nothing runs from.
         Request::Begin { .. } | Request::Chunk { .. } | Request::Abort => Needs::Nothing,
@@ -80,6 +81,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Confirm { .. }
         | Request::FallBack { .. }
         | Request::Start
+        | Request::SetParam { .. }
         | Request::InstallKey { .. }
         | Request::RemoveKey => Needs::Key,
     }

@@ -402,6 +402,11 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
         }),
         Letter::Slot(counters) => Ok(Response::Slot(*counters)),
         Letter::Task(counters) => Ok(Response::TaskInstance(*counters)),
+        Letter::Param { value, of_mission } => Ok(Response::Param {
+            value: *value,
+            of_mission: *of_mission,
+        }),
+        Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
         _ => Ok(Response::Done),
     }
 }
@@ -468,6 +473,21 @@ impl<'m> Desk<'_, 'm> {
             Request::FallBack { mission } => self.ask(seq, Letter::FallBack { mission }),
             Request::LastWords => Reaction::Answer(self.last_words()),
             Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),
+            Request::Param { mission, param } => {
+                self.ask(seq, Letter::ReadParam { mission, param })
+            }
+            Request::SetParam {
+                mission,
+                param,
+                value,
+            } => self.ask(
+                seq,
+                Letter::SetParam {
+                    mission,
+                    param,
+                    value,
+                },
+            ),
             Request::Subscribe { trace, log } => {
                 self.trace_wanted.store(trace, Ordering::Relaxed);
                 self.log_wanted = log;
@@ -607,6 +627,7 @@ impl<'m> Desk<'_, 'm> {
             trial: health.trial,
             fell_back: health.fell_back,
             kept,
+            changed_params: health.changed_params,
         }))
     }
 

@@ -149,6 +149,23 @@ pub enum Request<'a> {
     },
     /// From now on the robot has no key. Answer, when it is forgotten: [`Response::Done`].
     RemoveKey,
+    /// The value of a parameter of the running mission. Answer: [`Response::Param`].
+    Param {
+        /// Hash of the mission.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+    },
+    /// Give a parameter of the running mission another value, for all instances of its task state, until a mission starts or starts anew. Answer, when it is in
+    /// force: [`Response::ParamSet`].
+    SetParam {
+        /// Hash of the mission.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+        /// Bits of the value.
+        value: u32,
+    },
 }
 
 /// How a mission takes over.
@@ -268,6 +285,18 @@ pub enum Response<'a> {
         counter: u64,
         /// The robot's public key.
         key: [u8; KEY_BYTES],
+    },
+    /// To [`Request::Param`].
+    Param {
+        /// Bits of its value.
+        value: u32,
+        /// Bits of the value that the mission gives it.
+        of_mission: u32,
+    },
+    /// To [`Request::SetParam`]: it is in force since the last macro step began.
+    ParamSet {
+        /// Bits of the value before.
+        before: u32,
     },
 }
 
@@ -517,6 +546,22 @@ pub enum LinkError {
     },
     /// The flash did not take it: a mission that was to take over does not, one that was to be confirmed is so until the next reset only.
     FlashRefused,
+    /// Another mission runs than the one that was meant.
+    OtherMission,
+    /// The bits are no value of the parameter's type. NaN and the infinities are none.
+    ParamNoValue,
+    /// The value is outside the bounds that the firmware's task declares.
+    ParamOutside {
+        /// Bits of the least value.
+        min: u32,
+        /// Bits of the greatest value.
+        max: u32,
+    },
+    /// As many parameters as the robot can keep differ from the mission's already.
+    TooManyParams {
+        /// How many can.
+        available: u8,
+    },
 }
 
 /// How the robot is.
@@ -552,6 +597,8 @@ pub struct Status {
     pub fell_back: Option<FallBack>,
     /// Where the mission is that runs, and what else its flash has; none of a robot that keeps no missions.
     pub kept: Option<Kept>,
+    /// Parameters whose values differ from the mission's.
+    pub changed_params: u8,
 }
 
 /// What a robot is doing.
@@ -756,6 +803,7 @@ mod tests {
                 runs: Source::Firmware,
                 slots: [SlotState::NoRoom { len: u32::MAX }; 2],
             }),
+            changed_params: u8::MAX,
         };
         let signature = [0xa5; SIGNATURE_BYTES];
         let install = Request::InstallKey {

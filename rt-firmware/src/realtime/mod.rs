@@ -7,6 +7,7 @@
 //! After a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
 //! is executed.
 
+pub mod params;
 pub(crate) mod slots;
 pub(crate) mod tasks;
 pub(crate) mod trace;
@@ -30,6 +31,7 @@ use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
 use crate::task::{Declaration, Step};
 use esm_core::BlobBuffer;
+use params::LiveParams;
 use slots::{SlotEntry, nanoseconds};
 use tasks::{NONE, TaskTable};
 use trace::{StepObserver, Trace};
@@ -134,8 +136,9 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     to_link: Producer<'q, &'m mut Letter<'m>>,
     /// Buffers that no mission is in any more.
     freed: Producer<'q, Freed<'m>>,
-    /// A swap, a start or a fall-back, to be done at the interpreter's next occurrence.
+    /// A swap, a start, a fall-back or another value of a parameter, to be done at the interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
+    params: LiveParams,
     trial: Option<Trial<'m>>,
     trace: Trace<'m>,
     kept: Option<&'m Kept>,
@@ -234,6 +237,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             to_link: parts.to_link,
             freed: parts.freed,
             waiting: None,
+            params: LiveParams::NONE,
             trial: None,
             trace: parts.trace,
             kept: parts.kept,
@@ -542,6 +546,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
             let interpreter = taken.slot == mission.interpreter_slot;
+            if interpreter && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
+            {
+                set_param(&mut self.params, &mission.interpreter.tables(), letter);
+                // There is one letter, so that there is room for it.
+                let refused = self.to_link.enqueue(letter);
+                debug_assert!(refused.is_ok());
+            }
             if interpreter
                 && (self.waiting.is_some()
                     || (self.trial.as_ref())
@@ -885,6 +896,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.ready.places = places;
         let health = &self.health;
         let link_silent_us = self.link_silent_us;
+        let params = &self.params;
         self.executor.make_ready(
             task,
             tables.nets_from(places.first_connection),
@@ -895,7 +907,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 inputs.overruns = health.overruns;
                 inputs.missed = health.missed;
                 inputs.link_silent_us = link_silent_us;
-                find_inputs(interpreter, &places, declared, inputs);
+                find_inputs(interpreter, params, &places, declared, inputs);
             },
         )
     }
@@ -1008,6 +1020,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return;
         };
         let t_us = mission.t_us(start_us);
+        let params = &self.params;
         let interpreter = &mut mission.interpreter;
         let mut younger_than = None;
         self.tasks.looked();
@@ -1029,7 +1042,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     tables.nets_from(places.first_connection),
                     |inputs, declared| {
                         inputs.now_us = t_us;
-                        find_inputs(interpreter, &places, declared, inputs);
+                        find_inputs(interpreter, params, &places, declared, inputs);
                     },
                 )
             });
@@ -1220,6 +1233,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.failure = None;
         self.heard_us = at.us;
         self.link_silent_us = 0;
+        self.params = LiveParams::NONE;
         self.begin_health();
         // At hand while there is no mission.
         let Some(arena) = self.arena.take() else {
@@ -1313,6 +1327,17 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             Letter::FallBack { .. } | Letter::Confirm { .. } => {
                 Letter::Failed(LinkError::NotOnTrial)
             }
+            &Letter::SetParam {
+                mission,
+                param,
+                value,
+            } => match self.check_param(mission, param, value) {
+                Ok(()) => {
+                    self.waiting = Some(letter);
+                    return;
+                }
+                Err(error) => Letter::Failed(error),
+            },
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
                 (_, None) => {
@@ -1342,6 +1367,24 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     fn is_on_trial(&self, mission: u32) -> bool {
         let goes_on = (self.trial.as_ref()).is_some_and(|trial| trial.failed.is_none());
         goes_on && self.health.mission == Some(mission)
+    }
+
+    /// The mission that runs, if it is the one of this hash.
+    fn mission_of(&self, hash: u32) -> Result<&Mission<'m>, LinkError> {
+        match &self.mission {
+            Some(mission) if self.health.mission == Some(hash) => Ok(mission),
+            Some(_) => Err(LinkError::OtherMission),
+            None => Err(LinkError::NoMission),
+        }
+    }
+
+    /// Whether a parameter can be given this value.
+    fn check_param(&self, mission: u32, param: u16, value: u32) -> Result<(), LinkError> {
+        let tables = self.mission_of(mission)?.interpreter.tables();
+        let declared = params::declared(&tables, self.executor.registry(), param)
+            .ok_or(LinkError::NoSuchIndex)?;
+        params::check(declared, value)?;
+        self.params.has_room(param)
     }
 
     /// Answers a question about the mission.
@@ -1398,6 +1441,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     Letter::Failed(LinkError::NoSuchIndex)
                 }
             }
+            Letter::ReadParam { mission, param } => {
+                match (self.mission_of(mission), tables.param(usize::from(param))) {
+                    (Ok(_), Some(of_mission)) => Letter::Param {
+                        value: self.params.get(param).unwrap_or(of_mission),
+                        of_mission,
+                    },
+                    (Ok(_), None) => Letter::Failed(LinkError::NoSuchIndex),
+                    (Err(error), _) => Letter::Failed(error),
+                }
+            }
             _ => Letter::Failed(LinkError::NoSuchIndex),
         }
     }
@@ -1416,6 +1469,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .as_ref()
             .map_or(0, |mission| mission.occurrences as u32);
         self.health.background_busy = self.executor.lent().is_some();
+        self.health.changed_params = self.params.len();
         self.health.trial = self.trial.as_ref().map(|trial| trial::Trial {
             left_ms: (trial.until_us.saturating_sub(self.previous_end_us) / 1_000) as u32,
             before: trial.before.as_ref().map(Verified::hash),
@@ -1451,6 +1505,20 @@ fn is_the_missions_fault(reason: SafeReason) -> bool {
             | SafeReason::Overruns
             | SafeReason::Missed
     )
+}
+
+/// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for this mission: missions change where this is
+/// done, and behind it.
+// Not inlined: no task should run on top of what this needs of the stack.
+#[inline(never)]
+fn set_param(params: &mut LiveParams, tables: &Tables<'_>, letter: &mut Letter<'_>) {
+    let Letter::SetParam { param, value, .. } = *letter else {
+        return;
+    };
+    let of_mission = tables.param(usize::from(param)).unwrap_or_default();
+    let before = params.get(param).unwrap_or(of_mission);
+    params.set(param, value, of_mission);
+    *letter = Letter::ParamSet { before };
 }
 
 /// Period of the interpreter's slot in microseconds.
@@ -1497,16 +1565,19 @@ fn net_of(tables: &Tables<'_>, task_instance: usize, port: usize) -> Option<usiz
 /// Finds what enters the execution of a task beside time and the values on nets: its parameters and flags.
 fn find_inputs(
     interpreter: &Interpreter<'_, BlobBuffer<'_>>,
+    params: &LiveParams,
     places: &TaskPlaces,
     declared: &Declaration,
     inputs: &mut Inputs,
 ) {
     if !declared.params.is_empty() {
         let values = interpreter.tables().params_from(places.first_param);
-        let wanted = inputs.params.iter_mut().take(declared.params.len());
-        for (bits, value) in wanted.zip(values) {
+        let wanted = inputs.params.get_mut(..declared.params.len());
+        let wanted = wanted.unwrap_or_default();
+        for (bits, value) in wanted.iter_mut().zip(values) {
             *bits = value;
         }
+        params.put_into(wanted, places.first_param);
     }
     inputs.flags = interpreter.control_flags_at(places);
 }

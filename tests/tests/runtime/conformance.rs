@@ -188,6 +188,21 @@ fn write_frames(text: &mut String) {
             },
         ),
         ("request remove key", Request::RemoveKey),
+        (
+            "request param",
+            Request::Param {
+                mission: 0x1234_abcd,
+                param: 300,
+            },
+        ),
+        (
+            "request set param",
+            Request::SetParam {
+                mission: 0x1234_abcd,
+                param: 3,
+                value: 0.3_f32.to_bits(),
+            },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -238,8 +253,9 @@ fn write_frames(text: &mut String) {
             runs: Source::B,
             slots: [SlotState::NoRoom { len: 5000 }, SlotState::OnTrial],
         }),
+        changed_params: 200,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 39] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 45] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -359,6 +375,14 @@ fn write_frames(text: &mut String) {
                 records: &records,
             }),
         ),
+        (
+            "param",
+            Ok(Response::Param {
+                value: 0.3_f32.to_bits(),
+                of_mission: 7,
+            }),
+        ),
+        ("param set", Ok(Response::ParamSet { before: u32::MAX })),
         ("error malformed", Err(LinkError::Malformed)),
         ("error no upload", Err(LinkError::NoUpload)),
         (
@@ -427,6 +451,22 @@ fn write_frames(text: &mut String) {
         ("error not kept", Err(LinkError::NotKept)),
         ("error too soon", Err(LinkError::TooSoon { ms: 1000 })),
         ("error flash refused", Err(LinkError::FlashRefused)),
+        ("error other mission", Err(LinkError::OtherMission)),
+        (
+            "error parameter without a value",
+            Err(LinkError::ParamNoValue),
+        ),
+        (
+            "error parameter outside",
+            Err(LinkError::ParamOutside {
+                min: 1,
+                max: u32::MAX,
+            }),
+        ),
+        (
+            "error too many parameters",
+            Err(LinkError::TooManyParams { available: 8 }),
+        ),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(

@@ -6,6 +6,7 @@ mod conformance;
 mod keeping;
 mod keys;
 mod mission;
+mod parameters;
 mod readiness;
 mod robot;
 mod trials;

@@ -422,6 +422,13 @@ pub enum Answer {
         counter: u64,
         key: [u8; KEY_BYTES],
     },
+    Param {
+        value: u32,
+        of_mission: u32,
+    },
+    ParamSet {
+        before: u32,
+    },
 }
 
 impl Bench<'_, '_, '_> {
@@ -504,6 +511,10 @@ impl Bench<'_, '_, '_> {
                             counter,
                             key,
                         },
+                        Response::Param { value, of_mission } => {
+                            Answer::Param { value, of_mission }
+                        }
+                        Response::ParamSet { before } => Answer::ParamSet { before },
                     }),
                 )),
             }

@@ -398,6 +398,7 @@ pub(super) mod tests {
                 trial: None,
                 fell_back: None,
                 kept: None,
+                changed_params: 0,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]
