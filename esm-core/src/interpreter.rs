@@ -13,7 +13,11 @@
 //!
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
+mod carry;
+
 use core::ops::{Deref, Range};
+
+pub use carry::{TakenOver, TaskPairs};
 
 use crate::format::{self, Section};
 use crate::layout::{

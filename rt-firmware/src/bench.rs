@@ -83,7 +83,8 @@ impl<'a> TaskBench<'a> {
         let bank: &'a mut Bank<T, 1> = Box::leak(Box::new(Bank::new([task])));
         let banks: &'a mut [&'a mut (dyn crate::TaskBank + 'a)] =
             Box::leak(Box::new([bank as &mut (dyn crate::TaskBank + 'a)]));
-        let nets: &'a mut [Net] = Box::leak(Box::new(nets::<MAX_DATA_PORTS>()));
+        let nets: &'a mut [[Net; MAX_DATA_PORTS]; 2] =
+            Box::leak(Box::new(nets::<MAX_DATA_PORTS>()));
         let executor = match assemble(banks, nets) {
             Ok((executor, _)) => executor,
             Err(fault) => panic!("{fault:?}"),

@@ -69,6 +69,8 @@ pub enum Letter<'m> {
         mission: u32,
         /// Whether it runs on trial.
         on_trial: bool,
+        /// Active regions that go on as they were.
+        carried: u16,
     },
     /// Real time: it cannot run.
     SwapFailed {

@@ -783,6 +783,8 @@ pub enum Harvest {
 pub struct Executor<'m> {
     registry: Registry<'m>,
     nets: &'m mut [Net],
+    /// Empty but while nets are carried from one mission to the next.
+    nets_before: &'m mut [Net],
     lent: Option<TaskPlace>,
     /// The lent job belongs to a mission that is over.
     lent_is_stale: bool,
@@ -804,21 +806,23 @@ struct Ready<'m> {
 // the job it lent, which share only values that neither writes (invariants 1 to 3).
 unsafe impl Send for Executor<'_> {}
 
-/// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a mission.
+/// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a mission; there are two sets, so that one mission can follow another warm.
 ///
 /// # Errors
 /// What is wrong with the declarations; to be told at start-up, before any mission.
-pub fn assemble<'m>(
+pub fn assemble<'m, const NETS: usize>(
     banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
-    nets: &'m mut [Net],
+    [nets, nets_before]: &'m mut [[Net; NETS]; 2],
 ) -> Result<(Executor<'m>, Registry<'m>), RegistryFault> {
     let registry = Registry { banks };
     registry.check()?;
     nets.fill(Net::EMPTY);
+    nets_before.fill(Net::EMPTY);
     Ok((
         Executor {
             registry,
             nets,
+            nets_before,
             lent: None,
             lent_is_stale: false,
             ready: None,
@@ -846,16 +850,38 @@ impl<'m> Executor<'m> {
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so when it comes back.
     pub fn clear(&mut self) {
+        self.begin_carry();
+        self.end_carry(|_| false);
+    }
+
+    /// A mission starts that goes on from the one before: from here to [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
+    pub fn begin_carry(&mut self) {
         self.ready = None;
-        for net in self.nets.iter_mut() {
+        core::mem::swap(&mut self.nets, &mut self.nets_before);
+    }
+
+    /// The value that was on a net of the mission before is on this one, unless another is already.
+    pub fn carry_net(&mut self, net: usize, before: usize) {
+        let value = self.nets_before.get(before).and_then(|net| net.value);
+        if let Some(net) = self.nets.get_mut(net).filter(|net| net.value.is_none()) {
+            net.publish(value);
+        }
+    }
+
+    /// Forgets the nets of the mission before, and lets all tasks but those that go on forget what they knew. One that is lent does so when it comes back.
+    pub fn end_carry(&mut self, goes_on: impl Fn(TaskPlace) -> bool) {
+        for net in self.nets_before.iter_mut() {
             net.publish(None);
         }
         self.lent_is_stale = self.lent.is_some();
         for (index, bank) in self.registry.banks.iter().enumerate() {
             for place in 0..bank.capacity() {
-                if self.lent.is_some_and(|lent| {
-                    usize::from(lent.bank) == index && usize::from(lent.place) == place
-                }) {
+                // A registry has no more banks, nor a bank more tasks, than these numbers hold.
+                let task = TaskPlace {
+                    bank: index as u8,
+                    place: place as u8,
+                };
+                if self.lent == Some(task) || goes_on(task) {
                     continue;
                 }
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which was left out.
@@ -1549,8 +1575,8 @@ mod tests {
         assert_eq!(size_of_val(&first), 0);
         let mut first: [&mut dyn TaskBank; 1] = [&mut first];
         let mut second: [&mut dyn TaskBank; 1] = [&mut second];
-        let (mut first, _) = assemble(&mut first, &mut []).unwrap();
-        let (mut second, _) = assemble(&mut second, &mut []).unwrap();
+        let (mut first, _) = assemble(&mut first, &mut [[], []]).unwrap();
+        let (mut second, _) = assemble(&mut second, &mut [[], []]).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
             let lent = executor.lend(SOURCE, |_| None, |_, _| ());
             lent.unwrap()

@@ -60,7 +60,7 @@ macro_rules! registry {
     };
 }
 
-/// Storage for `N` nets without values.
-pub const fn nets<const N: usize>() -> [crate::Net; N] {
-    [crate::Net::EMPTY; N]
+/// Storage for the nets of missions with up to `N`: twice, so that one can take over from another.
+pub const fn nets<const N: usize>() -> [[crate::Net; N]; 2] {
+    [[crate::Net::EMPTY; N]; 2]
 }

@@ -72,10 +72,11 @@ pub struct Memory<
     const TRACE_BYTES: usize,
 > {
     blobs: [[u8; BLOB_BYTES]; 2],
-    arena: [u32; ARENA_WORDS],
+    /// Two of all that a mission keeps: one can take over from another warm.
+    arenas: [[u32; ARENA_WORDS]; 2],
     slots: [SlotEntry; SLOTS],
-    tasks: [TaskEntry; TASKS],
-    nets: [Net; NETS],
+    tasks: [[TaskEntry; TASKS]; 2],
+    nets: [[Net; NETS]; 2],
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
@@ -100,10 +101,10 @@ impl<
     pub const fn new() -> Self {
         Memory {
             blobs: [[0; BLOB_BYTES]; 2],
-            arena: [0; ARENA_WORDS],
+            arenas: [[0; ARENA_WORDS]; 2],
             slots: [SlotEntry::UNUSED; SLOTS],
-            tasks: [TaskEntry::UNUSED; TASKS],
-            nets: [Net::EMPTY; NETS],
+            tasks: [[TaskEntry::UNUSED; TASKS]; 2],
+            nets: [[Net::EMPTY; NETS]; 2],
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
@@ -216,8 +217,11 @@ pub fn split<
     let trace_wanted = &memory.trace_wanted;
     let real_time = RealTime::new(Parts {
         executor,
-        arena: &mut memory.arena,
-        tasks: TaskTable::new(&mut memory.tasks, &mut memory.groups),
+        arenas: memory.arenas.each_mut().map(|arena| &mut arena[..]),
+        tasks: TaskTable::new(
+            memory.tasks.each_mut().map(|entries| &mut entries[..]),
+            &mut memory.groups,
+        ),
         slots: &mut memory.slots,
         limits,
         job: memory.job.write(None),

@@ -73,6 +73,74 @@ fn a_robot_takes_missions_while_it_moves_and_tells_what_it_does() {
     }
 }
 
+#[test]
+fn a_mission_that_fails_its_trial_gives_way_to_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let flood = folder.path().join("flood.esm");
+    let machine = "machine Flood { event Again; region r { state A; state B; initial -> A; \
+        A -> B / send Again; B -> B on Again / send Again; } }";
+    let text = format!("interpreter slot 1; slot 1 period 50 ms duration 2 ms; {machine}");
+    std::fs::write(&flood, text).unwrap();
+    let flood = flood.to_str().unwrap();
+    let (patrol, _) = blob("patrol");
+    let (follow_wall, _) = blob("follow_wall");
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        let told = robot.esm(&["upload", flood]).ended(1).err;
+        assert!(told.contains("gave"), "{board}: {told}");
+        assert!(told.contains("no mission before"), "{board}: {told}");
+        assert_eq!(robot.status()["mode"], "empty", "{board}");
+
+        robot.esm(&["upload", "missions/patrol.esm"]).good();
+        assert_eq!(
+            robot.status()["trial"],
+            serde_json::Value::Null,
+            "{board}: it is confirmed"
+        );
+        let told = robot.esm(&["upload", flood]).ended(1).err;
+        assert!(
+            told.contains(&format!("{patrol} runs again")),
+            "{board}: {told}"
+        );
+        let status = robot.status();
+        assert_eq!(status["mission"], patrol.as_str(), "{board}");
+        assert_eq!(status["mode"], "running", "{board}");
+        let why = status["fell_back"]["reason"].as_str().unwrap_or_default();
+        assert!(why.contains("no end"), "{board}: {status}");
+
+        let on_trial = |time: &str| {
+            let told = robot
+                .esm(&["upload", "missions/follow_wall.esm", "--trial", time])
+                .good();
+            assert!(told.out.contains("on trial"), "{board}: {}", told.out);
+        };
+        on_trial("2 s");
+        assert_eq!(
+            robot.status()["trial"]["before"],
+            patrol.as_str(),
+            "{board}"
+        );
+        let refused = robot.esm(&["upload", "missions/patrol.esm"]).ended(1).err;
+        assert!(refused.contains("on trial"), "{board}: {refused}");
+        let status = robot.status_when("the mission before", |status| {
+            status["mission"] == patrol.as_str()
+        });
+        let why = status["fell_back"]["reason"].as_str().unwrap_or_default();
+        assert!(why.contains("not confirmed"), "{board}: {status}");
+        on_trial("60 s");
+        let told = robot.esm(&["fallback"]).good().out;
+        assert!(told.contains(&patrol), "{board}: {told}");
+        on_trial("60 s");
+        let told = robot.esm(&["confirm"]).good().out;
+        assert!(told.contains(&follow_wall), "{board}: {told}");
+        robot.esm(&["confirm"]).ended(1);
+        robot.esm(&["fallback"]).ended(1);
+        let status = robot.status();
+        assert_eq!(status["mission"], follow_wall.as_str(), "{board}");
+        assert_eq!(status["slots_missed"], 0, "{board}");
+    }
+}
+
 /// A mission that does nothing in these slots.
 fn idle_in(folder: &std::path::Path, name: &str, slots: &str) -> String {
     let path = folder.join(name);

@@ -167,10 +167,10 @@ class Client:
 
     # Uploads.
 
-    def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None, trial_ms: int = 0) -> int:
+    def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None, trial_ms: int = 0, warm: bool = False) -> int:
         """Brings a mission to the robot and lets it take over, on trial for so long if that is above 0. Returns its hash when it runs."""
         self.stage(blob, progress)
-        return self._ask("commit", messages.Committed, messages.COMMIT, trial_ms).mission
+        return self._ask("commit", messages.Committed, messages.COMMIT, warm, trial_ms).mission
 
     def confirm(self, mission: int) -> None:
         """The mission of this hash, which is on trial, is to stay."""

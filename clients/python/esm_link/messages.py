@@ -170,6 +170,7 @@ class Received:
 @dataclass
 class Committed:
     mission: int
+    carried: int
 
 
 @dataclass
@@ -385,7 +386,7 @@ def _answer(fields: Fields) -> object:
     if kind == 1:
         return Received(fields.number(32))
     if kind == 2:
-        return Committed(fields.number(32))
+        return Committed(fields.number(32), fields.number(16))
     if kind == 3:
         return Done()
     if kind == 4:

@@ -56,7 +56,7 @@ class Messages(unittest.TestCase):
             "request chunk of nothing": (messages.CHUNK, 0, b""),
             "request chunk of zeros": (messages.CHUNK, 127, bytes(16)),
             "request chunk, the longest": (messages.CHUNK, 0xFFFFFFFF, chunk),
-            "request commit": (messages.COMMIT, 10_000),
+            "request commit": (messages.COMMIT, True, 10_000),
             "request abort": (messages.ABORT,),
             "request status": (messages.STATUS,),
             "request stop": (messages.STOP,),

@@ -10,7 +10,7 @@ use rt_firmware::link::message::{Capacities, LinkError, Mode, Status, Swap};
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::stage;
@@ -40,6 +40,7 @@ use crate::trial::{self, Outcome};
 Examples:
   esm upload missions/patrol.esm --port /dev/ttyUSB0
   esm upload patrol.blob --port tcp:robot.local:4000
+  esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --trial '60 s'
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --no-gap --json")]
 pub struct UploadArgs {
@@ -50,6 +51,10 @@ pub struct UploadArgs {
     /// Sends nothing where a slot that both missions have cannot go on as it runs
     #[arg(long)]
     pub no_gap: bool,
+
+    /// What both missions have goes on as it is: states, timers, flags, nets, what tasks know. All else starts anew
+    #[arg(long)]
+    pub warm: bool,
 
     /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to the one before. 1 s to 3600 s
     #[arg(long, value_name = "TIME", value_parser = trial_time)]
@@ -75,6 +80,8 @@ struct Uploaded {
     bytes: usize,
     /// Time that the upload took, in seconds.
     upload_s: f64,
+    /// With `--warm`: active regions that went on as they were.
+    carried_regions: Option<u16>,
     /// Whether the mission stays.
     confirmed: bool,
     /// Why the robot gave it up, if it did.
@@ -107,6 +114,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         |trial| Duration::from_micros(trial.us),
     );
     let swap = Swap {
+        warm: args.warm,
         trial_ms: trial_time.min(LONGEST_TRIAL).as_millis() as u32,
     };
     robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
@@ -130,7 +138,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         sent => sent.and_then(|()| robot.commit(swap)),
     };
     let upload_s = started.elapsed().as_secs_f64();
-    let hash = uploaded.map_err(|error| match error.refusal() {
+    let committed = uploaded.map_err(|error| match error.refusal() {
         Some(refusal) => CommandError::Input(anyhow!(
             "the robot refused {}: {}; it goes on with what it had",
             mission.file.display(),
@@ -144,11 +152,11 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         Some(_) => None,
         None => {
             robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
-            let outcome = trial::watch(&mut robot, hash);
+            let outcome = trial::watch(&mut robot, committed.mission);
             robot.stop_when(None);
             match outcome {
                 Err(ClientError::Interrupted { .. }) => {
-                    return Err(given_up(&mut robot, hash));
+                    return Err(given_up(&mut robot, committed.mission));
                 }
                 outcome => Some(outcome?),
             }
@@ -159,6 +167,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         hash: mission.hash_text(),
         bytes: mission.blob.len(),
         upload_s,
+        carried_regions: args.warm.then_some(committed.carried),
         confirmed: matches!(outcome, Some(Outcome::Confirmed | Outcome::ConfirmedUnseen)),
         fell_back: match outcome {
             Some(Outcome::FellBack(fell_back)) => Some(story::fall_back_reason(fell_back.reason)),
@@ -176,6 +185,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
             console.out(),
             "{file} ({hash}) runs: {bytes} bytes in {upload_s:.2} s"
         )?;
+        tell_carried(&told, console)?;
         tell_trial(&told, args.trial, outcome, console)?;
     }
     failure(&told, outcome, &mut robot)
@@ -244,6 +254,22 @@ fn trial_time(text: &str) -> Result<Time, String> {
     } else {
         Err("a trial is 1 s to 3600 s long".to_owned())
     }
+}
+
+/// Says how much of the mission before goes on, if it was to.
+fn tell_carried(told: &Uploaded, console: &mut Console) -> Result<(), CommandError> {
+    match told.carried_regions {
+        Some(0) => console.note(
+            "nothing goes on as it was: the two missions have nothing in common, one has no names, or the robot stood still",
+        ),
+        Some(regions) => writeln!(
+            console.out(),
+            "as they were: {}",
+            counted(regions.into(), "active region")
+        )?,
+        None => {}
+    }
+    Ok(())
 }
 
 /// Says what the person is to do about the trial, if anything.

@@ -71,6 +71,15 @@ pub struct RobotInfo {
     pub access: Access,
 }
 
+/// A mission that has taken over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Committed {
+    /// Its hash.
+    pub mission: u32,
+    /// Active regions that went on as they were.
+    pub carried: u16,
+}
+
 /// What is current on a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CurrentStates {
@@ -351,15 +360,16 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<u32, ClientError> {
         self.stage(blob, progress)?;
         self.commit(Swap::default())
+            .map(|committed| committed.mission)
     }
 
-    /// Lets the mission that was brought take over. Answers its hash when it runs.
+    /// Lets the mission that was brought take over. Answers when it runs.
     ///
     /// # Errors
     /// [`ClientError`]
-    pub fn commit(&mut self, swap: Swap) -> Result<u32, ClientError> {
+    pub fn commit(&mut self, swap: Swap) -> Result<Committed, ClientError> {
         self.ask("commit", Request::Commit(swap), |response| match response {
-            Response::Committed { mission } => Some(mission),
+            Response::Committed { mission, carried } => Some(Committed { mission, carried }),
             _ => None,
         })
     }

@@ -375,6 +375,7 @@ fn keep_in_mind(
         Letter::Swapped {
             mission,
             on_trial: false,
+            ..
         }
         | Letter::Confirmed { mission } => keeper.trial_confirmed(mission),
         Letter::SwapFailed { mission, .. } => {
@@ -389,7 +390,12 @@ fn keep_in_mind(
 /// The answer that a letter brings.
 fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
     match letter {
-        Letter::Swapped { mission, .. } => Ok(Response::Committed { mission: *mission }),
+        Letter::Swapped {
+            mission, carried, ..
+        } => Ok(Response::Committed {
+            mission: *mission,
+            carried: *carried,
+        }),
         Letter::SwapFailed { error, .. } | Letter::Failed(error) => Err(*error),
         Letter::Blob { total, bytes } => Ok(Response::Blob {
             total: *total,

@@ -171,6 +171,8 @@ pub enum Request<'a> {
 /// How a mission takes over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Swap {
+    /// Warm: what both missions have, by name and kind, goes on as it is: states, timers, flags, nets, and what tasks know. Otherwise all starts anew.
+    pub warm: bool,
     /// How long it runs on trial, in milliseconds: if it is not [confirmed](Request::Confirm) until then, or fails before, the robot goes back to the mission before by itself.
     /// 0: it stays whatever comes.
     pub trial_ms: u32,
@@ -229,6 +231,9 @@ pub enum Response<'a> {
     Committed {
         /// Its hash.
         mission: u32,
+        /// Active regions that went on as they were: 0 unless the swap was warm, and where the two missions have nothing in common, the one before had failed or was stopped, or
+        /// one of them has no names.
+        carried: u16,
     },
     /// Done, and nothing to tell.
     Done,

@@ -16,7 +16,7 @@ use core::num::NonZeroU64;
 use core::sync::atomic::Ordering;
 
 use esm_core::tables::{Tables, TaskPlaces};
-use esm_core::{Dispatcher, Fault, Interpreter, Verified, dispatcher};
+use esm_core::{Dispatcher, Fault, Interpreter, TaskPairs, Verified, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
 use crate::black_box::Event;
@@ -29,7 +29,7 @@ use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
 use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
-use crate::task::{Declaration, Step};
+use crate::task::{Declaration, Direction, Step};
 use esm_core::BlobBuffer;
 use params::LiveParams;
 use slots::{SlotEntry, nanoseconds};
@@ -67,6 +67,8 @@ struct Mission<'m> {
     origin: Origin,
     /// Its first macro step, which its own time is counted from, since the origin.
     began_us: u64,
+    /// What the time of its tasks was then: 0, or what it was in the mission that it took over from.
+    tasks_us: u64,
     /// Occurrences of all slots so far.
     occurrences: u64,
     /// Number of the next macro step.
@@ -76,9 +78,46 @@ struct Mission<'m> {
 }
 
 impl Mission<'_> {
-    /// The mission's time at a nominal start since the origin.
+    /// The time of the mission's tasks at a nominal start since the origin.
     fn t_us(&self, start_us: u64) -> u64 {
-        start_us.saturating_sub(self.began_us)
+        self.tasks_us + start_us.saturating_sub(self.began_us)
+    }
+
+    /// Its origin, and the interpreter's period: what the slots of another mission go on with.
+    fn running(&self) -> (Origin, u32) {
+        (
+            self.origin,
+            interpreter_period_us(&self.interpreter.tables()),
+        )
+    }
+}
+
+/// What a mission takes over from the one before beside the interpreter's state: the tasks that serve it, and values on nets.
+struct Carrying<'c, 'm> {
+    tasks: &'c mut TaskTable<'m>,
+    executor: &'c mut Executor<'m>,
+}
+
+impl TaskPairs for Carrying<'_, '_> {
+    fn pair(&mut self, (here, task): (&Tables<'_>, usize), (there, other): (&Tables<'_>, usize)) {
+        let Some(place) = self.tasks.carry(task, other) else {
+            return;
+        };
+        let first_connection = |tables: &Tables<'_>, task| {
+            let instance = tables.task_instance(task);
+            instance.map_or(0, |instance| instance.first_connection)
+        };
+        let (first, other_first) = (first_connection(here, task), first_connection(there, other));
+        let declaration = self.executor.registry().declaration(place.bank.into());
+        let ports = declaration.map_or(&[][..], |declaration| declaration.ports);
+        for (port, declared) in ports.iter().enumerate() {
+            if declared.direction != Direction::In
+                && let Some(Some(net)) = here.connection(first + port)
+                && let Some(Some(before)) = there.connection(other_first + port)
+            {
+                self.executor.carry_net(net, before);
+            }
+        }
     }
 }
 
@@ -118,8 +157,8 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     mission: Option<Mission<'m>>,
     /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
     dispatcher: Dispatcher<SLOTS>,
-    /// The interpreter's memory, while there is no mission.
-    arena: Option<&'m mut [u32]>,
+    /// Memory for two interpreters, as far as no mission has it: where one takes over from another, both are there.
+    arenas: [Option<&'m mut [u32]>; 2],
     tasks: TaskTable<'m>,
     slots: &'m mut [SlotEntry],
     mode: Mode,
@@ -201,7 +240,7 @@ impl Ready {
 /// What a real-time side is made of.
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
-    pub(crate) arena: &'m mut [u32],
+    pub(crate) arenas: [&'m mut [u32]; 2],
     pub(crate) tasks: TaskTable<'m>,
     pub(crate) slots: &'m mut [SlotEntry],
     pub(crate) limits: Limits,
@@ -223,7 +262,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             executor: parts.executor,
             mission: None,
             dispatcher: Dispatcher::idle(),
-            arena: Some(parts.arena),
+            arenas: parts.arenas.map(Some),
             tasks: parts.tasks,
             slots: parts.slots,
             mode: Mode::Empty,
@@ -1102,9 +1141,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     #[inline(never)]
     fn swap(&mut self, new: Verified<BlobBuffer<'m>>, swap: Swap, at: Origin) -> Letter<'m> {
         let mission = new.hash();
-        let (old, running) = self.end_mission().unzip();
-        match self.start_mission(new, running, at) {
-            Ok(()) => {
+        // What failed or stands still has nothing to hand over.
+        let warm = swap.warm && self.mode == Mode::Running;
+        let before = self.mission.take();
+        let running = before.as_ref().map(Mission::running);
+        let started = self.start_mission(new, running, at, before.as_ref().filter(|_| warm));
+        let old = before.map(|before| self.give_back(before.interpreter));
+        match started {
+            Ok(carried) => {
                 let on_trial = swap.trial_ms > 0;
                 if on_trial {
                     self.trial = Some(Trial {
@@ -1115,7 +1159,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 } else if let Some(old) = old {
                     self.free(old.into_bytes(), None);
                 }
-                Letter::Swapped { mission, on_trial }
+                Letter::Swapped {
+                    mission,
+                    on_trial,
+                    carried,
+                }
             }
             Err((error, blob)) => {
                 self.free(blob, None);
@@ -1132,8 +1180,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return Letter::Failed(LinkError::NoMission);
         };
         self.mode = Mode::Running;
-        match self.start_mission(mission, Some(running), at) {
-            Ok(()) => Letter::Done,
+        match self.start_mission(mission, Some(running), at, None) {
+            Ok(_) => Letter::Done,
             Err((error, blob)) => {
                 self.free(blob, None);
                 Letter::Failed(error)
@@ -1180,7 +1228,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     ) {
         self.begin_health();
         if let Some(before) = before
-            && let Err((_, blob)) = self.start_mission(before, running, at)
+            && let Err((_, blob)) = self.start_mission(before, running, at, None)
         {
             // It ran in this memory.
             self.free(blob, None);
@@ -1213,21 +1261,35 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     #[inline(never)]
     fn end_mission(&mut self) -> Option<(Verified<BlobBuffer<'m>>, (Origin, u32))> {
         let mission = self.mission.take()?;
-        let period_us = interpreter_period_us(&mission.interpreter.tables());
-        let (verified, arena) = mission.interpreter.into_parts();
-        self.arena = Some(arena);
-        Some((verified, (mission.origin, period_us)))
+        let running = mission.running();
+        Some((self.give_back(mission.interpreter), running))
+    }
+
+    /// Takes an interpreter apart, and keeps its memory for the next.
+    fn give_back(
+        &mut self,
+        interpreter: Interpreter<'m, BlobBuffer<'m>>,
+    ) -> Verified<BlobBuffer<'m>> {
+        let (verified, arena) = interpreter.into_parts();
+        self.keep_arena(arena);
+        verified
+    }
+
+    fn keep_arena(&mut self, arena: &'m mut [u32]) {
+        if let Some(place) = self.arenas.iter_mut().find(|place| place.is_none()) {
+            *place = Some(arena);
+        }
     }
 
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
-    /// period, which the slots go on with if it is the new interpreter's, too.
+    /// period, which the slots go on with if it is the new interpreter's, too. From `before` it takes over what both have. Answers how many regions go on as they were.
     fn start_mission(
         &mut self,
         verified: Verified<BlobBuffer<'m>>,
         running: Option<(Origin, u32)>,
         at: Origin,
-    ) -> Result<(), (LinkError, BlobBuffer<'m>)> {
-        self.executor.clear();
+        before: Option<&Mission<'m>>,
+    ) -> Result<u16, (LinkError, BlobBuffer<'m>)> {
         self.running = None;
         self.supervisor = None;
         self.failure = None;
@@ -1235,11 +1297,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.link_silent_us = 0;
         self.params = LiveParams::NONE;
         self.begin_health();
-        // At hand while there is no mission.
-        let Some(arena) = self.arena.take() else {
+        // There is one for each of two missions.
+        let Some(arena) = self.arenas.iter_mut().find_map(Option::take) else {
             return Err((LinkError::Busy, verified.into_bytes()));
         };
-        let interpreter = match Interpreter::new(verified, arena) {
+        let mut interpreter = match Interpreter::new(verified, arena) {
             Ok(interpreter) => interpreter,
             Err(refused) => {
                 let error = LinkError::CapacityExceeded {
@@ -1247,7 +1309,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     needed: refused.needed_words as u32,
                     available: refused.arena.len() as u32,
                 };
-                self.arena = Some(refused.arena);
+                self.keep_arena(refused.arena);
                 return Err((error, refused.verified.into_bytes()));
             }
         };
@@ -1265,17 +1327,29 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 needed: tables.slots().len() as u32,
                 available: SLOTS as u32,
             };
-            let (verified, arena) = interpreter.into_parts();
-            self.arena = Some(arena);
-            return Err((error, verified.into_bytes()));
+            return Err((error, self.give_back(interpreter).into_bytes()));
         }
+        self.tasks.begin();
+        self.executor.begin_carry();
+        let carried = before.map_or(0, |before| {
+            let mut carrying = Carrying {
+                tasks: &mut self.tasks,
+                executor: &mut self.executor,
+            };
+            let taken_over = interpreter.take_over(&before.interpreter, &mut carrying);
+            taken_over.regions
+        });
+        self.executor.end_carry(|place| self.tasks.serves(place));
+        let tables = interpreter.tables();
         // What starts with the interpreter, and before it in the order of the slots, has been.
         while follows.is_some()
             && self.dispatcher.next().slot != tables.interpreter_slot()
             && self.dispatcher.take(began_us).is_some()
         {}
-        self.tasks
-            .load(&tables, self.executor.registry(), self.slots);
+        let registry = self.executor.registry();
+        self.tasks.load(&tables, registry, self.slots, |task| {
+            interpreter.is_enabled(task)
+        });
         let longest = tables.slots().map(|slot| slot.period_us).max();
         self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
@@ -1294,11 +1368,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             interpreter,
             origin,
             began_us,
+            tasks_us: before.map_or(0, |before| {
+                before.t_us(at.us.saturating_sub(before.origin.us))
+            }),
             occurrences: 0,
             next_step: 0,
             interpreter_slot,
         });
-        Ok(())
+        Ok(carried)
     }
 
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.

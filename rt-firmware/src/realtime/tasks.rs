@@ -43,7 +43,10 @@ impl TaskEntry {
         order: 0,
         next_in_slot: NONE,
         overruns: 0,
-        place: TaskPlace { bank: 0, place: 0 },
+        place: TaskPlace {
+            bank: NO_BANK,
+            place: 0,
+        },
         group: NO_GROUP,
         activation: Activation::Off,
     };
@@ -52,6 +55,7 @@ impl TaskEntry {
     pub(crate) const UNUSED: TaskEntry = TaskEntry {
         next_in_slot: 0,
         group: 0,
+        place: TaskPlace { bank: 0, place: 0 },
         ..Self::EMPTY
     };
 }
@@ -74,6 +78,8 @@ impl Group {
 /// The task instances of a mission.
 pub(crate) struct TaskTable<'m> {
     entries: &'m mut [TaskEntry],
+    /// Those of the mission before, while the next one takes over from it.
+    entries_before: &'m mut [TaskEntry],
     groups: &'m mut [Group],
     first_in_slot_0: Option<u16>,
     next_order: u32,
@@ -82,9 +88,13 @@ pub(crate) struct TaskTable<'m> {
 }
 
 impl<'m> TaskTable<'m> {
-    pub(crate) fn new(entries: &'m mut [TaskEntry], groups: &'m mut [Group]) -> Self {
+    pub(crate) fn new(
+        [entries, entries_before]: [&'m mut [TaskEntry]; 2],
+        groups: &'m mut [Group],
+    ) -> Self {
         TaskTable {
             entries,
+            entries_before,
             groups,
             first_in_slot_0: None,
             next_order: 0,
@@ -92,40 +102,88 @@ impl<'m> TaskTable<'m> {
         }
     }
 
-    /// Starts anew with the task instances of a mission that was [checked](crate::check): gives each its task, in instance order, and
-    /// links those of each slot.
+    /// A mission takes over: from here to [`load`](Self::load) tasks of the one before can be [carried](Self::carry).
+    pub(crate) fn begin(&mut self) {
+        core::mem::swap(&mut self.entries, &mut self.entries_before);
+        self.entries.fill(TaskEntry::EMPTY);
+    }
+
+    /// The task of an instance of the mission before serves this one, and goes on as it is. Answers which it is.
+    pub(crate) fn carry(&mut self, instance: usize, before: usize) -> Option<TaskPlace> {
+        let TaskEntry {
+            place,
+            order,
+            activation,
+            ..
+        } = *self.entries_before.get(before)?;
+        *self.entries.get_mut(instance)? = TaskEntry {
+            place,
+            order,
+            activation,
+            ..TaskEntry::EMPTY
+        };
+        (place.bank != NO_BANK).then_some(place)
+    }
+
+    /// Whether a task serves an instance of the mission.
+    pub(crate) fn serves(&self, place: TaskPlace) -> bool {
+        self.entries.iter().any(|entry| entry.place == place)
+    }
+
+    /// Starts with the task instances of a mission that was [checked](crate::check): gives each that nobody serves yet a task, in instance order, and
+    /// links those of each slot. Enabled are those of which `is_enabled` says so: those that were before go on, but for a run in slot 0, which begins anew.
     pub(crate) fn load(
         &mut self,
         tables: &Tables<'_>,
         registry: Registry<'_>,
         slots: &mut [SlotEntry],
+        is_enabled: impl Fn(usize) -> bool,
     ) {
         let count = tables.task_instance_count().min(self.entries.len());
-        self.entries.fill(TaskEntry::EMPTY);
         self.groups.fill(Group::FREE);
         self.first_in_slot_0 = None;
-        self.next_order = 0;
         self.look_for_jobs = true;
         slots.fill(SlotEntry::EMPTY);
         for (entry, slot) in slots.iter_mut().zip(tables.slots()) {
             entry.set_duration_us(slot.duration_us);
         }
         for instance in 0..count {
-            let Some((before, [entry, ..])) = self.entries.split_at_mut_checked(instance) else {
+            let state = tables.task_state_of(instance);
+            let task = state.and_then(|state| tables.task(state.task));
+            let free = self.free_place(task.and_then(|task| registry.find(task.signature_hash)));
+            let now = self.next_order;
+            let Some(entry) = self.entries.get_mut(instance) else {
                 return;
             };
-            let task = tables
-                .task_state_of(instance)
-                .and_then(|state| tables.task(state.task));
-            let bank = task.and_then(|task| registry.find(task.signature_hash));
-            entry.place.bank = bank.unwrap_or(NO_BANK);
-            entry.place.place = before
-                .iter()
-                .filter(|other| other.place.bank == entry.place.bank)
-                .count() as u8;
+            if entry.place.bank == NO_BANK {
+                entry.place = free;
+            }
             entry.group = task
                 .and_then(|task| task.exclusive)
                 .map_or(NO_GROUP, |group| group as u8);
+            let real_time = state.is_some_and(|state| state.slot.is_some());
+            let before = entry.activation;
+            entry.activation = match is_enabled(instance) {
+                false => Activation::Off,
+                true if real_time && before != Activation::Off => before,
+                true => Activation::Fresh,
+            };
+            if before == Activation::Off {
+                entry.order = now;
+            }
+            let (group, age) = (entry.group, now.wrapping_sub(entry.order));
+            let is_enabled = entry.activation != Activation::Off;
+            let holder = self
+                .groups
+                .get(usize::from(group))
+                .map(|group| group.holder);
+            let is_oldest = holder.is_some_and(|holder| holder == NONE || self.age(holder) < age);
+            if is_enabled
+                && is_oldest
+                && let Some(group) = self.groups.get_mut(usize::from(group))
+            {
+                group.holder = instance as u16;
+            }
         }
         // From the last to the first, so that each becomes the head of its slot's list.
         for (instance, entry) in self.entries.iter_mut().enumerate().take(count).rev() {
@@ -144,6 +202,16 @@ impl<'m> TaskTable<'m> {
             };
             entry.next_in_slot = next;
         }
+    }
+
+    /// The first task of a bank that serves nobody.
+    fn free_place(&self, bank: Option<u8>) -> TaskPlace {
+        let bank = bank.unwrap_or(NO_BANK);
+        let mut place = TaskPlace { bank, place: 0 };
+        while bank != NO_BANK && place.place < u8::MAX && self.serves(place) {
+            place.place += 1;
+        }
+        place
     }
 
     fn entry(&self, instance: u16) -> TaskEntry {
@@ -316,8 +384,12 @@ mod tests {
             group: 0,
             ..TaskEntry::EMPTY
         }; 3];
+        let mut entries_before = [TaskEntry::EMPTY; 3];
         let mut groups = [Group::FREE; 1];
-        test(&mut TaskTable::new(&mut entries, &mut groups));
+        test(&mut TaskTable::new(
+            [&mut entries, &mut entries_before],
+            &mut groups,
+        ));
     }
 
     fn holder(tasks: &TaskTable<'_>) -> u16 {

@@ -330,7 +330,7 @@ pub fn link(bytes: &[u8]) {
     let hash = subject.ask(
         Request::Commit(Swap::default()),
         |response| match response {
-            Response::Committed { mission } => Some(mission),
+            Response::Committed { mission, .. } => Some(mission),
             _ => None,
         },
     );

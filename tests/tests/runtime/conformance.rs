@@ -115,7 +115,13 @@ fn write_frames(text: &mut String) {
                 data: &chunk,
             },
         ),
-        ("request commit", Request::Commit(Swap { trial_ms: 10_000 })),
+        (
+            "request commit",
+            Request::Commit(Swap {
+                warm: true,
+                trial_ms: 10_000,
+            }),
+        ),
         ("request abort", Request::Abort),
         ("request status", Request::Status),
         ("request stop", Request::Stop),
@@ -285,6 +291,7 @@ fn write_frames(text: &mut String) {
             "committed",
             Ok(Response::Committed {
                 mission: 0x0102_0304,
+                carried: 300,
             }),
         ),
         ("done", Ok(Response::Done)),

@@ -10,6 +10,7 @@ mod parameters;
 mod readiness;
 mod robot;
 mod trials;
+mod warm;
 
 use std::time::Duration;
 

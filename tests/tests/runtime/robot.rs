@@ -488,7 +488,7 @@ impl Bench<'_, '_, '_> {
                             Answer::Hello(format!("{} {}", info.firmware, info.board), info.access)
                         }
                         Response::Received { len } => Answer::Received(len),
-                        Response::Committed { mission } => Answer::Committed(mission),
+                        Response::Committed { mission, .. } => Answer::Committed(mission),
                         Response::Done => Answer::Done,
                         Response::Status(status) => Answer::Status(status),
                         Response::TaskText { total, text } => {
@@ -590,7 +590,10 @@ impl Bench<'_, '_, '_> {
     /// Sends a blob that is right, and switches to it on trial.
     pub fn try_out(&mut self, blob: &[u8], trial_ms: u32) {
         self.send(blob);
-        let swapped = self.ask(Request::Commit(Swap { trial_ms }));
+        let swapped = self.ask(Request::Commit(Swap {
+            warm: false,
+            trial_ms,
+        }));
         assert!(matches!(swapped, Ok(Answer::Committed(_))), "{swapped:?}");
     }
 

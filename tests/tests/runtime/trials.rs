@@ -229,7 +229,10 @@ fn an_upload_that_overtook_the_beginning_of_a_trial_waits_for_its_end() {
     with_robot(|robot| {
         let (tried, next) = (idle(1), idle(2));
         robot.send(&tried);
-        let frame = robot.frame(Request::Commit(Swap { trial_ms: TRIAL_MS }));
+        let frame = robot.frame(Request::Commit(Swap {
+            warm: false,
+            trial_ms: TRIAL_MS,
+        }));
         robot.wire.to_robot.extend(frame);
         assert_eq!(robot.exchange(), [], "the real-time side has it");
         robot.send(&next);
