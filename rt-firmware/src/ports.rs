@@ -1575,8 +1575,9 @@ mod tests {
         assert_eq!(size_of_val(&first), 0);
         let mut first: [&mut dyn TaskBank; 1] = [&mut first];
         let mut second: [&mut dyn TaskBank; 1] = [&mut second];
-        let (mut first, _) = assemble(&mut first, &mut [[], []]).unwrap();
-        let (mut second, _) = assemble(&mut second, &mut [[], []]).unwrap();
+        let (mut first_nets, mut second_nets) = (nets::<0>(), nets::<0>());
+        let (mut first, _) = assemble(&mut first, &mut first_nets).unwrap();
+        let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
             let lent = executor.lend(SOURCE, |_| None, |_, _| ());
             lent.unwrap()

@@ -649,6 +649,7 @@ fn a_changed_task_breaks_the_equality() {
             until_us: Some(RUN_S * 1_000_000),
             realtime: false,
             missions: vec![Planned {
+                warm: false,
                 at_us: 0,
                 mission: Mission::new(&blob, verified).unwrap(),
                 handover: Handover::default(),

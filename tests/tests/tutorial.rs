@@ -111,6 +111,7 @@ impl StepOfTutorial {
             until_us: Some(self.until_s * 1_000_000),
             realtime: false,
             missions: vec![Planned {
+                warm: false,
                 at_us: 0,
                 mission: Mission::new(&blob, verified).unwrap(),
                 handover: Handover::default(),

@@ -22,6 +22,7 @@ pub mod build;
 pub mod check;
 pub mod confirm;
 pub mod console;
+pub mod diff;
 pub mod difference;
 pub mod draw;
 pub mod exit;
@@ -98,6 +99,7 @@ pub enum Command {
     Bound(bound::BoundArgs),
     Draw(draw::DrawArgs),
     Inspect(inspect::InspectArgs),
+    Diff(diff::DiffArgs),
     Schedule(schedule::ScheduleArgs),
     Sim(sim::SimArgs),
     Test(test::TestArgs),
@@ -178,6 +180,7 @@ pub fn execute(
         Command::Bound(args) => bound::execute(args, console),
         Command::Draw(args) => draw::execute(args, console),
         Command::Inspect(args) => inspect::execute(args, console),
+        Command::Diff(args) => diff::execute(args, console),
         Command::Schedule(args) => schedule::execute(args, console),
         Command::Sim(args) => sim::execute(args, console),
         Command::Test(args) => test::execute(args, console),

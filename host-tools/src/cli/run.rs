@@ -71,6 +71,10 @@ pub struct RunArgs {
     #[arg(long, value_name = "'TIME FILE'")]
     pub then: Vec<Then>,
 
+    /// What one mission has in common with the next goes on as it is, as with `esm upload --warm`
+    #[arg(long, requires = "then")]
+    pub warm: bool,
+
     /// Does not start where a slot that one mission shares with the next cannot go on as it runs
     #[arg(long, requires = "then")]
     pub no_gap: bool,
@@ -207,6 +211,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     let mut missions = vec![Planned {
         at_us: 0,
         mission: first.mission,
+        warm: false,
         handover: Handover::default(),
     }];
     for then in thens {
@@ -216,6 +221,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         missions.push(Planned {
             at_us: then.at.us,
             mission: next.mission,
+            warm: args.warm,
             handover,
         });
     }

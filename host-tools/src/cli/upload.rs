@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::{Capacities, LinkError, Mode, Status, Swap};
+use esm_core::Verified;
+use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Status, Swap};
 use serde::Serialize;
 
 use super::argument::Time;
@@ -14,6 +15,7 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::stage;
+use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
 use crate::link_client::{ClientError, RobotInfo};
 use crate::run::interrupt::Interrupt;
@@ -33,6 +35,8 @@ use crate::trial::{self, Outcome};
 /// An upload that was broken off (a lost line, a host that was switched off) goes on where it was when the same is uploaded again. Ctrl-C ends it in order: the robot
 /// forgets what it has of the new mission, or goes back to the one before where the new one runs on trial already.
 ///
+/// What changes against the mission that runs is shown before it is sent: states, transitions, parameters, slots, by name. With `--warm` also what goes on.
+///
 /// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
 /// to; which, and the one longer gap of each, is said before anything is sent. The starts in a blob are what they are.
 #[derive(Debug, Args)]
@@ -40,6 +44,7 @@ use crate::trial::{self, Outcome};
 Examples:
   esm upload missions/patrol.esm --port /dev/ttyUSB0
   esm upload patrol.blob --port tcp:robot.local:4000
+  esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm --diff
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --trial '60 s'
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --no-gap --json")]
@@ -55,6 +60,10 @@ pub struct UploadArgs {
     /// What both missions have goes on as it is: states, timers, flags, nets, what tasks know. All else starts anew
     #[arg(long)]
     pub warm: bool,
+
+    /// Shows what the upload would change, and sends nothing
+    #[arg(long)]
+    pub diff: bool,
 
     /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to the one before. 1 s to 3600 s
     #[arg(long, value_name = "TIME", value_parser = trial_time)]
@@ -88,6 +97,64 @@ struct Uploaded {
     fell_back: Option<&'static str>,
     #[serde(flatten)]
     handover: Handover,
+    /// How it differs from the mission before, if there was one.
+    #[serde(flatten)]
+    preview: Option<Preview>,
+}
+
+/// What an upload changes.
+#[derive(Serialize)]
+struct Preview {
+    /// How the missions differ.
+    changes: Changes,
+    /// With `--warm`: what goes on, by the states that the robot is in now.
+    carry_over: Option<CarryOver>,
+}
+
+/// How many differences of a kind are shown before an upload, and with `--diff`.
+const SHOWN: usize = 4;
+const SHOWN_ALONE: usize = 100;
+
+impl Preview {
+    fn of(
+        running: &Verified<Vec<u8>>,
+        mission: &Mission,
+        warm: bool,
+        robot: &mut Robot,
+    ) -> Result<Self, CommandError> {
+        let next = stage::verified(&mission.file, mission.blob.clone())?;
+        let carry_over = if warm {
+            let states = robot.current_states()?.states;
+            let current = |region: usize| {
+                let state = states.get(region).filter(|state| **state != NO_STATE)?;
+                Some(usize::from(*state))
+            };
+            // Without names nothing goes on.
+            CarryOver::between(&running.tables(), current, &next.tables()).ok()
+        } else {
+            None
+        };
+        Ok(Preview {
+            changes: Changes::between(running, &next),
+            carry_over,
+        })
+    }
+
+    fn text(&self, most: usize) -> String {
+        let carried = self.carry_over.as_ref().map(|carried| carried.text(most));
+        self.changes.text(most) + &carried.unwrap_or_default()
+    }
+}
+
+/// Shows what an upload would change.
+fn show(preview: Option<Preview>, json: bool, console: &mut Console) -> Result<(), CommandError> {
+    if json {
+        return console.json_line(&preview);
+    }
+    match preview {
+        Some(preview) => console.text(&preview.text(SHOWN_ALONE)),
+        None => console.text("the robot has no mission: all of it is new\n"),
+    }
 }
 
 /// Runs the command.
@@ -98,11 +165,22 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     let mut staged = stage::mission(&args.file, console)?;
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
-    let handover = match running_slots(&mut robot)? {
-        Some(running) => staged.follow(&running, args.no_gap, console)?,
+    let running = running_mission(&mut robot)?;
+    let handover = match &running {
+        Some(running) => staged.follow(&SlotTable::of(&running.tables()), args.no_gap, console)?,
         None => Handover::default(),
     };
     let mission = &staged.mission;
+    let preview = match &running {
+        Some(running) => Some(Preview::of(running, mission, args.warm, &mut robot)?),
+        None => None,
+    };
+    if args.diff {
+        return show(preview, args.json, console);
+    }
+    if let (Some(preview), false) = (&preview, args.json) {
+        console.text(&preview.text(SHOWN))?;
+    }
     check_room(mission, &info)?;
     let bar = console.progress(
         &format!("uploading {}", mission.name),
@@ -169,6 +247,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         upload_s,
         carried_regions: args.warm.then_some(committed.carried),
         confirmed: matches!(outcome, Some(Outcome::Confirmed | Outcome::ConfirmedUnseen)),
+        preview,
         fell_back: match outcome {
             Some(Outcome::FellBack(fell_back)) => Some(story::fall_back_reason(fell_back.reason)),
             _ => None,
@@ -326,8 +405,8 @@ fn failure(
     }
 }
 
-/// The slots of the mission that runs on the robot, if one does.
-fn running_slots(robot: &mut Robot) -> Result<Option<SlotTable>, CommandError> {
+/// The mission that runs on the robot, if one does.
+fn running_mission(robot: &mut Robot) -> Result<Option<Verified<Vec<u8>>>, CommandError> {
     let blob = match robot.running_blob() {
         Ok(blob) => blob,
         Err(error) if error.refusal() == Some(LinkError::NoMission) => return Ok(None),
@@ -339,7 +418,7 @@ fn running_slots(robot: &mut Robot) -> Result<Option<SlotTable>, CommandError> {
             Explained(refusal)
         ))
     })?;
-    Ok(Some(SlotTable::of(&verified.tables())))
+    Ok(Some(verified))
 }
 
 /// Compares the mission with what the robot says of itself, before anything is sent.

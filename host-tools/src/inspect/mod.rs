@@ -3,6 +3,7 @@
 //! [`Report::of`] takes a verified blob apart; its [`Display`](std::fmt::Display) is for people, its serde form for programs. Names come from the
 //! blob's name table; where that was left out, they are made up.
 
+pub mod changes;
 mod flags;
 mod guard;
 mod names;

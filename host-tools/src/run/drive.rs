@@ -47,6 +47,8 @@ pub struct Planned {
     pub at_us: u64,
     /// The mission.
     pub mission: Mission,
+    /// Whether what it has in common with the one before goes on as it is.
+    pub warm: bool,
     /// What becomes of the slots that it shares with the one before.
     pub handover: Handover,
 }
@@ -362,7 +364,10 @@ impl<W: Write> Driver<W> {
     fn upload_next(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
         let index = self.uploads.len();
         let Some(Planned {
-            mission, handover, ..
+            mission,
+            handover,
+            warm,
+            ..
         }) = self.missions.get(index)
         else {
             return Ok(());
@@ -397,7 +402,12 @@ impl<W: Write> Driver<W> {
             RunningBoard::Host(board) => board.set_gate(next_us),
             RunningBoard::Emulated(_) => {}
         }
-        self.robot.commit(Swap::default()).map_err(wrap)?;
+        self.robot
+            .commit(Swap {
+                warm: *warm,
+                ..Swap::default()
+            })
+            .map_err(wrap)?;
         let upload_s = started.elapsed().as_secs_f64();
         let missed = self.robot.status().map_err(wrap)?.missed;
         drop(hold);

@@ -147,6 +147,7 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
         missions: missions
             .into_iter()
             .map(|(at_us, mission)| Planned {
+                warm: false,
                 at_us,
                 mission,
                 handover: Handover::default(),
