@@ -206,7 +206,7 @@ impl Robot {
         match arrived {
             Ok(took) => {
                 let started = Instant::now();
-                client.commit().map_err(failed)?;
+                client.commit(Swap::default()).map_err(failed)?;
                 row.longest_switch_s = row.longest_switch_s.max(started.elapsed().as_secs_f64());
                 row.took_s.push(took.as_secs_f64());
                 runs = blob;

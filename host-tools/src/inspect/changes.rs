@@ -302,7 +302,7 @@ fn parameters(report: &Report) -> BTreeMap<String, String> {
 
 fn paths(report: &Report) -> BTreeMap<String, String> {
     let paths = report.nets.iter().flat_map(|net| {
-        net.writers.iter().flat_map(|writer| {
+        net.writers.iter().flat_map(move |writer| {
             let readers = net.readers.iter();
             readers.map(move |reader| (format!("{writer} -> {reader}"), net.type_name.clone()))
         })
@@ -409,7 +409,7 @@ mod tests {
     use std::time::Duration;
 
     fn blob(text: &str) -> Verified<Vec<u8>> {
-        let checked = lang::load_text("m.esm", text);
+        let mut checked = lang::load_text("m.esm", text);
         let schedule = checked.lay_out(Duration::from_secs(5)).expect("it fits");
         let model = checked.model.expect("it is right");
         esm_core::verify(compile(&model, &schedule.starts_us).unwrap()).unwrap()
