@@ -22,7 +22,7 @@ use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::serial::pacing::Paced;
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use host_tools::world::World;
-use rt_firmware::link::message::{Mode, Status};
+use rt_firmware::link::message::{Mode, Status, Swap};
 
 const MISSION: &str = "missions/patrol.esm";
 const BODY: &str = "missions/rover.esm";

@@ -871,7 +871,10 @@ impl<'m> Desk<'_, 'm> {
         match (verified(blob), &mut self.letter) {
             (Ok(mission), Some(letter)) => {
                 let trial_ms = if on_trial { TRIAL_AT_START_MS } else { 0 };
-                let swap = Swap { trial_ms };
+                let swap = Swap {
+                    warm: false,
+                    trial_ms,
+                };
                 **letter = Letter::Swap { mission, swap };
                 self.post(None);
             }
