@@ -8,10 +8,9 @@
 
 use core::ops::Deref;
 
-use super::{Interpreter, bit_of};
+use super::{Interpreter, WORD_BITS, bit_of};
 use crate::format;
-use crate::reads::access::Access;
-use crate::reads::{Checked, Reads};
+use crate::reads::Reads;
 use crate::tables::{Names, State, StateKind, Tables};
 
 /// Stands for no region instance of the machine before.
@@ -250,15 +249,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let taken_over = self.take_states(before);
         // Whoever was asleep wakes up once more, and all timers are looked at: too often does no harm.
         self.wake_all(0..self.layout.regions);
-        self.steps_left = 1;
+        self.look_at_timers_in(1);
         taken_over
     }
 
     /// Writes to each region instance its pair in the place of its timer, and the state that goes on as its current one.
     fn find_pairs(&mut self, before: &Interpreter<'_, B, R>, tasks: &mut impl TaskPairs) {
-        let entered = self.layout.entered;
+        let (entered, current_states) = (self.parts.entered, self.parts.current);
         for region in 0..self.layout.regions {
-            R::store(self.arena, entered + region, NOBODY);
+            R::store(self.arena, entered, region, NOBODY);
         }
         let (here, there) = (self.verified.tables(), before.tables());
         let Some(mut pairs) = Pairs::new(here, there) else {
@@ -266,7 +265,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         };
         for region in 0..self.layout.regions {
             let arena = &*self.arena;
-            let pair = pairs.find(region, |other| R::load(arena, entered + other));
+            let pair = pairs.find(region, |other| R::load(arena, entered, other));
             let Some((pair, instances)) = pair.and_then(|pair| {
                 let instance = |tables: &Tables<'_>, region| {
                     tables.instance(tables.region_instance(region)?.instance)
@@ -275,7 +274,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             }) else {
                 continue;
             };
-            R::store(self.arena, entered + region, pair as u32);
+            R::store(self.arena, entered, region, pair as u32);
             let current = before.is_region_active(pair).then(|| before.current(pair));
             let template = pairs.there.region;
             let Some(states) = pairs.here.states_of(pairs.here.region) else {
@@ -287,7 +286,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                     continue;
                 };
                 if current == Some(other) {
-                    R::store_half(self.arena, region, state as u16);
+                    R::store_half(self.arena, current_states, region, state as u16);
                 }
                 let offset = |tables: &Tables<'_>, state| match tables.state(state)?.kind {
                     StateKind::Task { task_offset, .. } => Some(task_offset),
@@ -307,9 +306,9 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     fn take_states(&mut self, before: &Interpreter<'_, B, R>) -> TakenOver {
         let mut taken_over = TakenOver::default();
         for region in 0..self.layout.regions {
-            let place = self.layout.entered + region;
-            let pair = self.load(place);
-            self.store(place, 0);
+            let entered = self.parts.entered;
+            let pair = self.load(entered, region);
+            self.store(entered, region, 0);
             if !self.is_region_active(region) {
                 continue;
             }
@@ -376,8 +375,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 let mut inside = self.first_region_in(instance_index + instance_offset)?;
                 let end = self.next(region);
                 while inside < end {
-                    let active = self.active_word(inside);
-                    self.store(active, self.load(active) | bit_of(inside));
+                    let word = inside / WORD_BITS;
+                    self.set_active(word, self.active(word) | bit_of(inside));
                     inside = self.next(inside);
                 }
             }
@@ -420,11 +419,11 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             };
             let is_set = before.flag(old_first + format::CONTAINER_CONTROL_FLAGS + other);
             let bit = first_flag + format::CONTAINER_CONTROL_FLAGS + flag;
-            let place = 32 * self.layout.flags + bit;
-            let word = R::load(self.arena, place / 32);
-            let bit = 1 << (place % 32);
+            let (flags, place) = (self.parts.flags, bit / WORD_BITS);
+            let word = R::load(self.arena, flags, place);
+            let bit = 1 << (bit % WORD_BITS);
             let word = if is_set { word | bit } else { word & !bit };
-            R::store(self.arena, place / 32, word);
+            R::store(self.arena, flags, place, word);
         }
         Some(())
     }
@@ -450,7 +449,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             if before.flag(old_first + flag(&old)) {
                 self.set_flag_to(first_flag + flag(&new), true);
             } else {
-                let entered = Checked::load(before.arena, before.layout.entered + pair);
+                let entered = before.load(before.parts.entered, pair);
                 let steps = u64::from(before.now().wrapping_sub(entered));
                 let us = steps * u64::from(before.period_us);
                 let limit = self.limit(self.current_record(region));
@@ -459,6 +458,6 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             }
         }
         let entered = self.now().wrapping_sub(age);
-        self.store(self.layout.entered + region, entered);
+        self.store(self.parts.entered, region, entered);
     }
 }
