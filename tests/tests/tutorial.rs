@@ -119,7 +119,6 @@ impl StepOfTutorial {
             replay: None,
             plant_fault: None,
             cut_link_us: None,
-            flash: None,
         };
         let interrupt = Interrupt::take_over().unwrap();
         let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

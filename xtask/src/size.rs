@@ -94,7 +94,16 @@ const APP_PARTS: [(&str, &str); 9] = [
 ];
 
 /// Parts, by what their symbols' names contain; the first that occurs in a name counts.
-const PARTS: [(&str, &[&str]); 8] = [
+const PARTS: [(&str, &[&str]); 9] = [
+    (
+        "keys",
+        &[
+            "15ed25519_compact",
+            "ed25519_compact..",
+            "11rt_firmware4link4keys",
+            "11rt_firmware4link7no_keys",
+        ],
+    ),
     (
         "tasks and drivers",
         &[

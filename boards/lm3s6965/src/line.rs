@@ -5,10 +5,14 @@ use core::mem;
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
+#[cfg(feature = "keys")]
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide};
 
+#[cfg(feature = "keys")]
+use crate::clock;
 use crate::flash::BoardKeep;
 use crate::{log, stack, uart};
 
@@ -132,5 +136,30 @@ impl LinkPort for LinkEnd {
     #[cfg(feature = "store")]
     fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
         self.keep.as_mut().map(|keep| &mut **keep as _)
+    }
+
+    #[cfg(feature = "keys")]
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        match self.keep {
+            Some(_) => Some(self),
+            None => None,
+        }
+    }
+}
+
+#[cfg(feature = "keys")]
+impl KeySafe for LinkEnd {
+    fn now_us(&mut self) -> u64 {
+        clock::now_us()
+    }
+
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.records().read_of_key(record, room)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.records().write_of_key(record, bytes)
     }
 }

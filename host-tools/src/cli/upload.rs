@@ -222,6 +222,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
             mission.file.display(),
             mission.refusal(refusal)
         )),
+        None if matches!(error, ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. }) => error.into(),
         None => CommandError::World(anyhow!(
             "{error}\nthe robot drives on with what it has; the same upload goes on where this one ended"
         )),

@@ -5,7 +5,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use rt_firmware::LinkPort;
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
 
@@ -25,27 +25,28 @@ pub(super) struct Port<'k> {
     line: PipeEnd,
     incoming: VecDeque<u8>,
     outgoing: Vec<u8>,
-    keep: Option<Keep<'k, Flash>>,
-    safe: Safe,
+    safe: Safe<'k>,
 }
 
-/// Keeps a key for as long as the process lives.
-struct Safe {
-    kept: Volatile,
+/// What the board keeps, and its clock.
+struct Safe<'k> {
+    keep: Option<Keep<'k, Flash>>,
     started: Instant,
 }
 
-impl KeySafe for Safe {
+impl KeySafe for Safe<'_> {
     fn now_us(&mut self) -> u64 {
         self.started.elapsed().as_micros() as u64
     }
 
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        self.kept.read(record, room)
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.records().read_of_key(record, room)
     }
 
     fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.kept.write(record, bytes)
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.records().write_of_key(record, bytes)
     }
 }
 
@@ -56,10 +57,9 @@ impl<'k> Port<'k> {
             incoming: VecDeque::new(),
             outgoing: Vec::new(),
             safe: Safe {
-                kept: Volatile::default(),
+                keep,
                 started: Instant::now(),
             },
-            keep,
         }
     }
 
@@ -103,10 +103,13 @@ impl LinkPort for Port<'_> {
     }
 
     fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
-        Some(&mut self.safe)
+        match self.safe.keep {
+            Some(_) => Some(&mut self.safe),
+            None => None,
+        }
     }
 
     fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
-        self.keep.as_mut().map(|keep| keep as _)
+        self.safe.keep.as_mut().map(|keep| keep as _)
     }
 }

@@ -55,6 +55,7 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::{Layout, LayoutError, SlotState, Store};
+use crate::link::key_safe::{KeyRecord, NotKept};
 
 /// The longest value of a record, in bytes.
 pub const MAX_VALUE_BYTES: usize = 64;
@@ -65,6 +66,16 @@ const HEAD_BYTES: usize = 2;
 /// Which record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Key(pub u8);
+
+impl From<KeyRecord> for Key {
+    fn from(record: KeyRecord) -> Self {
+        Key(match record {
+            KeyRecord::Key => 1,
+            KeyRecord::Counter => 2,
+            KeyRecord::Starts => 3,
+        })
+    }
+}
 
 /// Why a record was not kept. The one before is still there, if there was one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,6 +175,33 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
         self.found = Found::Table;
         Ok(())
+    }
+
+    /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
+    ///
+    /// # Errors
+    /// [`NotKept`]: there is damage, or the record has no room.
+    pub fn read_of_key(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        if self.found == Found::Damage {
+            return Err(NotKept);
+        }
+        let kept = self.get(record.into()).unwrap_or_default();
+        room.get_mut(..kept.len())
+            .ok_or(NotKept)?
+            .copy_from_slice(kept);
+        Ok(kept.len())
+    }
+
+    /// Keeps what belongs to the robot's key, as [`KeySafe::write`](crate::link::key_safe::KeySafe::write) does.
+    ///
+    /// # Errors
+    /// [`NotKept`]: there is damage, or the flash did not take it.
+    pub fn write_of_key(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        // A new table in the place of a damaged one would have no key.
+        if self.found == Found::Damage {
+            return Err(NotKept);
+        }
+        self.put(record.into(), bytes).map_err(|_| NotKept)
     }
 
     fn table(&self) -> &[u8] {

@@ -1,0 +1,154 @@
+//! `esm key`, and the commands that need one, as processes: what they do to a robot, and that nothing they print has the private part of a key.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use host_tools::host_board::{self, HostBoard};
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::{BodyParameters, Plant};
+use host_tools::serial::pty::PtyServer;
+use host_tools::world::World;
+
+/// Runs `esm` in `home`, and keeps all that it says in `heard`.
+fn esm(home: &Path, heard: &mut Vec<u8>, arguments: &[&str]) -> (i32, String, String) {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(env!("CARGO_BIN_EXE_esm"))
+        .args(arguments)
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .env("XDG_CONFIG_HOME", home)
+        .env_remove("ESM_KEY")
+        .env("RUST_BACKTRACE", "full")
+        .output()
+        .unwrap();
+    heard.extend(&stdout);
+    heard.extend(&stderr);
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (status.code().unwrap(), text(stdout), text(stderr))
+}
+
+/// Base64 of some bytes, without what fills up its end.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::new();
+    for chunk in bytes.chunks_exact(3) {
+        let bits = chunk
+            .iter()
+            .fold(0u32, |bits, byte| bits << 8 | u32::from(*byte));
+        for shift in [18, 12, 6, 0] {
+            text.push(char::from(DIGITS[(bits >> shift) as usize & 63]));
+        }
+    }
+    text
+}
+
+#[test]
+fn base64_is_what_others_take_for_it() {
+    assert_eq!(base64(b"foobar"), "Zm9vYmFy");
+}
+
+#[test]
+fn a_key_locks_a_robot_and_is_printed_nowhere() {
+    let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, Pace::new(true), None);
+    let (_board, line) = HostBoard::start(host_board::rover, plant, None).unwrap();
+    let server = PtyServer::start(Box::new(line)).unwrap();
+    let port = server.path().display().to_string();
+    let home = tempfile::tempdir().unwrap();
+    let other = home.path().join("other.key").display().to_string();
+    let mut heard = Vec::new();
+    let mut run = |arguments: &[&str]| {
+        let mut all = arguments.to_vec();
+        if arguments[0] != "key" || ["install", "remove"].contains(&arguments[1]) {
+            all.extend(["--port", &port]);
+        }
+        esm(home.path(), &mut heard, &all)
+    };
+    const OPEN: &str = "this robot takes commands from anyone: `esm key install`\n";
+
+    let (status, _, told) = run(&["key", "install"]);
+    assert_eq!(status, 3);
+    assert!(told.contains("`esm key new` makes one"), "{told}");
+    assert_eq!(run(&["key", "new"]).0, 0);
+    let (status, _, told) = run(&["key", "new"]);
+    assert!(status == 3 && told.contains("already"), "{told}");
+    assert_eq!(run(&["key", "new", "-o", &other]).0, 0);
+
+    // Without a key: everyone may, and everyone is told.
+    for arguments in [
+        &["upload", "missions/patrol.esm"][..],
+        &["status"],
+        &["start"],
+        &["stop"],
+    ] {
+        let (status, _, told) = run(arguments);
+        assert_eq!(status, 0, "{arguments:?}: {told}");
+        assert!(told.contains(OPEN), "{arguments:?}: {told}");
+    }
+    let (status, told, _) = run(&["key", "install"]);
+    assert!(status == 0 && told.starts_with("installed: "), "{told}");
+
+    // With it: its owner may, and needs to say nothing.
+    for (arguments, expected) in [
+        (&["start"][..], 0),
+        (&["upload", "missions/follow_wall.esm", "--json"], 0),
+        (&["status", "--json"], 0),
+        (&["start", "--key", &other], 1),
+        (&["upload", "missions/patrol.esm", "--key", &other], 1),
+        (&["stop", "--key", &other], 0),
+        (&["status", "--key", &other], 0),
+        (&["start", "--key", "/nowhere"], 3),
+        (&["key", "install", "--key", &other], 1),
+        (&["key", "remove", "--key", &other], 1),
+        (&["start"], 0),
+        (&["key", "show"], 0),
+        (&["key", "show", "--json", "--key", &other], 0),
+        (&["key", "install"], 0),
+    ] {
+        let (status, said, told) = run(arguments);
+        assert_eq!(status, expected, "{arguments:?}: {said}{told}");
+        assert!(!told.contains(OPEN), "{arguments:?}: {told}");
+    }
+    // A key that others may read is none.
+    let file = home.path().join("esm").join("key");
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
+    let (status, _, told) = run(&["start"]);
+    assert!(status == 3 && told.contains("chmod 600"), "{told}");
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
+    let present = file.display().to_string();
+    let replace = ["key", "install", "--key", &other, "--present", &present];
+    assert_eq!(run(&replace).0, 0);
+    assert_eq!(run(&["start"]).0, 1);
+    assert_eq!(run(&["key", "remove", "--key", &other]).0, 0);
+    assert_eq!(run(&["start"]).0, 0);
+
+    // All of that, and no part of a private key in it.
+    let heard = String::from_utf8_lossy(&heard).to_lowercase();
+    for path in [&present, &other] {
+        let text = fs::read_to_string(path).unwrap();
+        let hex = text.trim_end().strip_prefix("esm-key-1 ").unwrap();
+        let private: Vec<u8> = hex
+            .as_bytes()
+            .chunks(2)
+            .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap())
+            .collect();
+        assert_eq!(private.len(), 32);
+        for part in 0..3 {
+            let in_base64 = base64(&private[part..]).to_lowercase();
+            assert!(!heard.contains(&in_base64[..12]), "{path}: base64");
+        }
+        for start in (0..hex.len() - 12).step_by(2) {
+            assert!(!heard.contains(&hex[start..start + 12]), "{path}: hex");
+        }
+        let printed = format!("{private:?}");
+        assert!(!heard.contains(&printed[..30]), "{path}: a list");
+    }
+}
