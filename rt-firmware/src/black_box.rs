@@ -302,6 +302,9 @@ impl BlackBox {
 
     /// Forgets all records: what stands there is what power-on left.
     pub(crate) fn clear(&self) {
+        if !KEEPS_RECORDS {
+            return;
+        }
         let places = self.transitions.places.iter().chain(&self.events.places);
         places.for_each(Place::clear);
         self.transitions.next.store(0, Relaxed);
@@ -311,6 +314,9 @@ impl BlackBox {
 
     /// Goes on behind the records that are there, after a reset that may have come at any instruction of a write.
     pub(crate) fn resume(&self) {
+        if !KEEPS_RECORDS {
+            return;
+        }
         let (transition, event) = (self.transitions.newest(), self.events.newest());
         self.transitions.resume(transition.unwrap_or(0));
         self.events.resume(event.unwrap_or(0));
@@ -347,6 +353,9 @@ impl BlackBox {
 
     /// The oldest record from this sequence number on, or the oldest of all.
     pub fn first_from(&self, sequence: Option<u32>) -> Option<Record> {
+        if !KEEPS_RECORDS {
+            return None;
+        }
         let end = self.end();
         // How far before the end: the oldest is farthest.
         let age = |sequence: u32| end.wrapping_sub(sequence);

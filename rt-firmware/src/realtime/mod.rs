@@ -1547,8 +1547,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .map_or(0, |mission| mission.occurrences as u32);
         self.health.background_busy = self.executor.lent().is_some();
         self.health.changed_params = self.params.len();
+        const US_PER_MS: u32 = 1_000;
         self.health.trial = self.trial.as_ref().map(|trial| trial::Trial {
-            left_ms: (trial.until_us.saturating_sub(self.previous_end_us) / 1_000) as u32,
+            // Divided as ticks are: a division of 64 bits would take a routine of its own.
+            left_ms: microseconds(
+                trial.until_us.saturating_sub(self.previous_end_us),
+                US_PER_MS,
+            ) as u32,
             before: trial.before.as_ref().map(Verified::hash),
         });
         if let Some(kept) = self.kept {
