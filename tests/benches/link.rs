@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use esm_tests::command::root;
 use esm_tests::subject;
+use host_tools::boards;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
@@ -22,7 +23,9 @@ use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::serial::pacing::Paced;
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use host_tools::world::World;
+use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::link::message::{Mode, Status, Swap};
+use rt_firmware::store::keep::flash_bytes;
 
 const MISSION: &str = "missions/patrol.esm";
 const BODY: &str = "missions/rover.esm";
@@ -170,8 +173,12 @@ impl Robot {
             Plant::new(world, BodyParameters::default(), 1).map_err(|error| error.to_string())?;
         let plant = PlantSide::new(plant, Pace::new(true), None);
         let served = plant.clone();
-        let mut emulator = Emulator::start(firmware, idle, move |request| served.exchange(request))
-            .map_err(|error| error.to_string())?;
+        let capacities = boards::find(boards::DEFAULT).map(|board| board.capacities);
+        let blob_bytes = capacities.map_or(0, |capacities| capacities.blob_bytes);
+        let flash = plant.flash(flash_bytes(blob_bytes, ERASE_BYTES as u32));
+        let answer = move |request: &_| served.exchange(request);
+        let mut emulator =
+            Emulator::start(firmware, idle, answer, flash).map_err(|error| error.to_string())?;
         let uart = emulator.take_uart().ok_or("the emulator has no UART")?;
         let line = Lent(Arc::new(Mutex::new(Paced::new(uart, DEFAULT_BAUD))));
         let blob = subject::build_file(&root().join(MISSION))?.blob;

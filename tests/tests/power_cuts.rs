@@ -1,0 +1,266 @@
+//! Power is lost in the operations of the robot's flash while the real firmware runs in the emulator: it starts again with a whole mission, and with nothing lost
+//! that was acknowledged.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+use esm_tests::command::{firmware, root};
+use esm_tests::{environment, subject};
+use host_tools::boards;
+use host_tools::link_client::LinkClient;
+use host_tools::plant::flash::{Flash, PowerCut, Tear};
+use host_tools::qemu::{Emulator, Idle};
+use host_tools::serial::ByteLink;
+use host_tools::serial::pacing::Paced;
+use rt_firmware::body::flash::ERASE_BYTES;
+use rt_firmware::body::{Reply, Request, Sensors};
+use rt_firmware::link::message::{Mode, Status, Swap};
+use rt_firmware::store::SlotState;
+use rt_firmware::store::keep::{Source, flash_bytes};
+
+/// Nobody waits for a line here.
+const BAUD: u32 = 4_000_000;
+
+const TEARS: [Tear; 5] = [
+    Tear::Nothing,
+    Tear::SomeBits(77),
+    Tear::FirstHalf,
+    Tear::Whole,
+    Tear::LastHalf,
+];
+
+type Robot = LinkClient<Box<dyn ByteLink>>;
+
+/// What is done to a robot, from one power-on to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Session {
+    /// Upload the mission of this number, without a trial.
+    Replace(usize),
+    /// Upload it, and confirm it after its trial has begun.
+    Confirm(usize),
+    /// Upload it, and go back to the one before.
+    GoBack(usize),
+    /// Upload it, and leave it on trial.
+    Try(usize),
+}
+
+const HISTORY: [Session; 6] = [
+    Session::Replace(0),
+    Session::Confirm(1),
+    Session::GoBack(0),
+    Session::Try(0),
+    Session::Confirm(0),
+    Session::Replace(1),
+];
+
+struct Mission {
+    blob: Vec<u8>,
+    hash: u32,
+}
+
+/// What must run after the next start: one of these.
+#[derive(Clone, Debug)]
+struct Due(Vec<Option<u32>>);
+
+fn mission(file: &str) -> Mission {
+    let blob = subject::build_file(&root().join(file)).unwrap().blob;
+    let hash = u32::from_le_bytes(*blob.last_chunk().unwrap());
+    Mission { blob, hash }
+}
+
+/// Switches a robot on.
+fn start(flash: &Flash) -> (Emulator, Robot) {
+    let still = |request: &Request| Reply {
+        sequence: request.sequence,
+        sensors: Sensors::default(),
+    };
+    let mut emulator =
+        Emulator::start(&firmware("rover"), Idle::Passes, still, flash.clone()).unwrap();
+    let line: Box<dyn ByteLink> = Box::new(Paced::new(emulator.take_uart().unwrap(), BAUD));
+    let (robot, _) = LinkClient::connect(line).unwrap();
+    (emulator, robot)
+}
+
+/// Uploads, and what follows. `due` is what was acknowledged up to where it came to.
+fn live(session: Session, missions: &[Mission], robot: &mut Robot, due: &Mutex<Due>) -> Option<()> {
+    let base = due.lock().unwrap().0[0];
+    let trial = Swap {
+        trial_ms: 60_000,
+        ..Swap::default()
+    };
+    let (index, swap) = match session {
+        Session::Replace(index) => (index, Swap::default()),
+        Session::Confirm(index) | Session::GoBack(index) | Session::Try(index) => (index, trial),
+    };
+    let Mission { blob, hash } = &missions[index];
+    *due.lock().unwrap() = Due(vec![base, Some(*hash)]);
+    robot.stage(blob, &mut |_| ()).ok()?;
+    robot.commit(swap).ok()?;
+    match session {
+        Session::Replace(_) => *due.lock().unwrap() = Due(vec![Some(*hash)]),
+        Session::Confirm(_) => {
+            robot.confirm(*hash).ok()?;
+            *due.lock().unwrap() = Due(vec![Some(*hash)]);
+        }
+        Session::GoBack(_) => {
+            *due.lock().unwrap() = Due(vec![base]);
+            robot.fall_back(*hash).ok()?;
+        }
+        Session::Try(_) => *due.lock().unwrap() = Due(vec![base]),
+    }
+    Some(())
+}
+
+/// The robot's status as soon as what it started with has had its first macro step.
+fn settled(robot: &mut Robot) -> Status {
+    let begun = Instant::now();
+    loop {
+        let status = robot.status().unwrap();
+        if status.mode == Mode::Running && status.steps > 0
+            || begun.elapsed() > Duration::from_millis(300)
+        {
+            return status;
+        }
+    }
+}
+
+/// A robot that lost power: what it says, and that it takes the next mission.
+fn check(flash: &Flash, due: &Due, missions: &[Mission]) -> Result<(), String> {
+    flash.power_on();
+    let (_emulator, mut robot) = start(flash);
+    let status = settled(&mut robot);
+    let kept = status.kept.ok_or("it keeps no missions")?;
+    let told = format!("{:?} {:?} {kept:?}", status.mode, status.mission);
+    if !due.0.contains(&status.mission) {
+        return Err(format!("{told}: due was {due:?}"));
+    }
+    let is_right = match (kept.runs, status.mission) {
+        (Source::Nothing, None) => status.mode == Mode::Empty,
+        (Source::A | Source::B, Some(_)) => {
+            let state = kept.slots[usize::from(kept.runs == Source::B)];
+            let expected = if status.trial.is_some() {
+                SlotState::OnTrial
+            } else {
+                SlotState::Runs
+            };
+            status.mode == Mode::Running && state == expected
+        }
+        _ => false,
+    };
+    if !is_right {
+        return Err(format!("{told}: that does not fit together"));
+    }
+    if let (Some(_), Some(mission)) = (status.trial, status.mission) {
+        robot
+            .confirm(mission)
+            .map_err(|error| format!("{told}: {error}"))?;
+    }
+    robot
+        .upload(&missions[0].blob, &mut |_| ())
+        .map_err(|error| format!("{told}: the next upload: {error}"))?;
+    Ok(())
+}
+
+/// Cuts power in each so-many-th operation of the history, in every way; returns how many times.
+fn cut_power(one_in: usize, tears: &[Tear]) -> usize {
+    let missions = [
+        mission("missions/follow_wall.esm"),
+        mission("missions/watch_timing.esm"),
+    ];
+    let bytes = boards::find("lm3s6965").unwrap().capacities.blob_bytes;
+    let flash = Flash::blank(flash_bytes(bytes, ERASE_BYTES as u32));
+    let mut due = Due(vec![None]);
+    // Each session as it goes when nothing is cut: where it starts, and how many operations it has.
+    let mut cases = vec![];
+    for session in HISTORY {
+        let before = (flash.copy(), due.clone());
+        let first = flash.operations();
+        let known = Mutex::new(due);
+        let (emulator, mut robot) = start(&flash);
+        live(session, &missions, &mut robot, &known).unwrap();
+        drop(emulator);
+        due = known.into_inner().unwrap();
+        for operation in 0..flash.operations() - first {
+            cases.extend(tears.iter().map(|tear| {
+                let cut = PowerCut {
+                    operation,
+                    tear: *tear,
+                };
+                (session, before.clone(), cut)
+            }));
+        }
+    }
+    let cases: Vec<_> = cases.into_iter().step_by(one_in).collect();
+    let (next, cuts) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let broken = Mutex::new(vec![]);
+    let work = || {
+        while let Some((session, (flash, due), cut)) = cases.get(next.fetch_add(1, Relaxed)) {
+            let flash = flash.copy();
+            flash.cut_power(*cut);
+            let due = Mutex::new(due.clone());
+            let is_cut = flash_is_cut(&flash, *session, &missions, &due);
+            if is_cut {
+                cuts.fetch_add(1, Relaxed);
+            }
+            let due = due.into_inner().unwrap();
+            if let Err(problem) = check(&flash, &due, &missions) {
+                (broken.lock().unwrap()).push(format!("{session:?}, {cut:?}: {problem}"));
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let other = scope.spawn(work);
+        work();
+        other.join().unwrap();
+    });
+    let broken = broken.into_inner().unwrap();
+    assert!(
+        broken.is_empty(),
+        "{} of {}: {broken:#?}",
+        broken.len(),
+        cases.len()
+    );
+    cuts.into_inner()
+}
+
+/// Runs a session in which power is to be lost. The emulator is killed when it is.
+fn flash_is_cut(flash: &Flash, session: Session, missions: &[Mission], due: &Mutex<Due>) -> bool {
+    let still = |request: &Request| Reply {
+        sequence: request.sequence,
+        sensors: Sensors::default(),
+    };
+    let mut emulator =
+        Emulator::start(&firmware("rover"), Idle::Passes, still, flash.clone()).unwrap();
+    let line: Box<dyn ByteLink> = Box::new(Paced::new(emulator.take_uart().unwrap(), BAUD));
+    std::thread::scope(|scope| {
+        let host = scope.spawn(|| {
+            let (mut robot, _) = LinkClient::connect(line).ok()?;
+            live(session, missions, &mut robot, due)
+        });
+        // The line ends with the emulator, and with it all waiting.
+        while !host.is_finished() {
+            if flash.wait_for_power_cut(Duration::from_millis(2)) {
+                break;
+            }
+        }
+        let is_cut = flash.wait_for_power_cut(Duration::ZERO);
+        drop(emulator);
+        let _ = host.join();
+        is_cut || flash.wait_for_power_cut(Duration::ZERO)
+    })
+}
+
+#[test]
+fn a_robot_that_loses_power_while_it_writes_its_flash_starts_again() {
+    let one_in = environment::number("ESM_POWER_CUTS_ONE_IN", 41);
+    let begun = Instant::now();
+    let cuts = cut_power(one_in as usize, &TEARS);
+    println!(
+        "{cuts} losses of power in {:.0} s",
+        begun.elapsed().as_secs_f32()
+    );
+    assert!(cuts >= 10, "{cuts}");
+}
