@@ -262,6 +262,7 @@ pub fn split<
         log_wanted: false,
         keys: crate::link::keys::Keys::new(),
         start_wanted: false,
+        watch: None,
     });
     Ok((real_time, background, link))
 }

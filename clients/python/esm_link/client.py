@@ -80,6 +80,7 @@ class Client:
         self._robot: Optional[messages.Hello] = None
         self._trace = Assembler()
         self._records: List[dict] = []
+        self._news: List[messages.News] = []
         self._other_version: Optional[int] = None
         #: Log bytes that came.
         self.log = bytearray()
@@ -134,6 +135,14 @@ class Client:
     def subscribe(self, trace: bool = False, log: bool = False) -> None:
         self._ask("subscribe", messages.Done, messages.SUBSCRIBE, trace, log)
 
+    def watch(self, period_ms: Optional[int] = 0) -> None:
+        """Lets the robot tell whenever its mission, the trial of that or its mode changes, and each period of the mission's time; with None no more."""
+        self._ask("watch", messages.Done, messages.WATCH, period_ms is not None, period_ms or 0)
+
+    def news(self, seconds: float) -> Iterator[messages.News]:
+        """News as they come, for so long. `watch` asks for them."""
+        return self._listen(seconds, self._news)
+
     def task(self, index: int) -> str:
         """The declaration of a task type, as `.esm` text."""
         text, total = b"", 1
@@ -156,10 +165,13 @@ class Client:
 
     def trace(self, seconds: float) -> Iterator[dict]:
         """Trace records as they come, for so long. `subscribe` asks for them."""
+        return self._listen(seconds, self._records)
+
+    def _listen(self, seconds: float, came: list) -> Iterator:
         end = time.monotonic() + seconds
         while True:
-            yield from self._records
-            self._records = []
+            yield from came
+            came.clear()
             left = end - time.monotonic()
             if left <= 0:
                 return
@@ -351,6 +363,8 @@ class Client:
                 continue
             if isinstance(read, Answer):
                 answers.append(read)
+            elif isinstance(read, messages.News):
+                self._news.append(read)
             elif isinstance(read, Part) and read.channel == "trace":
                 self._records += self._trace.take(read)
             else:

@@ -8,8 +8,8 @@ PROTOCOL_VERSION = 3
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
-    PARAM, SET_PARAM,
-) = range(25)  # fmt: skip
+    PARAM, SET_PARAM, WATCH,
+) = range(26)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -44,6 +44,7 @@ SLOT_STATES = (
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
 CHANNELS = ("trace", "log")
 ACCESS = ("unsupported", "open", "locked", "unreadable")
+CAUSES = ("begun", "period", "mission", "trial", "mode")
 
 
 class Malformed(Exception):
@@ -337,6 +338,25 @@ class Part:
     bytes: bytes
 
 
+@dataclass
+class News:
+    """What a robot tells that was asked to (`Client.watch`)."""
+
+    seq: int
+    cause: str
+    mode: str
+    mission: Optional[int]
+    on_trial: bool
+    fell_back: Optional[FallBack]
+    steps: int
+    t_us: int
+    executed: int
+    missed: int
+    overruns: int
+    max_delay_ns: int
+    spoiled_frames: int
+
+
 def version_in_hello(message: bytes) -> Optional[int]:
     """The version that a robot tells in its answer to hello, from a message of any version."""
     fields = Fields(message)
@@ -351,7 +371,7 @@ def version_in_hello(message: bytes) -> Optional[int]:
         return None
 
 
-def from_robot(message: bytes) -> Union[Answer, Part]:
+def from_robot(message: bytes) -> Union[Answer, Part, News]:
     """Reads a message from a robot."""
     fields = Fields(message)
     kind = fields.number(32)
@@ -364,9 +384,14 @@ def from_robot(message: bytes) -> Union[Answer, Part]:
             body = _error(fields)
         else:
             raise Malformed("neither an answer nor an error")
-        read: Union[Answer, Part] = Answer(seq, body)
+        read: Union[Answer, Part, News] = Answer(seq, body)
     elif kind == 1:
         read = Part(fields.one_of(CHANNELS), fields.u8(), fields.boolean(), fields.number(32), fields.bytes())
+    elif kind == 2:
+        seq, cause, mode, mission = fields.u8(), fields.one_of(CAUSES), _mode(fields), fields.option_u32()
+        on_trial, fell_back = fields.boolean(), _fell_back(fields)
+        steps, t_us, counts = fields.number(), fields.number(), [fields.number(32) for _ in range(5)]
+        read = News(seq, cause, mode, mission, on_trial, fell_back, steps, t_us, *counts)
     else:
         raise Malformed(f"a message of kind {kind}")
     fields.end()
@@ -432,15 +457,22 @@ def _record(record: bytes) -> Record:
     return Record(little(record[:4]), little(record[4:10]), record[10], record[11], little(record[12:]))
 
 
-def _status(fields: Fields) -> Status:
+def _mode(fields: Fields) -> str:
     mode = fields.one_of(("empty", "running", "stopped", "safe"))
-    if mode == "safe":
-        mode = f"safe: {fields.one_of(SAFE_REASONS)}"
+    return f"safe: {fields.one_of(SAFE_REASONS)}" if mode == "safe" else mode
+
+
+def _fell_back(fields: Fields) -> Optional[FallBack]:
+    return FallBack(fields.number(32), _fall_back_reason(fields)) if fields.boolean() else None
+
+
+def _status(fields: Fields) -> Status:
+    mode = _mode(fields)
     mission, steps, t_us = fields.option_u32(), fields.number(64), fields.number(64)
     counts = [fields.number(32) for _ in range(5)]
     busy, stack, reset = fields.boolean(), fields.option_u32(), fields.one_of(RESETS)
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
-    fell_back = FallBack(fields.number(32), _fall_back_reason(fields)) if fields.boolean() else None
+    fell_back = _fell_back(fields)
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
     return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, fields.u8())
 

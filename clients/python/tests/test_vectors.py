@@ -70,6 +70,7 @@ class Messages(unittest.TestCase):
             "request confirm": (messages.CONFIRM, 0x1234ABCD),
             "request fall back": (messages.FALL_BACK, 0x1234ABCD),
             "request last words": (messages.LAST_WORDS,),
+            "request watch": (messages.WATCH, True, 1000),
             "request black box from the oldest": (messages.BLACK_BOX, False),
             "request black box": (messages.BLACK_BOX, True, 70_000),
         }
@@ -80,10 +81,10 @@ class Messages(unittest.TestCase):
 
     def test_all_answers_can_be_read(self):
         for vector in vectors.of_kind("frame"):
-            if vector.name.startswith(("answer", "stream")) and "version 300" not in vector.name:
+            if vector.name.startswith(("answer", "stream", "news")) and "version 300" not in vector.name:
                 with self.subTest(vector.name):
                     read = self.read(vector.name)
-                    self.assertIsInstance(read, (Answer, Part))
+                    self.assertIsInstance(read, (Answer, Part, messages.News))
                     # To the last byte, and no further.
                     [message] = vector.all("message")
                     with self.assertRaises(Malformed):
@@ -111,6 +112,9 @@ class Messages(unittest.TestCase):
         self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
         error = self.read("answer error capacity exceeded").body
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
+        news = self.read("news")
+        self.assertEqual((news.seq, news.cause, news.mode, news.on_trial), (255, "trial", "running", True))
+        self.assertEqual((news.fell_back.reason, news.t_us, news.spoiled_frames), ("failed: overruns", 2**40, 3))
         part = self.read("stream trace")
         self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))
 

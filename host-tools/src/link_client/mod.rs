@@ -247,6 +247,20 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("subscribe", Request::Subscribe { trace, log })
     }
 
+    /// Lets the robot tell how it is from now on whenever its mode, its mission or the trial of that changes, and each `period` of the mission's time but
+    /// where that is 0; or, with `None`, no more.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn watch(&mut self, period: Option<Duration>) -> Result<(), ClientError> {
+        let period_ms = period.map_or(0, |period| period.as_millis());
+        let request = Request::Watch {
+            news: period.is_some(),
+            period_ms: u32::try_from(period_ms).unwrap_or(u32::MAX),
+        };
+        self.ask_to_do("watch", request)
+    }
+
     /// What was counted of a slot; `slot` is its index in the running mission.
     ///
     /// # Errors
@@ -693,6 +707,7 @@ impl Incoming {
             };
             match frame::decode(frame) {
                 Ok(FromDevice::Reply { seq, result }) => on_reply(seq, result),
+                Ok(FromDevice::News(news)) => self.events.push(StreamEvent::News(news)),
                 Ok(FromDevice::Stream(part)) => match part.channel {
                     Channel::Trace => self.trace.take(&part, &mut self.events),
                     Channel::Log => self.log.take(&part, &mut self.events),

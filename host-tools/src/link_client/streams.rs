@@ -1,6 +1,7 @@
 //! Streams from the robot, put together again: whole trace records and log bytes, and a word where something is missing.
 
 use rt_firmware::link::message::{Channel, Stream};
+use rt_firmware::link::news::News;
 use rt_firmware::link::trace::{TraceError, TraceRecord};
 
 /// Something that a stream brought.
@@ -10,6 +11,8 @@ pub enum StreamEvent {
     Trace(Vec<u8>),
     /// Bytes of the log.
     Log(Vec<u8>),
+    /// How the robot is, since that changed or a period is over.
+    News(News),
     /// Something did not come: the robot had no room for it, or the line lost it. A trace with such a gap is not whole.
     Gap {
         /// Of which stream.

@@ -438,6 +438,8 @@ impl<W: Write> Driver<W> {
                     self.last_word = Instant::now();
                     self.take_records(&records, watch)?;
                 }
+                // Nobody asked for them.
+                StreamEvent::News(_) => {}
                 StreamEvent::Log(bytes) => {
                     for line in self
                         .log

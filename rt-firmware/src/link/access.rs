@@ -67,6 +67,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::SlotCounters { .. }
         | Request::TaskCounters { .. }
         | Request::Subscribe { .. }
+        | Request::Watch { .. }
         | Request::LastWords
         | Request::BlackBox { .. }
         | Request::Param { .. }

@@ -16,6 +16,7 @@ use super::message::{
     MAX_PART, MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
     ToDevice, Uploads,
 };
+use super::news::{News, Watch};
 use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::check::check;
 use crate::mail::{Bytes, Freed, Letter};
@@ -131,6 +132,8 @@ pub struct LinkSide<'q, 'm> {
     stream_seq: [u8; CHANNELS],
     /// Whose turn it is to send.
     next_channel: Channel,
+    /// Frames that arrived spoiled.
+    spoiled_frames: u32,
     desk: Desk<'q, 'm>,
 }
 
@@ -157,6 +160,8 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) signs: &'m Signs,
     pub(crate) log_wanted: bool,
     pub(crate) keys: Keys,
+    /// The wish for news, if there is one.
+    pub(crate) watch: Option<Watch>,
 }
 
 /// A blob that arrives.
@@ -192,6 +197,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             awaited: false,
             stream_seq: [0; CHANNELS],
             next_channel: Channel::Trace,
+            spoiled_frames: 0,
             desk,
         }
     }
@@ -266,7 +272,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                     });
                     continue;
                 }
-                Err(_) => continue,
+                Err(_) => {
+                    self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+                    continue;
+                }
             };
             // Only this side counts them, so load and store suffice.
             let requests = &self.desk.signs.requests;
@@ -319,6 +328,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Makes a frame of what a stream holds, if one of them holds something.
     #[inline(never)]
     fn fill_stream(&mut self, port: &mut impl LinkPort) {
+        if let Some(news) = self.desk.news(self.spoiled_frames) {
+            self.stream.set(&FromDevice::News(news));
+            return;
+        }
         for _ in 0..CHANNELS {
             let channel = self.next_channel;
             self.next_channel = match channel {
@@ -452,6 +465,7 @@ impl<'m> Desk<'_, 'm> {
             Request::Hello => {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
+                self.watch = None;
                 let access = self.keys.access(port.key_safe());
                 Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
             }
@@ -494,6 +508,10 @@ impl<'m> Desk<'_, 'm> {
                     value,
                 },
             ),
+            Request::Watch { news, period_ms } => {
+                self.watch = news.then(|| Watch::new(period_ms));
+                Reaction::Answer(Ok(Response::Done))
+            }
             Request::Subscribe { trace, log } => {
                 self.trace_wanted.store(trace, Ordering::Relaxed);
                 self.log_wanted = log;
@@ -592,6 +610,11 @@ impl<'m> Desk<'_, 'm> {
             }
             _ => Err(LinkError::Malformed),
         }
+    }
+
+    fn news(&mut self, spoiled_frames: u32) -> Option<News> {
+        let watch = self.watch.as_mut()?;
+        watch.news(self.snapshot.read()?, spoiled_frames)
     }
 
     fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {

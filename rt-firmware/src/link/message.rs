@@ -4,6 +4,7 @@ use esm_core::Refusal;
 use serde::{Deserialize, Serialize};
 
 use super::access::{Access, KEY_BYTES, NONCE_BYTES};
+use super::news::News;
 use super::trial::{FallBack, Trial};
 use crate::store::keep::Kept;
 use crate::supervision::Silent;
@@ -166,6 +167,13 @@ pub enum Request<'a> {
         /// Bits of the value.
         value: u32,
     },
+    /// Tell [news](super::news) from now on, or no more. Answer: [`Response::Done`], and then the first news.
+    Watch {
+        /// Whether news are wanted.
+        news: bool,
+        /// A sample each so many milliseconds of the mission's time, at least [`SHORTEST_PERIOD_MS`](super::news::SHORTEST_PERIOD_MS); 0 for none.
+        period_ms: u32,
+    },
 }
 
 /// How a mission takes over.
@@ -191,6 +199,8 @@ pub enum FromDevice<'a> {
     },
     /// A part of a stream.
     Stream(#[serde(borrow)] Stream<'a>),
+    /// What the host wanted to be told.
+    News(News),
 }
 
 /// A part of a stream.
@@ -718,6 +728,7 @@ mod tests {
     use super::*;
     use crate::link::access::{MAX_SIGNED_BYTES, SEED_BYTES, SIGNATURE_BYTES};
     use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
+    use crate::link::news::Cause;
     use crate::store::SlotState;
     use crate::store::keep::Source;
 
@@ -926,5 +937,23 @@ mod tests {
             bytes: &chunk[..MAX_STREAM_BYTES],
         };
         assert!(encode(&FromDevice::Stream(stream), &mut frame).is_ok());
+        let news = News {
+            seq: u8::MAX,
+            cause: Cause::Mode,
+            mode: status.mode,
+            mission: status.mission,
+            on_trial: true,
+            fell_back: status.fell_back,
+            steps: u64::MAX,
+            t_us: u64::MAX,
+            executed: u32::MAX,
+            missed: u32::MAX,
+            overruns: u32::MAX,
+            max_delay_ns: u32::MAX,
+            spoiled_frames: u32::MAX,
+        };
+        // The room of a stream's part.
+        let room = &mut frame[..MAX_STREAM_BYTES];
+        assert_eq!(encode(&FromDevice::News(news), room), Ok(76));
     }
 }

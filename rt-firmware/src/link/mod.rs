@@ -15,5 +15,6 @@ pub mod keys;
 #[path = "no_keys.rs"]
 pub(crate) mod keys;
 pub mod message;
+pub mod news;
 pub mod trace;
 pub mod trial;

@@ -167,7 +167,7 @@ impl Subject<'_, '_> {
             };
             match decode(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}")) {
                 FromDevice::Reply { seq, result } => last = Some((seq, result.map(drop))),
-                FromDevice::Stream(_) => {}
+                FromDevice::Stream(_) | FromDevice::News(_) => {}
             }
         }
         last
@@ -379,6 +379,13 @@ pub fn sessions() -> Vec<Seed> {
             },
         ),
         ("task_counters", Request::TaskCounters { task_instance: 0 }),
+        (
+            "watch",
+            Request::Watch {
+                news: true,
+                period_ms: 10,
+            },
+        ),
     ];
     let message = |number: usize, request: Request<'_>| {
         // Made as a frame and read back: what postcard makes of it.

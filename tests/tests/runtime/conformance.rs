@@ -14,6 +14,7 @@ use rt_firmware::link::message::{
     LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response,
     SafeReason, SlotCounters, Status, Stream, Swap, TaskCounters, ToDevice, Uploads,
 };
+use rt_firmware::link::news::{Cause, News};
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{Kept, Source};
@@ -162,6 +163,13 @@ fn write_frames(text: &mut String) {
             },
         ),
         ("request last words", Request::LastWords),
+        (
+            "request watch",
+            Request::Watch {
+                news: true,
+                period_ms: 1000,
+            },
+        ),
         (
             "request black box from the oldest",
             Request::BlackBox { from: None },
@@ -507,6 +515,25 @@ fn write_frames(text: &mut String) {
     for (name, stream) in streams {
         write_frame(text, name, &FromDevice::Stream(stream));
     }
+    let news = News {
+        seq: 255,
+        cause: Cause::Trial,
+        mode: Mode::Running,
+        mission: Some(0x1234_abcd),
+        on_trial: true,
+        fell_back: Some(FallBack {
+            mission: 0x1234_abce,
+            reason: FallBackReason::Failed(SafeReason::Overruns),
+        }),
+        steps: 300,
+        t_us: 1 << 40,
+        executed: 1000,
+        missed: 1,
+        overruns: 2,
+        max_delay_ns: 16_384,
+        spoiled_frames: 3,
+    };
+    write_frame(text, "news", &FromDevice::News(news));
     // The beginning that never changes, and what only a later version knows.
     write_frame(
         text,

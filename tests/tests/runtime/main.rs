@@ -9,6 +9,7 @@ mod mission;
 mod parameters;
 mod readiness;
 mod robot;
+mod streams;
 mod trials;
 mod warm;
 

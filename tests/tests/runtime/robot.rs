@@ -11,6 +11,7 @@ use rt_firmware::link::message::{
     FromDevice, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters,
     Status, Swap, TaskCounters, ToDevice,
 };
+use rt_firmware::link::news::News;
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::SlotState;
@@ -215,6 +216,8 @@ pub struct Wire {
     pub log: VecDeque<u8>,
     /// It takes no bytes from the robot.
     pub stuck: bool,
+    /// It takes no more than so many bytes from the robot, if that is said.
+    pub room: Option<usize>,
     /// What is remembered across a reset.
     pub memory: Memo,
     /// Where the robot keeps a key, if it can have one.
@@ -301,10 +304,12 @@ impl LinkPort for Wire {
     }
 
     fn send(&mut self, byte: u8) -> bool {
-        if !self.stuck {
-            self.to_host.push_back(byte);
+        if self.stuck || self.room == Some(0) {
+            return false;
         }
-        !self.stuck
+        self.room = self.room.map(|room| room - 1);
+        self.to_host.push_back(byte);
+        true
     }
 
     fn read_log(&mut self, room: &mut [u8]) -> usize {
@@ -349,6 +354,8 @@ pub struct Bench<'q, 'm, 'w> {
     pub trace: Vec<String>,
     /// Log bytes so far.
     pub log: Vec<u8>,
+    /// News so far.
+    pub news: Vec<News>,
 }
 
 /// Makes a robot and tries it.
@@ -401,6 +408,7 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
         seq: 0,
         trace: vec![],
         log: vec![],
+        news: vec![],
     };
     test(&mut bench);
 }
@@ -461,7 +469,7 @@ impl Bench<'_, '_, '_> {
     /// Lets the link do its work; returns the answers that came, with their numbers.
     pub fn exchange(&mut self) -> Vec<(u8, Result<Answer, LinkError>)> {
         let mut answers = vec![];
-        while self.link.poll(&mut self.wire) && !self.wire.stuck {}
+        while self.link.poll(&mut self.wire) && !self.wire.stuck && self.wire.room != Some(0) {}
         while let Some(byte) = self.wire.to_host.pop_front() {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
@@ -472,6 +480,7 @@ impl Bench<'_, '_, '_> {
                 {
                     self.log.extend(stream.bytes);
                 }
+                FromDevice::News(news) => self.news.push(news),
                 FromDevice::Stream(stream) => {
                     let mut bytes = stream.bytes;
                     while !bytes.is_empty() {

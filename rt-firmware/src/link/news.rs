@@ -1,0 +1,222 @@
+//! News: what a robot tells without being asked each time, where a host wants it. A sample of its counters each period, and one at once when its mode, its
+//! mission or the trial of that changes.
+
+use serde::{Deserialize, Serialize};
+
+use super::message::Mode;
+use super::trial::FallBack;
+use crate::status::Health;
+
+/// The shortest period of samples, in milliseconds: a shorter one counts as this. A sample is less than 8 ms of a line of 115,200 baud.
+pub const SHORTEST_PERIOD_MS: u32 = 10;
+
+/// Why there are news.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Cause {
+    /// They were asked for just now.
+    Begun,
+    /// The period is over.
+    Period,
+    /// Another mission runs, the same one began anew after a fall-back, or there is none any more.
+    Mission,
+    /// A trial began or ended.
+    Trial,
+    /// The robot was stopped or started, or went to its safe state or left it.
+    Mode,
+}
+
+/// How a robot is, in short.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct News {
+    /// Counts news modulo 256, from 0 at [`Request::Watch`](super::message::Request::Watch): a gap are news that the line lost.
+    pub seq: u8,
+    /// Why. Of several causes the first in this order: mission, trial, mode, period.
+    pub cause: Cause,
+    /// What it is doing.
+    pub mode: Mode,
+    /// Hash of its mission.
+    pub mission: Option<u32>,
+    /// Whether that runs on trial.
+    pub on_trial: bool,
+    /// The last mission that was given up on trial since the robot started.
+    pub fell_back: Option<FallBack>,
+    /// Macro steps since the mission started.
+    pub steps: u64,
+    /// Nominal start of the last one, in microseconds since the mission started.
+    pub t_us: u64,
+    /// Occurrences of slots that were executed since the mission started.
+    pub executed: u32,
+    /// Occurrences missed since the robot started.
+    pub missed: u32,
+    /// Overruns since the robot started.
+    pub overruns: u32,
+    /// Longest start delay since the mission started, in nanoseconds.
+    pub max_delay_ns: u32,
+    /// Frames from the host that arrived spoiled since the robot started; wraps.
+    pub spoiled_frames: u32,
+}
+
+/// A host's wish for news, and what it was told last.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    period_us: u64,
+    seq: u8,
+    told: Option<Told>,
+    /// Nominal time of the sample that was told last.
+    sampled_us: u64,
+}
+
+/// What is told when it changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Told {
+    mode: Mode,
+    mission: Option<u32>,
+    on_trial: bool,
+    fell_back: Option<FallBack>,
+}
+
+impl Watch {
+    /// A wish for samples each `period_ms` of the mission's time, or with 0 for changes alone.
+    pub(crate) fn new(period_ms: u32) -> Self {
+        let period_ms = match period_ms {
+            0 => 0,
+            period_ms => period_ms.max(SHORTEST_PERIOD_MS),
+        };
+        Watch {
+            period_us: u64::from(period_ms) * 1_000,
+            seq: 0,
+            told: None,
+            sampled_us: 0,
+        }
+    }
+
+    /// The news that there are now, if there are any.
+    pub(crate) fn news(&mut self, now: Health, spoiled_frames: u32) -> Option<News> {
+        let tell = Told {
+            mode: now.mode,
+            mission: now.mission,
+            on_trial: now.trial.is_some(),
+            fell_back: now.fell_back,
+        };
+        let cause = match &self.told {
+            None => Cause::Begun,
+            Some(told) => self.change(told, &tell, now.t_us)?,
+        };
+        let seq = self.seq;
+        self.seq = seq.wrapping_add(1);
+        self.sampled_us = now.t_us;
+        self.told = Some(tell);
+        Some(News {
+            seq,
+            cause,
+            mode: now.mode,
+            mission: now.mission,
+            on_trial: tell.on_trial,
+            fell_back: now.fell_back,
+            steps: now.steps,
+            t_us: now.t_us,
+            executed: now.executed,
+            missed: now.missed,
+            overruns: now.overruns,
+            max_delay_ns: now.max_delay_ns,
+            spoiled_frames,
+        })
+    }
+
+    fn change(&self, told: &Told, now: &Told, t_us: u64) -> Option<Cause> {
+        if told.mission != now.mission || told.fell_back != now.fell_back {
+            return Some(Cause::Mission);
+        }
+        if told.on_trial != now.on_trial {
+            return Some(Cause::Trial);
+        }
+        if told.mode != now.mode {
+            return Some(Cause::Mode);
+        }
+        // A mission that began anew begins to count its time anew.
+        let passed_us = t_us.checked_sub(self.sampled_us);
+        let is_over = passed_us.is_none_or(|passed_us| passed_us >= self.period_us);
+        (self.period_us > 0 && is_over).then_some(Cause::Period)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::message::SafeReason;
+    use crate::link::trial::{FallBackReason, Trial};
+
+    #[test]
+    fn what_changes_is_told_once_and_samples_each_period() {
+        let empty = Health::EMPTY;
+        let runs = |t_us| Health {
+            mode: Mode::Running,
+            mission: Some(7),
+            t_us,
+            ..Health::EMPTY
+        };
+        let on_trial = |t_us| Health {
+            trial: Some(Trial {
+                left_ms: 5,
+                before: None,
+            }),
+            ..runs(t_us)
+        };
+        let safe = Health {
+            mode: Mode::Safe(SafeReason::Missed),
+            ..runs(40_000)
+        };
+        let fell_back = Health {
+            fell_back: Some(FallBack {
+                mission: 9,
+                reason: FallBackReason::Asked,
+            }),
+            ..runs(0)
+        };
+        let mut watch = Watch::new(20);
+        let steps = [
+            (empty, Some(Cause::Begun)),
+            (empty, None),
+            (on_trial(0), Some(Cause::Mission)),
+            (on_trial(10_000), None),
+            (on_trial(20_000), Some(Cause::Period)),
+            (runs(30_000), Some(Cause::Trial)),
+            (runs(40_000), None),
+            (safe, Some(Cause::Mode)),
+            (runs(40_000), Some(Cause::Mode)),
+            (runs(10_000), Some(Cause::Period)),
+            (fell_back, Some(Cause::Mission)),
+        ];
+        let mut seq = 0;
+        for (health, expected) in steps {
+            let news = watch.news(health, 3);
+            assert_eq!(news.map(|news| news.cause), expected, "{health:?}");
+            if let Some(news) = news {
+                assert_eq!(
+                    (news.seq, news.mission, news.spoiled_frames),
+                    (seq, health.mission, 3)
+                );
+                seq += 1;
+            }
+        }
+    }
+
+    #[test]
+    fn a_period_of_none_is_for_changes_alone_and_a_short_one_becomes_longer() {
+        let at = |t_us| Health {
+            t_us,
+            ..Health::EMPTY
+        };
+        for (period_ms, after_us, expected) in [
+            (0, u64::MAX, None),
+            (1, 9_999, None),
+            (1, 10_000, Some(Cause::Period)),
+            (u32::MAX, u64::MAX, Some(Cause::Period)),
+        ] {
+            let mut watch = Watch::new(period_ms);
+            assert!(watch.news(at(0), 0).is_some());
+            let news = watch.news(at(after_us), 0).map(|news| news.cause);
+            assert_eq!(news, expected, "{period_ms} ms, after {after_us} us");
+        }
+    }
+}

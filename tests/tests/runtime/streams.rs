@@ -1,0 +1,165 @@
+//! Streams and news: what they tell, and that neither slots nor requests wait for them.
+
+use rt_firmware::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, decode, encode};
+use rt_firmware::link::message::{FromDevice, Mode, Request, ToDevice};
+use rt_firmware::link::news::{Cause, News};
+
+use crate::counting;
+use crate::robot::{Bench, with_robot};
+
+/// Bytes of the longest frame of a stream.
+const PART_FRAME_BYTES: usize = 113;
+
+/// Asks for all that there is, each millisecond if need be.
+fn want_everything(robot: &mut Bench<'_, '_, '_>) {
+    robot
+        .ask(Request::Subscribe {
+            trace: true,
+            log: true,
+        })
+        .unwrap();
+    robot
+        .ask(Request::Watch {
+            news: true,
+            period_ms: 1,
+        })
+        .unwrap();
+}
+
+#[test]
+fn an_answer_waits_for_the_rest_of_one_part_at_most_however_full_the_wire() {
+    with_robot(|robot| {
+        robot.start(&counting(1_000_000).blob());
+        want_everything(robot);
+        robot.wire.log.extend([b'x'; 200_000]);
+        robot.wire.room = Some(0);
+        let mut longest = 0;
+        for round in 0..300_u32 {
+            // The wire takes a byte at a time, and the request comes at any place of a frame.
+            robot.run_us(1_700);
+            let before = 1 + (round as usize * 37) % PART_FRAME_BYTES;
+            robot.wire.to_host.clear();
+            for _ in 0..before {
+                robot.wire.room = Some(1);
+                robot.link.poll(&mut robot.wire);
+            }
+            robot.wire.to_host.clear();
+            let mut frame = [0; MAX_FRAME_BYTES];
+            let seq = round as u8;
+            let request = Request::Status;
+            let length = encode(&ToDevice { seq, request }, &mut frame).unwrap();
+            robot.wire.to_robot.extend(&frame[..length]);
+            let mut frame = Vec::new();
+            let mut sent = 0;
+            let waited = loop {
+                robot.wire.room = Some(1);
+                robot.link.poll(&mut robot.wire);
+                let byte = robot
+                    .wire
+                    .to_host
+                    .pop_front()
+                    .expect("there is more to send");
+                sent += 1;
+                assert!(sent <= 10 * PART_FRAME_BYTES, "no answer in round {round}");
+                frame.push(byte);
+                if byte != 0 {
+                    continue;
+                }
+                let length = frame.len();
+                // The first may have begun before the request.
+                match decode(&mut frame) {
+                    Ok(FromDevice::Reply { seq: answered, .. }) if answered == seq => {
+                        assert!(length <= MAX_REPLY_FRAME_BYTES);
+                        break sent - length;
+                    }
+                    _ => frame.clear(),
+                }
+            };
+            longest = longest.max(waited);
+        }
+        assert!(
+            longest <= PART_FRAME_BYTES,
+            "an answer waited for {longest} bytes"
+        );
+        assert!(
+            longest > PART_FRAME_BYTES / 2,
+            "the wire was too empty to tell: {longest}"
+        );
+    });
+}
+
+#[test]
+fn a_client_that_never_reads_costs_no_slot_and_finds_the_robot_in_step() {
+    with_robot(|robot| {
+        robot.start(&counting(1_000_000).blob());
+        want_everything(robot);
+        robot.wire.log.extend([b'x'; 60_000]);
+        let before = robot.status();
+        robot.wire.stuck = true;
+        robot.run_us(2_000_000);
+        robot.wire.stuck = false;
+        let after = robot.status();
+        assert_eq!(
+            (after.mode, after.missed, after.overruns),
+            (Mode::Running, 0, 0)
+        );
+        assert_eq!(after.steps - before.steps, 200, "each macro step of 10 ms");
+        assert!(after.trace_dropped > 0, "there was no room for all of it");
+    });
+}
+
+#[test]
+fn news_tell_what_changes_and_how_it_is_each_period() {
+    with_robot(|robot| {
+        let watch = |news, period_ms| Request::Watch { news, period_ms };
+        let told = |news: &[News]| -> Vec<(u8, Cause, Mode)> {
+            news.iter()
+                .map(|news| (news.seq, news.cause, news.mode))
+                .collect()
+        };
+        robot.ask(watch(true, 0)).unwrap();
+        robot.run_us(50_000);
+        assert_eq!(told(&robot.news), [(0, Cause::Begun, Mode::Empty)]);
+        robot.news.clear();
+
+        robot.start(&counting(1_000_000).blob());
+        robot.run_us(100_000);
+        robot.ask(Request::Stop).unwrap();
+        robot.ask(Request::Start).unwrap();
+        robot.run_us(1_000);
+        let causes = told(&robot.news);
+        assert_eq!(
+            causes,
+            [
+                (1, Cause::Mission, Mode::Running),
+                (2, Cause::Mode, Mode::Stopped),
+                (3, Cause::Mode, Mode::Running),
+            ]
+        );
+        robot.news.clear();
+
+        robot.ask(watch(true, 50)).unwrap();
+        robot.wire.to_robot.extend([7, 7, 7, 0]);
+        robot.run_us(500_000);
+        let causes = told(&robot.news);
+        assert_eq!(causes.first(), Some(&(0, Cause::Begun, Mode::Running)));
+        assert_eq!(causes.len(), 11, "{causes:?}");
+        assert!(
+            causes[1..]
+                .iter()
+                .all(|(_, cause, _)| *cause == Cause::Period)
+        );
+        let times: Vec<u64> = robot.news.iter().map(|news| news.t_us).collect();
+        assert!(
+            times.windows(2).all(|pair| pair[1] - pair[0] == 50_000),
+            "{times:?}"
+        );
+        assert_eq!(robot.news.last().unwrap().spoiled_frames, 1);
+        robot.news.clear();
+
+        // A new session is told nothing that the one before wanted.
+        robot.ask(Request::Hello).unwrap();
+        robot.run_us(500_000);
+        assert_eq!(robot.news, []);
+    });
+}
