@@ -315,6 +315,45 @@ fn nothing_runs_but_what_was_sent_however_bad_the_line() {
 }
 
 /// The blob of a mission that ships.
+#[test]
+fn parameters_of_a_running_mission_change_within_what_its_task_declares() {
+    const NAME: &str = "motion/Roam/steps/AvoidRight/steps/Retreat.speed_m_per_s";
+    let (_board, line) = robot();
+    let (mut client, _) = LinkClient::connect(line).unwrap();
+    let mission = client.upload(&mission(), &mut |_| ()).unwrap();
+    let blob = esm_core::verify(client.running_blob().unwrap()).unwrap();
+    let parameters = crate::parameters::parameters_of(&blob).unwrap();
+    let has_name = |names: &[String]| names.iter().any(|name| name == NAME);
+    let speed = (parameters.iter()).find(|parameter| has_name(&parameter.names));
+    let index = speed.unwrap().index;
+    let bits = |value: f32| value.to_bits();
+    assert_eq!(
+        client.param(mission, index).unwrap(),
+        (bits(0.15), bits(0.15))
+    );
+    let before = client.set_param(mission, index, bits(0.2)).unwrap();
+    assert_eq!(before, bits(0.15));
+    assert_eq!(
+        client.param(mission, index).unwrap(),
+        (bits(0.2), bits(0.15))
+    );
+    assert_eq!(client.status().unwrap().changed_params, 1);
+    let outside = LinkError::ParamOutside {
+        min: bits(0.0),
+        max: bits(0.3),
+    };
+    for (value, expected) in [
+        (bits(0.31), outside),
+        (bits(-0.1), outside),
+        (bits(f32::NAN), LinkError::ParamNoValue),
+    ] {
+        let refused = client.set_param(mission, index, value).unwrap_err();
+        assert_eq!(refused.refusal(), Some(expected));
+    }
+    let refused = client.set_param(!mission, index, bits(0.1)).unwrap_err();
+    assert_eq!(refused.refusal(), Some(LinkError::OtherMission));
+}
+
 fn mission() -> Vec<u8> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/patrol.esm");
     let mut checked = crate::lang::load(&file).unwrap();
