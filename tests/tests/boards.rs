@@ -657,7 +657,6 @@ fn a_changed_task_breaks_the_equality() {
             replay: None,
             plant_fault: None,
             cut_link_us: None,
-            flash: None,
         };
         let interrupt = Interrupt::take_over().unwrap();
         let driven = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
