@@ -20,7 +20,11 @@ const SETTINGS: [(&str, &str); 10] = [
 ];
 
 /// What cargo says of the features that take memory: a build without any of them is lean.
-const FEATURES: [&str; 2] = ["CARGO_FEATURE_STORE", "CARGO_FEATURE_BLACK_BOX"];
+const FEATURES: [&str; 3] = [
+    "CARGO_FEATURE_RECORD",
+    "CARGO_FEATURE_STORE",
+    "CARGO_FEATURE_BLACK_BOX",
+];
 
 fn main() {
     let out = folder("OUT_DIR");

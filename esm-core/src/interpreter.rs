@@ -14,10 +14,12 @@
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
 mod carry;
+mod progress;
 
 use core::ops::{Deref, Range};
 
 pub use carry::{TakenOver, TaskPairs};
+pub use progress::{MAX_STEPS, Progress, ResumeError};
 
 use crate::format::{self, Section};
 use crate::layout::{

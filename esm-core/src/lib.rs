@@ -54,7 +54,7 @@ mod verify;
 pub use buffer::BlobBuffer;
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
-    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, Observer, StepSummary, TakenOver,
-    TaskPairs, TransitionTaken,
+    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
+    StepSummary, TakenOver, TaskPairs, TransitionTaken,
 };
 pub use verify::{Cause, Refusal, Verified, verify};

@@ -22,6 +22,7 @@ pub mod pictures;
 pub mod plant;
 pub mod qemu;
 pub mod reading;
+pub mod recording;
 pub mod run;
 pub mod scenario;
 pub mod schedule;

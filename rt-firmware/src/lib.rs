@@ -37,6 +37,7 @@ pub mod mail;
 pub mod odometry;
 pub mod ports;
 pub mod realtime;
+mod recorder;
 pub mod registry;
 pub mod ring;
 pub mod rover;

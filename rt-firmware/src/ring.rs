@@ -5,6 +5,7 @@
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
+use crate::link::record::{STATE_HEAD_BYTES, STATE_WORD_BYTES};
 use crate::link::trace::RecordSink;
 
 /// Bytes before each record that tell its length.
@@ -26,6 +27,18 @@ struct Ends {
     dropped: AtomicU32,
 }
 
+impl Ends {
+    #[expect(
+        clippy::declare_interior_mutable_const,
+        reason = "it is what each ring begins with, not a value to share"
+    )]
+    const AT_START: Ends = Ends {
+        head: AtomicUsize::new(0),
+        tail: AtomicUsize::new(0),
+        dropped: AtomicU32::new(0),
+    };
+}
+
 impl<const N: usize> Default for Ring<N> {
     fn default() -> Self {
         Self::new()
@@ -37,26 +50,60 @@ impl<const N: usize> Ring<N> {
     pub const fn new() -> Self {
         Ring {
             bytes: [const { AtomicU8::new(0) }; N],
-            ends: Ends {
-                head: AtomicUsize::new(0),
-                tail: AtomicUsize::new(0),
-                dropped: AtomicU32::new(0),
-            },
+            ends: Ends::AT_START,
         }
     }
 
     /// Its two sides.
     pub fn split(&mut self) -> (RingWriter<'_>, RingReader<'_>) {
         let Ring { bytes, ends } = &*self;
-        (
-            RingWriter { bytes, ends },
-            RingReader {
-                bytes,
-                ends,
-                rest: 0,
-            },
-        )
+        sides(bytes, ends)
     }
+}
+
+/// Bytes of a [`RecordRing`] for each word of the interpreter's: one more than a word of it takes at most, and so enough for all of them and what stands before them.
+const RECORD_BYTES_PER_WORD: usize = STATE_WORD_BYTES + 1;
+
+/// Storage of the ring of a recording: six bytes for each word that an interpreter may have, so that all of its state fits, with `WORDS` of at least [`RecordRing::FEWEST_WORDS`].
+pub struct RecordRing<const WORDS: usize> {
+    bytes: [[AtomicU8; RECORD_BYTES_PER_WORD]; WORDS],
+    ends: Ends,
+}
+
+impl<const WORDS: usize> RecordRing<WORDS> {
+    /// Words below which the head of a state would not fit.
+    pub const FEWEST_WORDS: usize = STATE_HEAD_BYTES + LENGTH_BYTES + 1;
+
+    /// An empty ring.
+    pub const fn new() -> Self {
+        RecordRing {
+            bytes: [const { [const { AtomicU8::new(0) }; RECORD_BYTES_PER_WORD] }; WORDS],
+            ends: Ends::AT_START,
+        }
+    }
+
+    /// Its two sides.
+    pub fn split(&mut self) -> (RingWriter<'_>, RingReader<'_>) {
+        let RecordRing { bytes, ends } = &*self;
+        sides(bytes.as_flattened(), ends)
+    }
+}
+
+impl<const WORDS: usize> Default for RecordRing<WORDS> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn sides<'a>(bytes: &'a [AtomicU8], ends: &'a Ends) -> (RingWriter<'a>, RingReader<'a>) {
+    (
+        RingWriter { bytes, ends },
+        RingReader {
+            bytes,
+            ends,
+            rest: 0,
+        },
+    )
 }
 
 fn after(position: usize, capacity: usize) -> usize {
@@ -74,8 +121,8 @@ pub struct RingWriter<'a> {
 }
 
 impl RingWriter<'_> {
-    /// Writes a record. Returns false, and counts it as dropped, if there is no room for it that leaves `reserve` bytes for others.
-    pub fn record(&mut self, reserve: usize, write: impl FnOnce(&mut RecordWriter<'_>)) -> bool {
+    /// Bytes that may be written, lengths of records included.
+    fn free_bytes(&self) -> usize {
         let start = self.ends.tail.load(Ordering::Relaxed);
         // Acquire: what the reader has read is free to be written over.
         let head = self.ends.head.load(Ordering::Acquire);
@@ -84,11 +131,22 @@ impl RingWriter<'_> {
         } else {
             head + self.bytes.len() - start
         };
+        // One byte stays free, or a full ring would look like an empty one.
+        gap.saturating_sub(1)
+    }
+
+    /// Whether there is room for a record of so many bytes.
+    pub fn has_room(&self, bytes: usize) -> bool {
+        self.free_bytes() >= LENGTH_BYTES + bytes
+    }
+
+    /// Writes a record. Returns false, and counts it as dropped, if there is no room for it that leaves `reserve` bytes for others.
+    pub fn record(&mut self, reserve: usize, write: impl FnOnce(&mut RecordWriter<'_>)) -> bool {
+        let start = self.ends.tail.load(Ordering::Relaxed);
         let mut writer = RecordWriter {
             bytes: self.bytes,
             position: start,
-            // One byte stays free, or a full ring would look like an empty one.
-            room: gap.saturating_sub(1 + reserve),
+            room: self.free_bytes().saturating_sub(reserve),
             len: 0,
             fits: true,
         };
@@ -193,6 +251,19 @@ impl RingReader<'_> {
         // Release: the bytes were read before their room is given back.
         self.ends.head.store(head, Ordering::Release);
         Part { len, continues }
+    }
+
+    /// Passes over all that was written and not read.
+    pub fn clear(&mut self) {
+        self.rest = 0;
+        let tail = self.ends.tail.load(Ordering::Acquire);
+        self.ends.head.store(tail, Ordering::Release);
+    }
+
+    /// Whether all that was written has been read.
+    pub fn is_empty(&self) -> bool {
+        self.rest == 0
+            && self.ends.head.load(Ordering::Relaxed) == self.ends.tail.load(Ordering::Acquire)
     }
 
     /// Records that found no room so far; wraps.

@@ -54,6 +54,7 @@ use crate::realtime::slots::SlotEntry;
 use crate::realtime::tasks::{Group, NO_GROUP, NONE, TaskEntry, TaskTable};
 use crate::realtime::trace::Trace;
 use crate::realtime::{Limits, Parts, RealTime};
+use crate::recorder::RecorderMemory;
 use crate::ring::Ring;
 use crate::status::Snapshot;
 use crate::supervision::Signs;
@@ -81,6 +82,7 @@ pub struct Memory<
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
     signs: Signs,
+    recorder: RecorderMemory<ARENA_WORDS>,
     snapshot: Snapshot,
     /// Written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
     job: MaybeUninit<Option<Job<'m>>>,
@@ -109,6 +111,7 @@ impl<
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
             signs: Signs::new(),
+            recorder: RecorderMemory::new(),
             snapshot: Snapshot::new(),
             job: MaybeUninit::uninit(),
             letter: Letter::Empty,
@@ -208,6 +211,7 @@ pub fn split<
     };
     let (executor, registry) = assemble(banks, &mut memory.nets)?;
     let (trace_writer, trace_reader) = memory.trace.split();
+    let (recorder, record) = memory.recorder.split();
     let (snapshot_writer, snapshot_reader) = memory.snapshot.split();
     let (to_real_time, from_link) = mail.to_real_time.split();
     let (to_link, from_real_time) = mail.to_link.split();
@@ -233,6 +237,7 @@ pub fn split<
         trace: Trace::new(trace_writer, trace_wanted),
         kept: about.kept,
         signs: &memory.signs,
+        record: recorder,
         snapshot: snapshot_writer,
     });
     let background = Background {
@@ -259,6 +264,8 @@ pub fn split<
         trace: trace_reader,
         trace_wanted,
         signs: &memory.signs,
+        record,
+        streams_are_sent: true,
         log_wanted: false,
         keys: crate::link::keys::Keys::new(),
         start_wanted: false,

@@ -14,7 +14,7 @@ use esm_tests::exactness;
 use esm_tests::random::Random;
 use host_tools::compile::{self, NameTable};
 use host_tools::lang;
-use host_tools::link_client::StreamEvent;
+use host_tools::link_client::{StreamEvent, Streams};
 
 /// Slots of the missions that are measured, the interpreter's included.
 const SLOTS: [usize; 4] = [8, 16, 64, 200];
@@ -263,7 +263,14 @@ fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured
             .into());
         }
         // While the firmware measures whole handlers, the link sleeps, and nothing of this is answered. At the end the line goes away.
-        subscribed = subscribed || client.subscribe(true, true).is_ok();
+        subscribed = subscribed
+            || client
+                .subscribe(Streams {
+                    trace: true,
+                    log: true,
+                    ..Streams::NONE
+                })
+                .is_ok();
         let _ = client.slot_counters(slot);
         slot = (slot + 1) % slots as u8;
         for event in client.take_events() {

@@ -345,6 +345,7 @@ pub fn drive(mission: &Path, body: Body, duration_us: u64) -> Result<Run, String
     let streams = Request::Subscribe {
         trace: true,
         log: true,
+        record: true,
     };
     robot.ask(streams, |_| Some(()))?;
     robot.upload(&built.blob)?;

@@ -138,7 +138,7 @@ fn driven() -> &'static [Driven] {
         for mission in MISSIONS {
             for world in WORLDS {
                 let file = |name: &str| folder().join(format!("{mission}-{world}-{name}"));
-                let recording = file("recording.jsonl");
+                let recording = file("rec");
                 let kept = recording.to_str().unwrap();
                 let (trace, emulated) = drive_on(
                     "lm3s6965",
@@ -235,7 +235,7 @@ fn two_runs_in_the_emulator_are_equal_to_the_byte() {
     for mission in MISSIONS {
         let run = driven().iter().find(|run| run.mission == mission).unwrap();
         let again = folder().join(format!("{mission}-again.jsonl"));
-        let recording = folder().join(format!("{mission}-again-recording.jsonl"));
+        let recording = folder().join(format!("{mission}-again.rec"));
         let kept = ["--record", recording.to_str().unwrap()];
         let (trace, _) = drive_on("lm3s6965", mission, run.world, RUN_S, &again, &kept);
         if let Some(difference) = first_difference(&run.trace, &trace) {
@@ -655,6 +655,7 @@ fn a_changed_task_breaks_the_equality() {
                 handover: Handover::default(),
             }],
             replay: None,
+            record: None,
             plant_fault: None,
             cut_link_us: None,
         };

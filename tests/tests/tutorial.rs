@@ -117,6 +117,7 @@ impl StepOfTutorial {
                 handover: Handover::default(),
             }],
             replay: None,
+            record: None,
             plant_fault: None,
             cut_link_us: None,
         };

@@ -132,8 +132,8 @@ class Client:
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
 
-    def subscribe(self, trace: bool = False, log: bool = False) -> None:
-        self._ask("subscribe", messages.Done, messages.SUBSCRIBE, trace, log)
+    def subscribe(self, trace: bool = False, log: bool = False, record: bool = False) -> None:
+        self._ask("subscribe", messages.Done, messages.SUBSCRIBE, trace, log, record)
 
     def watch(self, period_ms: Optional[int] = 0) -> None:
         """Lets the robot tell whenever its mission, the trial of that or its mode changes, and each period of the mission's time; with None no more."""

@@ -42,7 +42,7 @@ SLOT_STATES = (
     "given up",
 )
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
-CHANNELS = ("trace", "log")
+CHANNELS = ("trace", "log", "record")
 ACCESS = ("unsupported", "open", "locked", "unreadable")
 CAUSES = ("begun", "period", "mission", "trial", "mode")
 
@@ -217,6 +217,8 @@ class Status:
     fell_back: Optional[FallBack]
     kept: Optional[Kept]
     changed_params: int
+    record_dropped: int
+    record_pending: bool
 
 
 @dataclass
@@ -474,7 +476,7 @@ def _status(fields: Fields) -> Status:
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
     fell_back = _fell_back(fields)
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
-    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, fields.u8())
+    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, fields.u8(), fields.number(32), fields.boolean())
 
 
 def _slot_state(fields: Fields) -> str:
@@ -512,6 +514,7 @@ def _error(fields: Fields) -> Error:
         28: "FlashRefused",
         29: "OtherMission",
         30: "ParamNoValue",
+        33: "NotBuiltIn",
     }
     if kind in plain:
         return Error(plain[kind], {})

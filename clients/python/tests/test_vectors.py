@@ -65,7 +65,7 @@ class Messages(unittest.TestCase):
             "request read blob": (messages.READ_BLOB, 70_000),
             "request states": (messages.STATES, 128),
             "request slot counters": (messages.SLOT_COUNTERS, messages.U8(3)),
-            "request subscribe": (messages.SUBSCRIBE, True, False),
+            "request subscribe": (messages.SUBSCRIBE, True, False, True),
             "request task counters": (messages.TASK_COUNTERS, 1000),
             "request confirm": (messages.CONFIRM, 0x1234ABCD),
             "request fall back": (messages.FALL_BACK, 0x1234ABCD),

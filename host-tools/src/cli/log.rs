@@ -14,8 +14,8 @@ use super::exit::CommandError;
 use super::robot::RobotArgs;
 use super::stage;
 use crate::host_board;
-use crate::link_client::StreamEvent;
 use crate::link_client::log_lines::LogReader;
+use crate::link_client::{StreamEvent, Streams};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
@@ -55,7 +55,10 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
     let mut log = reader(&info.board, args.firmware.as_deref(), console)?;
-    robot.subscribe(false, true)?;
+    robot.subscribe(Streams {
+        log: true,
+        ..Streams::NONE
+    })?;
     if let Some(period) = args.news {
         robot.watch(Some(Duration::from_micros(period.us)))?;
     }
@@ -76,12 +79,12 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
                     writeln!(console.out(), "{}", told(&news))?;
                     console.flush()?;
                 }
-                StreamEvent::Trace(_) => {}
+                StreamEvent::Trace(_) | StreamEvent::Record(_) => {}
             }
         }
     }
     // Should the robot have gone meanwhile, there is nothing left to end.
-    let _ = robot.subscribe(false, false);
+    let _ = robot.subscribe(Streams::NONE);
     let _ = robot.watch(None);
     Ok(())
 }

@@ -36,6 +36,7 @@ pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod param;
+pub mod replay;
 pub mod robot;
 pub mod run;
 pub mod schedule;
@@ -105,6 +106,7 @@ pub enum Command {
     Test(test::TestArgs),
     Run(run::RunArgs),
     Board(board::BoardArgs),
+    Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -186,6 +188,7 @@ pub fn execute(
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
+        Command::Replay(args) => replay::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),

@@ -17,10 +17,11 @@ use super::{file, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
+use crate::recording::player::Recording;
 use crate::run::board::BoardError;
 use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
+use crate::run::entered::Entered;
 use crate::run::interrupt::Interrupt;
-use crate::run::recording::Recording;
 use crate::run::summary::MissionSummary;
 use crate::schedule::handover::Handover;
 
@@ -59,7 +60,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "OUT")]
     pub trace: Option<PathBuf>,
 
-    /// Keeps what entered the interpreter, so that the run can be had again with --replay
+    /// Keeps what enters the interpreter as it comes, to be run again with `esm replay`, or with --replay
     #[arg(long, value_name = "OUT")]
     pub record: Option<PathBuf>,
 
@@ -225,10 +226,13 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
             handover,
         });
     }
-    let replay = args.replay.as_deref().map(read_recording).transpose()?;
-    let seed = replay
-        .as_ref()
-        .map_or(args.seed, |recording| recording.head.seed);
+    let replay = args.replay.as_deref().map(read_entered).transpose()?;
+    let seed = replay.as_ref().map_or(args.seed, |entered| entered.seed);
+    let record = args
+        .record
+        .as_deref()
+        .map(|path| file::create(path, "recording"))
+        .transpose()?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     Ok(Plan {
         flash: stage::flash(args.flash.as_deref(), &board)?,
@@ -240,15 +244,33 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         missions,
         replay,
         cut_link_us: args.cut_link.map(|at| at.us),
+        record: record.map(|out| Box::new(out) as Box<dyn Write>),
         plant_fault: args
             .freeze_plant_at
             .map(|at| PlantFault::FrozenFrom { robot_us: at.us }),
     })
 }
 
-fn read_recording(path: &Path) -> Result<Recording, CommandError> {
+/// What entered a simulated run, from its recording.
+fn read_entered(path: &Path) -> Result<Entered, CommandError> {
+    let recording = read_recording(path)?;
+    recording.entered().ok_or_else(|| {
+        CommandError::Input(anyhow!(
+            "{} is no recording of a whole run of esm run: to have its macro steps again, use esm replay",
+            path.display()
+        ))
+    })
+}
+
+/// A recording in a file.
+///
+/// # Errors
+/// If it cannot be read, or is none.
+pub fn read_recording(path: &Path) -> Result<Recording, CommandError> {
     let bytes = file::read(path, "recording")?;
-    Recording::read(&bytes[..]).map_err(|error| CommandError::Input(error.into()))
+    Recording::read(&bytes)
+        .with_context(|| format!("cannot replay {}", path.display()))
+        .map_err(CommandError::Input)
 }
 
 /// Where the trace goes: a file, standard output, the pictures' directory, or several of them.
@@ -273,10 +295,12 @@ fn open_trace(args: &RunArgs) -> Result<Tee, CommandError> {
 
 /// Writes the recording and the pictures, where they are asked for.
 fn keep(args: &RunArgs, run: &Run<Tee>, console: &mut Console) -> Result<(), CommandError> {
-    if let Some(path) = &args.record {
-        let mut bytes = Vec::new();
-        run.recording.write(&mut bytes)?;
-        file::write_whole(path, &bytes, "recording")?;
+    if let (Some(path), Some(counts)) = (&args.record, &run.recorded) {
+        console.note(&format!(
+            "recorded in {}: {counts}, {:.1} bytes a transition",
+            path.display(),
+            counts.record_bytes as f64 / run.summary.transitions.max(1) as f64
+        ));
     }
     let Some(directory) = &args.out else {
         return Ok(());
@@ -419,7 +443,7 @@ impl Teller<'_> {
 impl From<RunError> for CommandError {
     fn from(error: RunError) -> Self {
         match error {
-            RunError::Trace(error) => error.into(),
+            RunError::Trace(error) | RunError::Recording(error) => error.into(),
             RunError::Board(error) => error.into(),
             RunError::Plant(_) | RunError::Refused { .. } | RunError::OtherMissions { .. } => {
                 CommandError::Input(error.into())

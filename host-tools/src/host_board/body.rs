@@ -7,27 +7,15 @@ use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Background, Board, OccurrenceStart};
 
 use crate::lockstep::plant_side::PlantSide;
-use crate::run::recording::{Entry, Recording};
+use crate::run::entered::Entered;
 
 /// Where runs of slot-0 tasks ended in an earlier run: mission and occurrence, in order.
 pub(super) struct RecordedEnds(VecDeque<(u32, u64)>);
 
 impl RecordedEnds {
-    pub(super) fn of(recording: &Recording) -> Self {
-        RecordedEnds(
-            recording
-                .entries
-                .iter()
-                .filter_map(|entry| match *entry {
-                    Entry::End {
-                        mission,
-                        occurrence,
-                        ..
-                    } => Some((mission, occurrence)),
-                    Entry::Mission { .. } => None,
-                })
-                .collect(),
-        )
+    pub(super) fn of(entered: &Entered) -> Self {
+        let ends = entered.ends.iter();
+        RecordedEnds(ends.map(|end| (end.mission, end.occurrence)).collect())
     }
 }
 

@@ -25,7 +25,7 @@ use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, sp
 use thiserror::Error;
 
 use crate::lockstep::plant_side::PlantSide;
-use crate::run::recording::Recording;
+use crate::run::entered::Entered;
 use crate::serial::pipe::{self, PipeEnd};
 use body::{Body, RecordedEnds};
 use port::Port;
@@ -118,7 +118,7 @@ impl HostBoard {
     pub fn start(
         robot: RobotMaker,
         plant: PlantSide,
-        replay: Option<&Recording>,
+        replay: Option<&Entered>,
     ) -> Result<(Self, PipeEnd), HostBoardError> {
         log_lines::install();
         let (near, far) = pipe::pair();

@@ -89,6 +89,26 @@ pub struct CurrentStates {
     pub states: Vec<u16>,
 }
 
+/// Streams that a robot is to send.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Streams {
+    /// Trace records.
+    pub trace: bool,
+    /// Bytes of the log.
+    pub log: bool,
+    /// What enters the interpreter, from the mission's beginning or with all that it is now. Asked for once more, it begins anew with the latter.
+    pub record: bool,
+}
+
+impl Streams {
+    /// No stream.
+    pub const NONE: Streams = Streams {
+        trace: false,
+        log: false,
+        record: false,
+    };
+}
+
 /// What a link has seen so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
@@ -243,8 +263,9 @@ impl<L: ByteLink> LinkClient<L> {
     ///
     /// # Errors
     /// [`ClientError`]
-    pub fn subscribe(&mut self, trace: bool, log: bool) -> Result<(), ClientError> {
-        self.ask_to_do("subscribe", Request::Subscribe { trace, log })
+    pub fn subscribe(&mut self, streams: Streams) -> Result<(), ClientError> {
+        let Streams { trace, log, record } = streams;
+        self.ask_to_do("subscribe", Request::Subscribe { trace, log, record })
     }
 
     /// Lets the robot tell how it is from now on whenever its mode, its mission or the trial of that changes, and each `period` of the mission's time but
@@ -672,6 +693,7 @@ struct Incoming {
     reader: FrameReader,
     trace: Assembler,
     log: Assembler,
+    record: Assembler,
     events: Vec<StreamEvent>,
     bad_frames: u64,
     /// Version that a robot of another one told in its answer to `hello`.
@@ -684,6 +706,7 @@ impl Incoming {
             reader: FrameReader::new(),
             trace: Assembler::new(Channel::Trace),
             log: Assembler::new(Channel::Log),
+            record: Assembler::new(Channel::Record),
             events: Vec::new(),
             bad_frames: 0,
             other_version: None,
@@ -711,6 +734,7 @@ impl Incoming {
                 Ok(FromDevice::Stream(part)) => match part.channel {
                     Channel::Trace => self.trace.take(&part, &mut self.events),
                     Channel::Log => self.log.take(&part, &mut self.events),
+                    Channel::Record => self.record.take(&part, &mut self.events),
                 },
                 Err(FrameError::NotAMessage) => {
                     self.other_version = version_in_hello(frame);

@@ -2,6 +2,7 @@
 
 use rt_firmware::link::message::{Channel, Stream};
 use rt_firmware::link::news::News;
+use rt_firmware::link::record::Recorded;
 use rt_firmware::link::trace::{TraceError, TraceRecord};
 
 /// Something that a stream brought.
@@ -13,7 +14,9 @@ pub enum StreamEvent {
     Log(Vec<u8>),
     /// How the robot is, since that changed or a period is over.
     News(News),
-    /// Something did not come: the robot had no room for it, or the line lost it. A trace with such a gap is not whole.
+    /// Whole records of a recording, one behind the other, to be read with [`Recorded::take`].
+    Record(Vec<u8>),
+    /// Something did not come: the robot had no room for it, or the line lost it. A trace or recording with such a gap is not whole.
     Gap {
         /// Of which stream.
         channel: Channel,
@@ -70,7 +73,7 @@ impl Assembler {
         match self.channel {
             // The frames of the log know their own edges.
             Channel::Log => events.push(StreamEvent::Log(part.bytes.to_vec())),
-            Channel::Trace => self.take_records(part, events),
+            Channel::Trace | Channel::Record => self.take_records(part, events),
         }
     }
 
@@ -85,8 +88,8 @@ impl Assembler {
         let mut rest = self.pending.as_slice();
         let mut whole = 0;
         loop {
-            match TraceRecord::take(&mut rest) {
-                Ok(_) => whole = self.pending.len() - rest.len(),
+            match take_one(self.channel, &mut rest) {
+                Ok(()) => whole = self.pending.len() - rest.len(),
                 Err(TraceError::Incomplete) => break,
                 Err(TraceError::Unknown) => {
                     events.push(StreamEvent::Gap {
@@ -102,8 +105,19 @@ impl Assembler {
         let rest = self.pending.split_off(whole);
         let records = std::mem::replace(&mut self.pending, rest);
         if !records.is_empty() {
-            events.push(StreamEvent::Trace(records));
+            events.push(match self.channel {
+                Channel::Record => StreamEvent::Record(records),
+                _ => StreamEvent::Trace(records),
+            });
         }
+    }
+}
+
+/// Takes a record of a channel that has some off its bytes.
+fn take_one(channel: Channel, bytes: &mut &[u8]) -> Result<(), TraceError> {
+    match channel {
+        Channel::Record => Recorded::take(bytes).map(drop),
+        _ => TraceRecord::take(bytes).map(drop),
     }
 }
 

@@ -6,7 +6,7 @@ use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::store::keep;
 use thiserror::Error;
 
-use super::recording::Recording;
+use super::entered::Entered;
 use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
 use crate::lockstep::plant_side::PlantSide;
@@ -86,7 +86,7 @@ impl RunningBoard {
     pub fn start(
         board: Board,
         plant: &PlantSide,
-        replay: Option<&Recording>,
+        replay: Option<&Entered>,
     ) -> Result<(Self, Box<dyn ByteLink>), BoardError> {
         let flash_bytes = board.flash_bytes();
         match board {

@@ -10,18 +10,20 @@ use rt_firmware::link::trace::TraceRecord;
 use thiserror::Error;
 
 use super::board::{Board, BoardError, RunningBoard};
+use super::entered::Entered;
 use super::interrupt::Interrupt;
-use super::mission::Mission;
-use super::recording::{Entry, Head, Recording, VERSION};
+use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
 use crate::counters::SlotReport;
 use crate::link_client::log_lines::{LogLine, LogReader};
-use crate::link_client::{ClientError, LinkClient, StreamEvent};
+use crate::link_client::{ClientError, LinkClient, StreamEvent, Streams};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
 use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant, PlantError};
+use crate::recording::file::Head;
+use crate::recording::writer::{Counts, RecordingWriter};
 use crate::schedule::handover::Handover;
 use crate::serial::ByteLink;
 use crate::world::World;
@@ -68,7 +70,9 @@ pub struct Plan {
     /// The missions in the order in which they take over; at least one.
     pub missions: Vec<Planned>,
     /// What entered an earlier run and is to enter this one.
-    pub replay: Option<Recording>,
+    pub replay: Option<Entered>,
+    /// Where a recording of it goes.
+    pub record: Option<Box<dyn Write>>,
     /// What is done to the plant.
     pub plant_fault: Option<PlantFault>,
     /// The flash beside it; a blank one without.
@@ -148,6 +152,9 @@ pub enum RunError {
     /// The trace cannot be written.
     #[error("cannot write the trace: {0}")]
     Trace(#[from] io::Error),
+    /// The recording cannot be written.
+    #[error("cannot write the recording: {0}")]
+    Recording(io::Error),
 }
 
 fn during(console: &str) -> String {
@@ -166,8 +173,10 @@ pub struct Run<W> {
     pub told: Told<W>,
     /// The plant at the end.
     pub plant: Plant,
-    /// What entered it.
-    pub recording: Recording,
+    /// What entered it from outside of virtual time.
+    pub entered: Entered,
+    /// What its recording holds, if there is one.
+    pub recorded: Option<Counts>,
     /// Whether the person ended it before its time.
     pub interrupted: bool,
 }
@@ -185,7 +194,7 @@ pub fn drive<W: Write>(
     let mut driver = Driver::start(plan, out, watch)?;
     let ended = driver.follow(interrupt, watch);
     match ended {
-        Ok(interrupted) => driver.finish(interrupted),
+        Ok(interrupted) => driver.finish(interrupted, watch),
         Err(error) => Err(driver.with_console(error)),
     }
 }
@@ -201,6 +210,7 @@ struct Driver<W> {
     board_name: &'static str,
     seed: u64,
     missions: Vec<Planned>,
+    recording: Option<RecordingWriter<Box<dyn Write>>>,
     until_us: Option<u64>,
     /// Of each mission that was brought to the robot.
     uploads: Vec<MissionSummary>,
@@ -223,8 +233,8 @@ impl<W: Write> Driver<W> {
         let mut missions = plan.missions;
         if let Some(replay) = &plan.replay {
             check_replay(replay, &missions)?;
-            for (planned, at_us) in missions.iter_mut().skip(1).zip(swap_times(replay)) {
-                planned.at_us = at_us;
+            for (planned, at_us) in missions.iter_mut().zip(&replay.starts_us).skip(1) {
+                planned.at_us = *at_us;
             }
         }
         // A robot measures the silence of its host in its own time: it must not run ahead of the wall clock.
@@ -251,7 +261,22 @@ impl<W: Write> Driver<W> {
             cause,
             console: board.console(),
         });
-        let (robot, _) = connected?;
+        let (robot, info) = connected?;
+        let recording = match plan.record {
+            Some(out) => {
+                let head = Head {
+                    board: info.board,
+                    firmware: info.firmware,
+                    program: concat!("esm ", env!("CARGO_PKG_VERSION")).to_owned(),
+                    seed: Some(plan.seed),
+                };
+                Some(
+                    begin_recording(out, head, plan.until_us, &missions)
+                        .map_err(RunError::Recording)?,
+                )
+            }
+            None => None,
+        };
         Ok(Driver {
             board,
             robot,
@@ -262,6 +287,7 @@ impl<W: Write> Driver<W> {
             seed: plan.seed,
             until_us: plan.until_us,
             missions,
+            recording,
             uploads: Vec::new(),
             longest_delay_ns: 0,
             started: 0,
@@ -282,7 +308,8 @@ impl<W: Write> Driver<W> {
     ) -> Result<bool, RunError> {
         {
             let _hold = self.pace.hold();
-            self.link(|robot| robot.subscribe(true, true))?;
+            let streams = self.streams();
+            self.link(|robot| robot.subscribe(streams))?;
         }
         self.upload_next(watch)?;
         let mut exchanges = self.pace.exchanges();
@@ -466,9 +493,55 @@ impl<W: Write> Driver<W> {
                 } => watch(Heard::Warning(&format!(
                     "{missing} pieces of the log did not come through"
                 ))),
+                StreamEvent::Record(records) => {
+                    if let Some(recording) = &mut self.recording {
+                        recording.records(&records).map_err(RunError::Recording)?;
+                    }
+                }
+                StreamEvent::Gap {
+                    channel: Channel::Record,
+                    missing,
+                } => {
+                    if let Some(recording) = &mut self.recording {
+                        recording.gap(missing).map_err(RunError::Recording)?;
+                    }
+                    // It begins anew with what the machine is now.
+                    let streams = self.streams();
+                    self.link(|robot| robot.subscribe(streams))?;
+                    watch(Heard::Warning(&format!(
+                        "the recording has a gap: {missing} records did not come through"
+                    )));
+                }
             }
         }
         Ok(())
+    }
+
+    /// What is wanted of the robot.
+    fn streams(&self) -> Streams {
+        Streams {
+            trace: true,
+            log: true,
+            record: self.recording.is_some(),
+        }
+    }
+
+    /// Waits for what was recorded and is not here yet, while robot time is held.
+    fn end_recording(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
+        const LONGEST_WAIT: Duration = Duration::from_secs(5);
+        let began = Instant::now();
+        while self.recording.is_some() && began.elapsed() < LONGEST_WAIT {
+            let pending = match self.robot.status() {
+                Ok(status) => status.record_pending,
+                // A robot that fell silent at the very end has told all that it will.
+                Err(_) => false,
+            };
+            if !pending {
+                break;
+            }
+            self.link(|robot| robot.listen(LISTEN_TIME))?;
+        }
+        self.take_events(watch)
     }
 
     fn take_records(
@@ -533,9 +606,14 @@ impl<W: Write> Driver<W> {
         }
     }
 
-    fn finish(mut self, interrupted: bool) -> Result<Run<W>, RunError> {
+    fn finish(
+        mut self,
+        interrupted: bool,
+        watch: &mut dyn FnMut(Heard<'_>),
+    ) -> Result<Run<W>, RunError> {
         let status = {
             let _hold = self.pace.hold();
+            self.end_recording(watch)?;
             // A robot that fell silent at the very end has told all that matters.
             let status = self.robot.status().ok();
             if status.is_some()
@@ -555,23 +633,28 @@ impl<W: Write> Driver<W> {
             Some(until_us) => robot_us.min(until_us),
             None => robot_us,
         };
+        let steps = self.story.steps();
         let told = self
             .story
             .finish(end_us)?
             .ok_or_else(|| io::Error::other("the trace was lost"))?;
-        let head = Head {
-            version: VERSION,
+        let recorded = match self.recording {
+            Some(mut recording) => {
+                recording.ends(&told.ends).map_err(RunError::Recording)?;
+                Some(recording.finish(steps).map_err(RunError::Recording)?.1)
+            }
+            None => None,
+        };
+        let entered = Entered {
             seed: self.seed,
             missions: self
                 .missions
                 .iter()
                 .take(self.started)
-                .map(|planned| planned.mission.hash_text())
+                .map(|planned| planned.mission.hash)
                 .collect(),
-        };
-        let recording = Recording {
-            head,
-            entries: told.entries.clone(),
+            starts_us: told.missions.iter().map(|it| it.start_us).collect(),
+            ends: told.ends.clone(),
         };
         let counted = status.map_or_else(Summary::default, Summary::of_status);
         let summary = Summary {
@@ -598,7 +681,8 @@ impl<W: Write> Driver<W> {
             summary,
             told,
             plant,
-            recording,
+            entered,
+            recorded,
             interrupted,
         })
     }
@@ -646,25 +730,35 @@ fn safe_mode(status: &Status) -> Option<String> {
     }
 }
 
-/// When the missions after the first took over, in microseconds of robot time.
-fn swap_times(replay: &Recording) -> impl Iterator<Item = u64> {
-    replay.entries.iter().filter_map(|entry| match entry {
-        Entry::Mission { robot_us, .. } => Some(*robot_us),
-        Entry::End { .. } => None,
-    })
+/// A recording of a run, with all of its missions.
+fn begin_recording(
+    out: Box<dyn Write>,
+    head: Head,
+    until_us: Option<u64>,
+    missions: &[Planned],
+) -> io::Result<RecordingWriter<Box<dyn Write>>> {
+    let mut recording = RecordingWriter::new(out, head, until_us)?;
+    for Planned { mission, .. } in missions {
+        let period_us = mission.directory.interpreter_period_us();
+        recording.mission(&mission.name, mission.hash, &mission.blob, period_us)?;
+    }
+    Ok(recording)
 }
 
-fn check_replay(replay: &Recording, missions: &[Planned]) -> Result<(), RunError> {
-    let given: Vec<String> = missions
+fn check_replay(replay: &Entered, missions: &[Planned]) -> Result<(), RunError> {
+    let given: Vec<u32> = missions
         .iter()
-        .map(|planned| planned.mission.hash_text())
+        .map(|planned| planned.mission.hash)
         .collect();
-    if replay.head.missions == given {
-        Ok(())
-    } else {
-        Err(RunError::OtherMissions {
-            recorded: replay.head.missions.join(", "),
-            given: given.join(", "),
-        })
+    if replay.missions == given {
+        return Ok(());
     }
+    let listed = |hashes: &[u32]| {
+        let texts: Vec<String> = hashes.iter().map(|hash| hash_text(*hash)).collect();
+        texts.join(", ")
+    };
+    Err(RunError::OtherMissions {
+        recorded: listed(&replay.missions),
+        given: listed(&given),
+    })
 }

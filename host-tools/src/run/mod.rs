@@ -2,9 +2,9 @@
 
 pub mod board;
 pub mod drive;
+pub mod entered;
 pub mod interrupt;
 pub mod mission;
-pub mod recording;
 pub mod story;
 pub mod summary;
 

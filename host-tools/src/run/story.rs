@@ -1,5 +1,5 @@
 //! What happened in a run, told as it happens and kept for afterwards: the trace, the words for the person who watches, the states
-//! for the picture, the entries of the recording. All of it comes from the robot's own records.
+//! for the picture, the ends of slot-0 runs. All of it comes from the robot's own records.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -8,8 +8,8 @@ use rt_firmware::link::message::SafeReason;
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::FallBackReason;
 
-use super::recording::Entry;
 use crate::pictures::{Mark, MissionStates, StatesRecorder};
+use crate::recording::file::RunEnd;
 use crate::trace::directory::Directory;
 use crate::trace::records::{Ended, RecordTrace};
 
@@ -19,7 +19,7 @@ pub struct Story<W> {
     scene: Scene<W>,
     missions: Vec<MissionStates>,
     marks: Vec<Mark>,
-    entries: Vec<Entry>,
+    ends: Vec<RunEnd>,
     counts: Counts,
     fault: Option<String>,
     ended: bool,
@@ -61,8 +61,8 @@ pub struct Told<W> {
     pub missions: Vec<MissionStates>,
     /// What happened at single moments.
     pub marks: Vec<Mark>,
-    /// What entered the run.
-    pub entries: Vec<Entry>,
+    /// Where slot-0 runs ended.
+    pub ends: Vec<RunEnd>,
     /// What it had how often.
     pub counts: Counts,
     /// What stopped the last mission, if anything did.
@@ -77,7 +77,7 @@ impl<W: Write> Story<W> {
             scene: Scene::Empty(out),
             missions: Vec::new(),
             marks: Vec::new(),
-            entries: Vec::new(),
+            ends: Vec::new(),
             counts: Counts::default(),
             fault: None,
             ended: false,
@@ -100,10 +100,6 @@ impl<W: Write> Story<W> {
         }
         let index = self.missions.len() as u32 + u32::from(self.is_playing());
         if index > 0 {
-            self.entries.push(Entry::Mission {
-                mission: index,
-                robot_us: start_us,
-            });
             self.marks.push(Mark {
                 t_us: start_us,
                 label: format!("{name} takes over"),
@@ -174,7 +170,7 @@ impl<W: Write> Story<W> {
             TraceRecord::JobEnded {
                 task_instance,
                 occurrence,
-            } => self.entries.push(Entry::End {
+            } => self.ends.push(RunEnd {
                 mission: playing.index,
                 occurrence,
                 task_instance,
@@ -226,7 +222,8 @@ impl<W: Write> Story<W> {
                     .until_us
                     .is_some_and(|until_us| playing.robot_us_of(playing.next_step) > until_us);
             }
-            Some(Ended::Fault(_, code)) => {
+            Some(Ended::Fault(at, code)) => {
+                playing.next_step = at.step + 1;
                 tell(format!("{time:>9.3} s  the machine stopped: {code}"));
                 self.fault = Some(code.to_owned());
                 self.marks.push(Mark {
@@ -244,6 +241,14 @@ impl<W: Write> Story<W> {
         self.ended
     }
 
+    /// Macro steps of the mission that runs which the trace holds, or would if none had been missed.
+    pub fn steps(&self) -> Option<u64> {
+        match &self.scene {
+            Scene::Playing(playing) => Some(playing.next_step),
+            Scene::Empty(_) | Scene::Changing => None,
+        }
+    }
+
     /// What stopped the mission that runs, if anything did.
     pub fn fault(&self) -> Option<&str> {
         self.fault.as_deref()
@@ -259,7 +264,7 @@ impl<W: Write> Story<W> {
             out,
             missions: self.missions,
             marks: self.marks,
-            entries: self.entries,
+            ends: self.ends,
             counts: self.counts,
             fault: self.fault,
         }))

@@ -2,9 +2,9 @@
 
 use super::board::Board;
 use super::drive::{Heard, Plan, Planned, Run, RunError, drive};
+use super::entered::Entered;
 use super::interrupt::Interrupt;
 use super::mission::Mission;
-use super::recording::{Entry, Recording};
 use crate::compile::compile;
 use crate::compile::test_models::{container, flag, model, port, pulse, region, state, task};
 use crate::host_board;
@@ -13,6 +13,7 @@ use crate::model::{
     Action, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind, Task,
     Trigger, Value,
 };
+use crate::recording::file::RunEnd;
 use crate::schedule::handover::Handover;
 use crate::world::World;
 
@@ -133,7 +134,7 @@ fn mission(name: &str, model: &Model) -> Mission {
     Mission::new(std::path::Path::new(name), verified).unwrap()
 }
 
-fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
+fn plan(missions: Vec<(u64, Mission)>, replay: Option<Entered>) -> Plan {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
     Plan {
         flash: None,
@@ -154,6 +155,7 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Recording>) -> Plan {
             })
             .collect(),
         replay,
+        record: None,
         plant_fault: None,
         cut_link_us: None,
     }
@@ -201,25 +203,9 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
         ]
     };
     let first = carried_out(plan(missions(), None));
-    let swaps: Vec<_> = first
-        .recording
-        .entries
-        .iter()
-        .filter(|entry| matches!(entry, Entry::Mission { .. }))
-        .collect();
-    assert_eq!(
-        swaps,
-        [&Entry::Mission {
-            mission: 1,
-            robot_us: 3_000_000
-        }]
-    );
+    assert_eq!(first.entered.starts_us, [0, 3_000_000]);
     assert!(
-        first
-            .recording
-            .entries
-            .iter()
-            .any(|entry| matches!(entry, Entry::End { .. })),
+        !first.entered.ends.is_empty(),
         "the diary is written in slot 0"
     );
     // Both slots start once each 20 ms; the macro step at 6 s is the last thing that is executed.
@@ -234,24 +220,16 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
         summary.contains("slot 1                   151 executed"),
         "{summary}"
     );
-    let recording = first.recording.clone();
-    let again = carried_out(plan(missions(), Some(recording.clone())));
+    let entered = first.entered.clone();
+    let again = carried_out(plan(missions(), Some(entered.clone())));
     assert_eq!(first.told.out, again.told.out);
-    assert_eq!(again.recording, recording);
-    let late = |entry: &Entry| match *entry {
-        Entry::End {
-            mission,
-            occurrence,
-            task_instance,
-        } => Entry::End {
-            mission,
-            occurrence: occurrence + 7,
-            task_instance,
-        },
-        Entry::Mission { .. } => *entry,
+    assert_eq!(again.entered, entered);
+    let late = |end: &RunEnd| RunEnd {
+        occurrence: end.occurrence + 7,
+        ..*end
     };
-    let mut other = recording;
-    other.entries = other.entries.iter().map(late).collect();
+    let mut other = entered;
+    other.ends = other.ends.iter().map(late).collect();
     let other = carried_out(plan(missions(), Some(other)));
     assert_ne!(
         first.told.out, other.told.out,
@@ -284,11 +262,11 @@ fn a_run_whose_body_falls_silent_ends_in_time_and_says_why() {
 #[test]
 fn a_replay_of_other_missions_is_refused() {
     let one = || vec![(0, mission("one.esm", &turning(1.0)))];
-    let mut recording = carried_out(plan(one(), None)).recording;
-    recording.head.missions = vec!["00000000".into()];
+    let mut entered = carried_out(plan(one(), None)).entered;
+    entered.missions = vec![0];
     let interrupt = Interrupt::take_over().unwrap();
     let refused = drive(
-        plan(one(), Some(recording)),
+        plan(one(), Some(entered)),
         Vec::new(),
         interrupt,
         &mut |_| (),

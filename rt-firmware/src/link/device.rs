@@ -21,6 +21,7 @@ use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::check::check;
 use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::Registry;
+use crate::recorder::RecordReader;
 use crate::ring::RingReader;
 use crate::runtime::About;
 use crate::status::SnapshotReader;
@@ -32,7 +33,7 @@ use esm_core::BlobBuffer;
 /// checksum, COBS, delimiter.
 const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
 /// Streams.
-const CHANNELS: usize = 2;
+const CHANNELS: usize = 3;
 
 /// The byte link of a board, and its log.
 pub trait LinkPort {
@@ -158,6 +159,9 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) trace: RingReader<'m>,
     pub(crate) trace_wanted: &'m AtomicBool,
     pub(crate) signs: &'m Signs,
+    pub(crate) record: RecordReader<'m>,
+    /// No part of a stream is on its way out.
+    pub(crate) streams_are_sent: bool,
     pub(crate) log_wanted: bool,
     pub(crate) keys: Keys,
     /// The wish for news, if there is one.
@@ -294,6 +298,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 continue;
             }
             self.last = Some((seq, crc));
+            self.desk.streams_are_sent = self.stream.is_done();
             let is_chunk = matches!(message.request, Request::Chunk { .. });
             match self.desk.react(seq, &message.request, port) {
                 Reaction::Answer(result) => {
@@ -336,7 +341,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             let channel = self.next_channel;
             self.next_channel = match channel {
                 Channel::Trace => Channel::Log,
-                Channel::Log => Channel::Trace,
+                Channel::Log => Channel::Record,
+                Channel::Record => Channel::Trace,
             };
             let mut bytes = [0; MAX_STREAM_BYTES];
             let (len, continues, dropped) = match channel {
@@ -348,8 +354,16 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                     (port.read_log(&mut bytes), false, port.log_dropped())
                 }
                 Channel::Log => continue,
+                Channel::Record => {
+                    let part = self.desk.record.read(&mut bytes);
+                    (part.len, part.continues, self.desk.record.dropped())
+                }
             };
-            let wanted = channel == Channel::Log || self.desk.trace_wanted.load(Ordering::Relaxed);
+            let wanted = match channel {
+                Channel::Trace => self.desk.trace_wanted.load(Ordering::Relaxed),
+                Channel::Log => true,
+                Channel::Record => self.desk.record.is_wanted(),
+            };
             let (Some(bytes), Some(seq)) =
                 (bytes.get(..len), self.stream_seq.get_mut(channel as usize))
             else {
@@ -466,6 +480,8 @@ impl<'m> Desk<'_, 'm> {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
                 self.watch = None;
+                // To end one is never refused.
+                let _ = self.record.want(false);
                 let access = self.keys.access(port.key_safe());
                 Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
             }
@@ -512,7 +528,10 @@ impl<'m> Desk<'_, 'm> {
                 self.watch = news.then(|| Watch::new(period_ms));
                 Reaction::Answer(Ok(Response::Done))
             }
-            Request::Subscribe { trace, log } => {
+            Request::Subscribe { trace, log, record } => {
+                if let Err(error) = self.record.want(record) {
+                    return Reaction::Answer(Err(error));
+                }
                 self.trace_wanted.store(trace, Ordering::Relaxed);
                 self.log_wanted = log;
                 Reaction::Answer(Ok(Response::Done))
@@ -657,6 +676,8 @@ impl<'m> Desk<'_, 'm> {
             fell_back: health.fell_back,
             kept,
             changed_params: health.changed_params,
+            record_dropped: self.record.dropped(),
+            record_pending: !(self.record.is_empty() && self.streams_are_sent),
         }))
     }
 

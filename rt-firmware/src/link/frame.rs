@@ -176,6 +176,7 @@ mod tests {
             Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             },
         ];
         for request in requests {

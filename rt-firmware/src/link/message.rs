@@ -100,6 +100,8 @@ pub enum Request<'a> {
         trace: bool,
         /// Log bytes.
         log: bool,
+        /// A recording of what enters the interpreter, which begins anew with each such request.
+        record: bool,
     },
     /// What was counted of a task state. Answer: [`Response::TaskInstance`].
     TaskCounters {
@@ -212,7 +214,7 @@ pub struct Stream<'a> {
     pub seq: u8,
     /// Whether `bytes` go on with a record that did not fit into the part before. Otherwise they begin with a new record.
     pub continues: bool,
-    /// Records (trace) or bytes (log) that the robot dropped so far for want of room; wraps.
+    /// Records (trace, record) or bytes (log) that the robot dropped so far for want of room; wraps.
     pub dropped: u32,
     /// At most [`MAX_STREAM_BYTES`] bytes.
     pub bytes: &'a [u8],
@@ -225,6 +227,8 @@ pub enum Channel {
     Trace,
     /// What the firmware's log holds: defmt frames on a board, text on the host.
     Log,
+    /// [Recorded inputs](super::record), whole ones.
+    Record,
 }
 
 /// What a robot answers.
@@ -577,6 +581,8 @@ pub enum LinkError {
         /// How many can.
         available: u8,
     },
+    /// This firmware was built without it.
+    NotBuiltIn,
 }
 
 /// How the robot is.
@@ -614,6 +620,10 @@ pub struct Status {
     pub kept: Option<Kept>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
+    /// Records of recordings dropped since the robot started.
+    pub record_dropped: u32,
+    /// Whether something that was recorded was not sent yet, or another stream's part stands before it.
+    pub record_pending: bool,
 }
 
 /// What a robot is doing.
@@ -820,6 +830,8 @@ mod tests {
                 slots: [SlotState::NoRoom { len: u32::MAX }; 2],
             }),
             changed_params: u8::MAX,
+            record_dropped: u32::MAX,
+            record_pending: true,
         };
         let signature = [0xa5; SIGNATURE_BYTES];
         let install = Request::InstallKey {

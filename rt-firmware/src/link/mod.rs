@@ -3,7 +3,7 @@
 //! A link is a stream of bytes in each direction, which may lose, change or double some of them. On it travel [frames](frame); a frame holds
 //! one [message]. The host asks and the robot answers, one request at a time: a request without an answer is sent again
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
-//! sends [trace records](trace) and log bytes as streams, where there is room between answers.
+//! sends [trace records](trace), a [recording](record) and log bytes as streams, where there is room between answers.
 
 pub mod access;
 pub mod device;
@@ -16,5 +16,6 @@ pub mod keys;
 pub(crate) mod keys;
 pub mod message;
 pub mod news;
+pub mod record;
 pub mod trace;
 pub mod trial;

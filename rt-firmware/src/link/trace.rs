@@ -200,7 +200,7 @@ pub trait RecordSink {
 }
 
 /// Writes a number.
-fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
+pub(super) fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
     let mut number: u64 = number.into();
     while number >= 0x80 {
         sink.put(number as u8 | 0x80);
@@ -421,20 +421,20 @@ pub enum TraceError {
     Unknown,
 }
 
-fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
+pub(super) fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
     let (first, rest) = bytes.split_first().ok_or(TraceError::Incomplete)?;
     *bytes = rest;
     Ok(*first)
 }
 
 /// Takes the hash of a mission.
-fn hash(bytes: &mut &[u8]) -> Result<u32, TraceError> {
+pub(super) fn hash(bytes: &mut &[u8]) -> Result<u32, TraceError> {
     let (hash, rest) = bytes.split_first_chunk().ok_or(TraceError::Incomplete)?;
     *bytes = rest;
     Ok(u32::from_le_bytes(*hash))
 }
 
-fn take<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Result<N, TraceError> {
+pub(super) fn take<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Result<N, TraceError> {
     let mut number = 0u64;
     for shift in (0..u64::BITS).step_by(7) {
         let next = byte(bytes)?;

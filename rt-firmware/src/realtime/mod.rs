@@ -27,6 +27,7 @@ use crate::link::trace::TraceRecord;
 use crate::link::trial::{self, FallBack, FallBackReason};
 use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
+use crate::recorder::Recorder;
 use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
 use crate::task::{Declaration, Direction, Step};
@@ -192,6 +193,7 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     link_silent_us: u32,
     /// What a slot-0 run that has ended found wrong.
     failure: Option<SafeReason>,
+    record: Recorder<'m>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
@@ -253,6 +255,7 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) trace: Trace<'m>,
     pub(crate) kept: Option<&'m Kept>,
     pub(crate) signs: &'m Signs,
+    pub(crate) record: Recorder<'m>,
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
@@ -287,6 +290,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             heard_us: 0,
             link_silent_us: 0,
             failure: None,
+            record: parts.record,
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
@@ -615,6 +619,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             if interpreter && missed > 0 {
                 mission.interpreter.skip(missed);
                 mission.next_step += u64::from(missed);
+                self.record.skipped(missed);
                 self.trace.write_next_in_full();
             }
             let start_ticks = mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US);
@@ -876,7 +881,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             black_box: self.kept.map(|kept| &kept.black_box),
             robot_us,
         };
-        match mission.interpreter.macro_step(&mut observer) {
+        self.record.before_step(&mission.interpreter);
+        let ended = mission.interpreter.macro_step(&mut observer);
+        self.record.after_step(&mission.interpreter);
+        match ended {
             Ok(summary) => {
                 mission.next_step = summary.step + 1;
                 self.health.steps = mission.next_step;
@@ -1364,6 +1372,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             mission,
             start_us: at.us,
         });
+        self.record.started(mission, at.us, before.is_some());
         self.mission = Some(Mission {
             interpreter,
             origin,

@@ -376,6 +376,7 @@ pub fn sessions() -> Vec<Seed> {
             Request::Subscribe {
                 trace: true,
                 log: true,
+                record: true,
             },
         ),
         ("task_counters", Request::TaskCounters { task_instance: 0 }),

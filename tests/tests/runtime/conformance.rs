@@ -142,6 +142,7 @@ fn write_frames(text: &mut String) {
             Request::Subscribe {
                 trace: true,
                 log: false,
+                record: true,
             },
         ),
         (
@@ -268,8 +269,10 @@ fn write_frames(text: &mut String) {
             slots: [SlotState::NoRoom { len: 5000 }, SlotState::OnTrial],
         }),
         changed_params: 200,
+        record_dropped: 300,
+        record_pending: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 45] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 46] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -482,6 +485,7 @@ fn write_frames(text: &mut String) {
             "error too many parameters",
             Err(LinkError::TooManyParams { available: 8 }),
         ),
+        ("error not built in", Err(LinkError::NotBuiltIn)),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(
@@ -813,6 +817,7 @@ fn write_exchanges(text: &mut String) {
         line.ask(Request::Subscribe {
             trace: true,
             log: false,
+            record: false,
         });
         line.ask(begin(&blob));
         let mut there = 0;
@@ -833,6 +838,7 @@ fn write_exchanges(text: &mut String) {
         line.ask(Request::Subscribe {
             trace: false,
             log: false,
+            record: false,
         });
     });
 }

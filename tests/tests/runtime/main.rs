@@ -53,7 +53,8 @@ fn a_mission_runs_from_its_upload_on() {
         assert_eq!(
             robot.ask(Request::Subscribe {
                 trace: true,
-                log: false
+                log: false,
+                record: false,
             }),
             Ok(Answer::Done)
         );
@@ -233,6 +234,7 @@ fn a_slot_0_run_is_told_at_the_next_occurrence() {
             .ask(Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             })
             .unwrap();
         robot.background_runs = false;
@@ -306,6 +308,7 @@ fn a_state_that_is_entered_anew_while_its_run_goes_on_gets_another_run() {
             .ask(Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             })
             .unwrap();
         robot.background_runs = false;
@@ -552,6 +555,7 @@ fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
             .ask(Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             })
             .unwrap();
         robot.start(&counting(99).blob());
@@ -888,6 +892,7 @@ fn what_breaks_ends_in_the_safe_state_until_start() {
             .ask(Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             })
             .unwrap();
         robot.start(&flooding.blob());
@@ -1375,6 +1380,7 @@ fn requests_are_answered_while_the_log_flows() {
             .ask(Request::Subscribe {
                 trace: false,
                 log: true,
+                record: false,
             })
             .unwrap();
         robot.wire.log.extend(&text);
@@ -1395,6 +1401,7 @@ fn without_a_reader_the_trace_is_not_written() {
             .ask(Request::Subscribe {
                 trace: true,
                 log: false,
+                record: false,
             })
             .unwrap();
         robot.run_us(20_000);

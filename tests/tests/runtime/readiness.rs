@@ -143,6 +143,7 @@ fn told(seed: u64, uses_what_is_ready: bool) -> Vec<String> {
         let subscribe = Request::Subscribe {
             trace: true,
             log: false,
+            record: false,
         };
         told.push(format!("{:?}", robot.ask(subscribe)));
         let (blob, mut period_us) = mission(random);

@@ -35,6 +35,7 @@ fn subscribe(robot: &mut Bench<'_, '_, '_>) {
     let wanted = Request::Subscribe {
         trace: true,
         log: false,
+        record: false,
     };
     assert_eq!(robot.ask(wanted), Ok(Answer::Done));
 }

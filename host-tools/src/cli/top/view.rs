@@ -399,6 +399,8 @@ pub(super) mod tests {
                 fell_back: None,
                 kept: None,
                 changed_params: 0,
+                record_dropped: 0,
+                record_pending: false,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]

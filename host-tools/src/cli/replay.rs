@@ -1,0 +1,225 @@
+//! `esm replay`: a recorded run once more, from what entered its interpreter.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::console::{Console, counted};
+use super::exit::CommandError;
+use super::run::read_recording;
+use super::{difference, file};
+use crate::recording::file::FileEnd;
+use crate::recording::player::{Outcome, Recording, ReplayError, replay};
+use crate::run::mission::hash_text;
+
+/// Runs what a recording holds once more, through the same interpreter, to the same trace
+///
+/// A recording has what entered the robot's interpreter: changes of flags, times, missions. Nothing is simulated and no robot is needed: what the machine did follows from these. The
+/// trace is that of the run, line by line.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esm run missions/patrol.esm --record patrol.rec --trace patrol.jsonl --until '60 s'
+  esm replay patrol.rec --trace again.jsonl
+  esm replay patrol.rec --expect patrol.jsonl")]
+pub struct ReplayArgs {
+    /// The recording
+    #[arg(value_name = "REC")]
+    pub recording: PathBuf,
+
+    /// Where the trace goes, as JSON Lines; `-` for standard output
+    #[arg(long, value_name = "OUT")]
+    pub trace: Option<PathBuf>,
+
+    /// Compares the trace with this one, and says where they differ first
+    #[arg(long, value_name = "TRACE")]
+    pub expect: Option<PathBuf>,
+
+    /// Goes on behind a gap, where the recording knows all of the machine again
+    #[arg(long)]
+    pub over_gaps: bool,
+
+    /// Prints one object as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    board: String,
+    firmware: String,
+    seed: Option<u64>,
+    /// `whole`, `cut` or `damaged`.
+    file: &'static str,
+    missions: Vec<MissionReport>,
+    macro_steps: u64,
+    transitions: u64,
+    changes: u64,
+    checks: u64,
+    gaps: usize,
+    record_bytes: u64,
+    bytes_a_transition: Option<f64>,
+    error: Option<String>,
+}
+
+/// A run of a mission.
+#[derive(Debug, Serialize)]
+struct MissionReport {
+    name: Option<String>,
+    hash: String,
+    start_us: u64,
+    macro_steps: u64,
+    after_gap: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What kept it from ending well.
+pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandError> {
+    if let Some(output) = &args.trace {
+        let inputs = [Some(args.recording.as_path()), args.expect.as_deref()];
+        let inputs: Vec<&Path> = inputs.into_iter().flatten().collect();
+        file::keep_sources(output, &inputs)?;
+    }
+    let recording = read_recording(&args.recording)?;
+    let expected = args
+        .expect
+        .as_deref()
+        .map(|path| file::read_text(path, "trace"))
+        .transpose()?;
+    let mut trace = Vec::new();
+    let ended = replay(&recording, args.over_gaps, &mut trace);
+    let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
+    match args.trace.as_deref() {
+        Some(_) if to_standard_output => console.out().write_all(&trace)?,
+        Some(path) => file::write_whole(path, &trace, "trace")?,
+        None => {}
+    }
+    let (outcome, error) = match ended {
+        Ok(outcome) => (outcome, None),
+        Err((outcome, error)) => (outcome, Some(error)),
+    };
+    if args.json {
+        console.json_line(&report(&recording, &outcome, error.as_ref()))?;
+    } else if to_standard_output {
+        console.note(told(&recording, &outcome).trim_end());
+    } else {
+        console.text(&told(&recording, &outcome))?;
+    }
+    note_end(&recording, &args.recording, console);
+    if let Some(error) = error {
+        return Err(CommandError::Input(error.into()));
+    }
+    if let (Some(expected), Some(path)) = (expected, &args.expect) {
+        compare(&expected, &trace, path, console)?;
+    }
+    Ok(())
+}
+
+/// Says where the trace of the replay is not the one that was expected.
+fn compare(
+    expected: &str,
+    trace: &[u8],
+    path: &Path,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let trace = String::from_utf8_lossy(trace);
+    if trace == expected {
+        return Ok(());
+    }
+    console.note(&format!(
+        "the replay is not what {} says:\n{}",
+        path.display(),
+        difference::first(expected, &trace).trim_end()
+    ));
+    Err(CommandError::Told)
+}
+
+/// Says where a file ends that does not end well.
+fn note_end(recording: &Recording, path: &Path, console: &mut Console) {
+    let path = path.display();
+    match recording.end {
+        FileEnd::Whole => {}
+        FileEnd::Cut { at } => console.note(&format!(
+            "note: the writing of {path} was broken off at byte {at}; all before it was replayed"
+        )),
+        FileEnd::Damaged { at } => console.note(&format!(
+            "warning: {path} was changed since it was written: what comes from byte {at} on was not read"
+        )),
+    }
+}
+
+fn told(recording: &Recording, outcome: &Outcome) -> String {
+    let mut text = format!(
+        "recorded on {} ({})\n",
+        recording.head.board, recording.head.firmware
+    );
+    for stretch in &recording.stretches {
+        let name = recording
+            .mission(stretch.mission)
+            .map_or("a mission that is not in it", |mission| &mission.name);
+        let steps = counted(stretch.made, "macro step");
+        text += &format!(
+            "  from {:.3} s: {name} ({}), {steps}{}\n",
+            stretch.start_us as f64 / 1e6,
+            hash_text(stretch.mission),
+            if stretch.after_gap {
+                ", after a gap"
+            } else {
+                ""
+            }
+        );
+    }
+    text += &format!(
+        "replayed {}, {}, from {} bytes",
+        counted(outcome.steps, "macro step"),
+        counted(outcome.transitions, "transition"),
+        recording.record_bytes
+    );
+    if let Some(bytes) = bytes_a_transition(recording, outcome) {
+        text += &format!(": {bytes:.2} a transition");
+    }
+    text + "\n"
+}
+
+fn bytes_a_transition(recording: &Recording, outcome: &Outcome) -> Option<f64> {
+    (outcome.transitions > 0).then(|| recording.record_bytes as f64 / outcome.transitions as f64)
+}
+
+fn report(recording: &Recording, outcome: &Outcome, error: Option<&ReplayError>) -> Report {
+    let missions = recording.stretches.iter().map(|stretch| MissionReport {
+        name: recording
+            .mission(stretch.mission)
+            .map(|mission| mission.name.clone()),
+        hash: hash_text(stretch.mission),
+        start_us: stretch.start_us,
+        macro_steps: stretch.made,
+        after_gap: stretch.after_gap,
+    });
+    Report {
+        board: recording.head.board.clone(),
+        firmware: recording.head.firmware.clone(),
+        seed: recording.head.seed,
+        file: match recording.end {
+            FileEnd::Whole => "whole",
+            FileEnd::Cut { .. } => "cut",
+            FileEnd::Damaged { .. } => "damaged",
+        },
+        missions: missions.collect(),
+        macro_steps: outcome.steps,
+        transitions: outcome.transitions,
+        changes: outcome.changes,
+        checks: outcome.checks,
+        gaps: (recording.stretches.iter())
+            .filter(|stretch| stretch.after_gap)
+            .count(),
+        record_bytes: recording.record_bytes,
+        bytes_a_transition: bytes_a_transition(recording, outcome)
+            .map(|bytes| libm::round(bytes * 100.0) / 100.0),
+        error: error.map(ToString::to_string),
+    }
+}

@@ -1,0 +1,367 @@
+//! The file of a recording, byte by byte.
+//!
+//! Eight bytes begin it: `ESMREC`, and the [`VERSION`] as two bytes, the low one first. Then frames, one behind the other:
+//!
+//! | bytes | is |
+//! |---|---|
+//! | 1 | kind |
+//! | 4 | length of the content, the lowest byte first |
+//! | … | content |
+//! | 4 | CRC-32 of all before it in the frame, the lowest byte first |
+//!
+//! A number in a content is a LEB128 varint, a text its length as a number and its UTF-8 bytes. Contents by kind:
+//!
+//! | kind | is | content |
+//! |---|---|---|
+//! | 1 | head, first and once | board, firmware, program that wrote it: texts; 0, or 1 and the seed of a simulated run as a number |
+//! | 2 | mission | its name: text; its blob to the end of the content, which is known by its hash, the blob's last four bytes |
+//! | 3 | records | whole records, as the robot sent them |
+//! | 4 | gap | how many records or parts did not come: number |
+//! | 5 | ends of slot-0 runs of a simulated run | three numbers each: which mission in the order of the run, slot occurrence, task instance |
+//! | 6 | end | macro steps of the last mission that the recording holds, counted from its beginning: number |
+//!
+//! What is of another kind is passed over.
+
+use std::io::{self, Write};
+
+use rt_firmware::link::frame::checksum;
+use thiserror::Error;
+
+/// The form of files that this program writes and reads.
+pub const VERSION: u16 = 1;
+
+/// The first bytes of every recording.
+const MARK: &[u8; 6] = b"ESMREC";
+
+/// What recordings began with that an earlier program wrote as lines of JSON.
+const JSON_MARK: &[u8] = b"{\"kind\":\"recording\"";
+
+/// Content of a frame at most: more than any blob.
+pub const MAX_CONTENT_BYTES: usize = 16 << 20;
+
+const KIND_AND_LENGTH_BYTES: usize = 1 + 4;
+const CHECKSUM_BYTES: usize = 4;
+
+mod kind {
+    pub const HEAD: u8 = 1;
+    pub const MISSION: u8 = 2;
+    pub const RECORDS: u8 = 3;
+    pub const GAP: u8 = 4;
+    pub const ENDS: u8 = 5;
+    pub const END: u8 = 6;
+}
+
+/// Where a recording comes from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Head {
+    /// Name of the board.
+    pub board: String,
+    /// Name and version of its firmware.
+    pub firmware: String,
+    /// Name and version of the program that wrote the file.
+    pub program: String,
+    /// Seed of the noise in a simulated robot's body; `None` for a real one's.
+    pub seed: Option<u64>,
+}
+
+/// The end of a run of a slot-0 task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunEnd {
+    /// The mission's number in the order of the run, from 0.
+    pub mission: u32,
+    /// Number of the slot occurrence, counted from the mission's start, at which it was taken in.
+    pub occurrence: u64,
+    /// The task state.
+    pub task_instance: u16,
+}
+
+/// A frame of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// Where it comes from.
+    Head(Head),
+    /// A mission that ran.
+    Mission {
+        /// Its name.
+        name: String,
+        /// Its blob.
+        blob: Vec<u8>,
+    },
+    /// Whole records, to be read with [`rt_firmware::link::record::Recorded::take`].
+    Records(Vec<u8>),
+    /// So many records or parts did not come.
+    Gap(u32),
+    /// Ends of slot-0 runs of a simulated run.
+    Ends(Vec<RunEnd>),
+    /// How many macro steps of the last mission belong to the recording.
+    End(u64),
+}
+
+/// How a file that could be read ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileEnd {
+    /// With its last frame.
+    Whole,
+    /// Within a frame that begins at this byte: the writing was broken off.
+    Cut {
+        /// The byte.
+        at: usize,
+    },
+    /// With a frame that begins at this byte and was changed since it was written; what comes behind it is not read.
+    Damaged {
+        /// The byte.
+        at: usize,
+    },
+}
+
+/// Why a file is no recording.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum FileError {
+    /// It does not begin as one.
+    #[error("it is no recording")]
+    NoRecording,
+    /// An earlier program wrote it.
+    #[error(
+        "it is a recording of an earlier form, as lines of JSON, which does not hold what entered the interpreter; record the run again"
+    )]
+    Json,
+    /// Another program wrote it.
+    #[error(
+        "the recording has form {found}, this program reads form {VERSION}; record the run again, or read it with the program that wrote it"
+    )]
+    OtherVersion {
+        /// The form that it has.
+        found: u16,
+    },
+    /// It ends before it says where it comes from.
+    #[error("the recording is empty")]
+    Empty,
+}
+
+/// Writes the first bytes of a file.
+///
+/// # Errors
+/// Whatever `out` has.
+pub fn write_mark(out: &mut impl Write) -> io::Result<()> {
+    out.write_all(MARK)?;
+    out.write_all(&VERSION.to_le_bytes())
+}
+
+fn push_number(bytes: &mut Vec<u8>, mut number: u64) {
+    while number >= 0x80 {
+        bytes.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+}
+
+fn push_text(bytes: &mut Vec<u8>, text: &str) {
+    push_number(bytes, text.len() as u64);
+    bytes.extend_from_slice(text.as_bytes());
+}
+
+fn take_number<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Option<N> {
+    let mut number = 0u64;
+    for shift in (0..u64::BITS).step_by(7) {
+        let (first, rest) = bytes.split_first()?;
+        *bytes = rest;
+        number |= u64::from(first & 0x7f) << shift;
+        if first & 0x80 == 0 {
+            return N::try_from(number).ok();
+        }
+    }
+    None
+}
+
+fn take_text(bytes: &mut &[u8]) -> Option<String> {
+    let length = take_number::<usize>(bytes)?;
+    let (text, rest) = bytes.split_at_checked(length)?;
+    *bytes = rest;
+    String::from_utf8(text.to_vec()).ok()
+}
+
+impl Frame {
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Whatever `out` has; or that there is more in it than [`MAX_CONTENT_BYTES`].
+    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        let (kind, content) = self.content();
+        let length = u32::try_from(content.len())
+            .ok()
+            .filter(|length| *length as usize <= MAX_CONTENT_BYTES)
+            .ok_or_else(|| io::Error::other("a frame of the recording is too long"))?;
+        let mut bytes = Vec::with_capacity(KIND_AND_LENGTH_BYTES + content.len() + CHECKSUM_BYTES);
+        bytes.push(kind);
+        bytes.extend_from_slice(&length.to_le_bytes());
+        bytes.extend_from_slice(&content);
+        let crc = checksum(&bytes);
+        bytes.extend_from_slice(&crc.to_le_bytes());
+        // At once, so that a program that is killed leaves as little as can be of a frame.
+        out.write_all(&bytes)
+    }
+
+    fn content(&self) -> (u8, Vec<u8>) {
+        let mut bytes = Vec::new();
+        let kind = match self {
+            Frame::Head(head) => {
+                for text in [&head.board, &head.firmware, &head.program] {
+                    push_text(&mut bytes, text);
+                }
+                bytes.push(u8::from(head.seed.is_some()));
+                if let Some(seed) = head.seed {
+                    push_number(&mut bytes, seed);
+                }
+                kind::HEAD
+            }
+            Frame::Mission { name, blob } => {
+                push_text(&mut bytes, name);
+                bytes.extend_from_slice(blob);
+                kind::MISSION
+            }
+            Frame::Records(records) => return (kind::RECORDS, records.clone()),
+            Frame::Gap(missing) => {
+                push_number(&mut bytes, u64::from(*missing));
+                kind::GAP
+            }
+            Frame::Ends(ends) => {
+                for end in ends {
+                    push_number(&mut bytes, end.mission.into());
+                    push_number(&mut bytes, end.occurrence);
+                    push_number(&mut bytes, end.task_instance.into());
+                }
+                kind::ENDS
+            }
+            Frame::End(steps) => {
+                push_number(&mut bytes, *steps);
+                kind::END
+            }
+        };
+        (kind, bytes)
+    }
+
+    /// The frame of a kind and a content; none if it is of an unknown kind.
+    ///
+    /// # Errors
+    /// The content is none of its kind.
+    fn read(kind: u8, content: &[u8]) -> Result<Option<Frame>, ()> {
+        let mut rest = content;
+        let frame = match kind {
+            kind::HEAD => Self::read_head(&mut rest).map(Frame::Head),
+            kind::MISSION => take_text(&mut rest).map(|name| {
+                let blob = std::mem::take(&mut rest).to_vec();
+                Frame::Mission { name, blob }
+            }),
+            kind::RECORDS => Some(Frame::Records(std::mem::take(&mut rest).to_vec())),
+            kind::GAP => take_number(&mut rest).map(Frame::Gap),
+            kind::ENDS => Self::read_ends(&mut rest).map(Frame::Ends),
+            kind::END => take_number(&mut rest).map(Frame::End),
+            _ => return Ok(None),
+        };
+        match frame {
+            Some(frame) if rest.is_empty() => Ok(Some(frame)),
+            _ => Err(()),
+        }
+    }
+
+    fn read_head(rest: &mut &[u8]) -> Option<Head> {
+        Some(Head {
+            board: take_text(rest)?,
+            firmware: take_text(rest)?,
+            program: take_text(rest)?,
+            seed: match take_number::<u8>(rest)? {
+                0 => None,
+                1 => Some(take_number(rest)?),
+                _ => return None,
+            },
+        })
+    }
+
+    fn read_ends(rest: &mut &[u8]) -> Option<Vec<RunEnd>> {
+        let mut ends = Vec::new();
+        while !rest.is_empty() {
+            ends.push(RunEnd {
+                mission: take_number(rest)?,
+                occurrence: take_number(rest)?,
+                task_instance: take_number(rest)?,
+            });
+        }
+        Some(ends)
+    }
+}
+
+/// The frames of a file, the head among them as the first, and how the file ends.
+///
+/// # Errors
+/// [`FileError`]: it is no recording, or none that this program reads.
+pub fn read(bytes: &[u8]) -> Result<(Vec<Frame>, FileEnd), FileError> {
+    let Some((mark, rest)) = bytes.split_first_chunk::<6>() else {
+        return Err(FileError::NoRecording);
+    };
+    if mark != MARK {
+        return Err(if bytes.starts_with(JSON_MARK) {
+            FileError::Json
+        } else {
+            FileError::NoRecording
+        });
+    }
+    let Some((version, mut rest)) = rest.split_first_chunk::<2>() else {
+        return Err(FileError::Empty);
+    };
+    let found = u16::from_le_bytes(*version);
+    if found != VERSION {
+        return Err(FileError::OtherVersion { found });
+    }
+    let mut frames = Vec::new();
+    let end = loop {
+        let at = bytes.len() - rest.len();
+        if rest.is_empty() {
+            break FileEnd::Whole;
+        }
+        match take_frame(&mut rest) {
+            Ok(Some(frame)) => {
+                if frames.is_empty() && !matches!(frame, Frame::Head(_)) {
+                    break FileEnd::Damaged { at };
+                }
+                frames.push(frame);
+            }
+            Ok(None) => {}
+            Err(Spoiled::Cut) => break FileEnd::Cut { at },
+            Err(Spoiled::Damaged) => break FileEnd::Damaged { at },
+        }
+    };
+    if frames.is_empty() {
+        return Err(FileError::Empty);
+    }
+    Ok((frames, end))
+}
+
+enum Spoiled {
+    Cut,
+    Damaged,
+}
+
+fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Spoiled> {
+    let whole = *rest;
+    let Some(([kind, length @ ..], _)) = whole.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
+        return Err(Spoiled::Cut);
+    };
+    let length = u32::from_le_bytes(*length) as usize;
+    if length > MAX_CONTENT_BYTES {
+        return Err(Spoiled::Damaged);
+    }
+    let (Some((checked, behind)), Some(content)) = (
+        whole.split_at_checked(KIND_AND_LENGTH_BYTES + length),
+        whole.get(KIND_AND_LENGTH_BYTES..KIND_AND_LENGTH_BYTES + length),
+    ) else {
+        return Err(Spoiled::Cut);
+    };
+    let Some((crc, behind)) = behind.split_first_chunk::<CHECKSUM_BYTES>() else {
+        return Err(Spoiled::Cut);
+    };
+    if u32::from_le_bytes(*crc) != checksum(checked) {
+        return Err(Spoiled::Damaged);
+    }
+    *rest = behind;
+    Frame::read(*kind, content).map_err(|()| Spoiled::Damaged)
+}

@@ -1,0 +1,432 @@
+//! Recordings, run again.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use esm_core::{Fault, Interpreter, Observer, TransitionTaken, Verified};
+use thiserror::Error;
+
+use super::file::{self, FileEnd, FileError, Frame, Head, RunEnd};
+use super::stretch::{Beginning, Change, Input, Stretch, Stretches};
+use crate::run::entered::Entered;
+use crate::run::mission::hash_text;
+use crate::trace::directory::{Directory, NoDirectory};
+use crate::trace::{Step, TraceWriter};
+
+/// A recording as it was read.
+#[derive(Debug)]
+pub struct Recording {
+    /// Where it comes from.
+    pub head: Head,
+    /// Its missions.
+    pub missions: Vec<RecordedMission>,
+    /// What ran, in order.
+    pub stretches: Vec<Stretch>,
+    /// Ends of slot-0 runs of a simulated run.
+    pub ends: Vec<RunEnd>,
+    /// How the file ends.
+    pub end: FileEnd,
+    /// Bytes of records.
+    pub record_bytes: u64,
+}
+
+/// A mission of a recording.
+#[derive(Debug)]
+pub struct RecordedMission {
+    /// Its name.
+    pub name: String,
+    /// Its blob.
+    pub verified: Verified<Vec<u8>>,
+    /// The names in it.
+    pub directory: Arc<Directory>,
+}
+
+/// Why a recording cannot be read.
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    /// It is no file of this kind.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A mission in it is none.
+    #[error("the mission `{name}` in the recording is not valid: {refusal:?}")]
+    BadMission {
+        /// Its name.
+        name: String,
+        /// Why not.
+        refusal: esm_core::Refusal,
+    },
+    /// A mission in it has no names.
+    #[error("the mission `{name}` in the recording: {cause}")]
+    NoNames {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        cause: NoDirectory,
+    },
+    /// Its records make no sense.
+    #[error("the records in the recording make no sense: another program wrote them, or a defect")]
+    BadRecords,
+}
+
+impl Recording {
+    /// Reads a recording. Takes time and memory in proportion to the file.
+    ///
+    /// # Errors
+    /// [`RecordingError`]
+    pub fn read(bytes: &[u8]) -> Result<Self, RecordingError> {
+        let (frames, end) = file::read(bytes)?;
+        let mut recording = Recording {
+            head: Head::default(),
+            missions: Vec::new(),
+            stretches: Vec::new(),
+            ends: Vec::new(),
+            end,
+            record_bytes: 0,
+        };
+        let mut stretches = Stretches::default();
+        for frame in frames {
+            stretches
+                .frame(&frame)
+                .map_err(|_| RecordingError::BadRecords)?;
+            match frame {
+                Frame::Head(head) => recording.head = head,
+                Frame::Mission { name, blob } => {
+                    recording.missions.push(RecordedMission::new(name, blob)?);
+                }
+                Frame::Ends(ends) => recording.ends.extend(ends),
+                Frame::Records(records) => recording.record_bytes += records.len() as u64,
+                Frame::Gap(_) | Frame::End(_) => {}
+            }
+        }
+        recording.stretches = stretches.finish();
+        Ok(recording)
+    }
+
+    /// The mission with a hash.
+    pub fn mission(&self, hash: u32) -> Option<&RecordedMission> {
+        self.missions
+            .iter()
+            .find(|mission| mission.verified.hash() == hash)
+    }
+
+    /// What the host board needs to have a simulated run again; `None` if the recording is of a real robot, or of a part of a run.
+    pub fn entered(&self) -> Option<Entered> {
+        let whole = self
+            .stretches
+            .iter()
+            .all(|stretch| stretch.beginning == Beginning::Anew && !stretch.after_gap);
+        let seed = self.head.seed.filter(|_| whole)?;
+        Some(Entered {
+            seed,
+            missions: self.stretches.iter().map(|it| it.mission).collect(),
+            starts_us: self.stretches.iter().map(|it| it.start_us).collect(),
+            ends: self.ends.clone(),
+        })
+    }
+}
+
+impl RecordedMission {
+    fn new(name: String, blob: Vec<u8>) -> Result<Self, RecordingError> {
+        let verified = match esm_core::verify(blob) {
+            Ok(verified) => verified,
+            Err((_, refusal)) => return Err(RecordingError::BadMission { name, refusal }),
+        };
+        let directory = match Directory::of(&verified.tables()) {
+            Ok(directory) => Arc::new(directory),
+            Err(cause) => return Err(RecordingError::NoNames { name, cause }),
+        };
+        Ok(RecordedMission {
+            name,
+            verified,
+            directory,
+        })
+    }
+}
+
+/// What came of a replay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Stretches that were run.
+    pub stretches: usize,
+    /// Macro steps that were made.
+    pub steps: u64,
+    /// Transitions that were taken.
+    pub transitions: u64,
+    /// Macro steps with a change from outside.
+    pub changes: u64,
+    /// States of the robot's machine that were compared with that of the replay, and equal.
+    pub checks: u64,
+}
+
+/// Why a replay did not come to the recording's end.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// The trace cannot be written.
+    #[error("cannot write the trace: {0}")]
+    Trace(#[from] io::Error),
+    /// A mission is missing.
+    #[error("the recording is of the mission {} from here on, which is not in it", hash_text(*hash))]
+    NoMission {
+        /// Its hash.
+        hash: u32,
+    },
+    /// The state that a stretch begins with is none of its mission.
+    #[error("the recorded state is none of the mission {}", hash_text(*hash))]
+    BadState {
+        /// Its hash.
+        hash: u32,
+    },
+    /// Something entered that this machine does not have.
+    #[error("before macro step {step} a flag changed that the mission {} does not have", hash_text(*hash))]
+    BadInput {
+        /// Hash of the mission.
+        hash: u32,
+        /// Number of the macro step.
+        step: u64,
+    },
+    /// The robot's machine was another than this one.
+    #[error("before macro step {step} of the mission {} the robot's machine was not what the replay is: the recording lacks something", hash_text(*hash))]
+    Differs {
+        /// Hash of the mission.
+        hash: u32,
+        /// Number of the macro step.
+        step: u64,
+    },
+    /// Something is missing.
+    #[error("the recording has a gap after macro step {after} of the mission {} ({:.3} s); it goes on before macro step {next} of the mission {}: with --over-gaps, so does the replay",
+        hash_text(*hash), *after_us as f64 / 1e6, hash_text(*next_hash))]
+    Gap {
+        /// Hash of the mission before.
+        hash: u32,
+        /// Number of the last macro step before.
+        after: u64,
+        /// When that was, in microseconds since the first macro step of the first mission.
+        after_us: u64,
+        /// Hash of the mission behind.
+        next_hash: u32,
+        /// Number of the first macro step behind.
+        next: u64,
+    },
+}
+
+/// A machine that runs a stretch again.
+pub struct Player<'s, 'm> {
+    stretch: &'s Stretch,
+    machine: Interpreter<'m, &'s [u8]>,
+    inputs: std::slice::Iter<'s, Input>,
+    /// Macro steps that were made.
+    made: u64,
+}
+
+/// What entered before a macro step that was made again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Entries {
+    /// Bits that were turned over.
+    pub bits: usize,
+    /// States that were compared.
+    pub checks: u64,
+}
+
+impl<'s, 'm> Player<'s, 'm> {
+    /// A machine before the first macro step of a stretch. `arena` has as many words as the mission needs.
+    ///
+    /// # Errors
+    /// [`ReplayError::BadState`]
+    pub fn new(
+        mission: &'s RecordedMission,
+        stretch: &'s Stretch,
+        arena: &'m mut [u32],
+    ) -> Result<Self, ReplayError> {
+        let hash = stretch.mission;
+        let machine = esm_core::verify(mission.verified.bytes())
+            .ok()
+            .and_then(|verified| match &stretch.beginning {
+                Beginning::Anew => Interpreter::new(verified, arena).ok(),
+                Beginning::State(progress, words) => {
+                    Interpreter::resume(verified, arena, words, *progress).ok()
+                }
+            })
+            .ok_or(ReplayError::BadState { hash })?;
+        Ok(Player {
+            stretch,
+            machine,
+            inputs: stretch.inputs.iter(),
+            made: 0,
+        })
+    }
+
+    /// The machine.
+    pub fn machine(&self) -> &Interpreter<'m, &'s [u8]> {
+        &self.machine
+    }
+
+    /// Lets enter what entered before the next macro step. `None` if there is no further one in the stretch.
+    ///
+    /// # Errors
+    /// [`ReplayError::BadInput`], [`ReplayError::Differs`]
+    pub fn enter(&mut self) -> Result<Option<Entries>, ReplayError> {
+        let hash = self.stretch.mission;
+        let mut entries = Entries::default();
+        while let Some(input) = self.inputs.as_slice().first()
+            && input.before == self.made
+        {
+            self.inputs.next();
+            let step = self.machine.progress().steps;
+            match &input.change {
+                Change::Bits(bits) => {
+                    entries.bits += bits.len();
+                    for bit in bits {
+                        if !self.machine.toggle_input(*bit as usize) {
+                            return Err(ReplayError::BadInput { hash, step });
+                        }
+                    }
+                }
+                Change::Skipped(missed) => {
+                    if step.saturating_add(u64::from(*missed)) > esm_core::MAX_STEPS {
+                        return Err(ReplayError::BadInput { hash, step });
+                    }
+                    self.machine.skip(*missed);
+                }
+                Change::Check(progress, words) => {
+                    if !self.machine.is_like(words, progress) {
+                        return Err(ReplayError::Differs { hash, step });
+                    }
+                    entries.checks += 1;
+                }
+            }
+        }
+        Ok((self.made < self.stretch.made).then_some(entries))
+    }
+
+    /// Makes the next macro step.
+    ///
+    /// # Errors
+    /// The fault that stopped the machine.
+    pub fn macro_step(
+        &mut self,
+        observer: &mut impl Observer,
+    ) -> Result<esm_core::StepSummary, Fault> {
+        self.made += 1;
+        self.machine.macro_step(observer)
+    }
+}
+
+/// Runs a recording again; the trace goes to `out`. Where something is missing it ends, or goes on with what is known again.
+///
+/// # Errors
+/// [`ReplayError`], with what was done until then.
+pub fn replay(
+    recording: &Recording,
+    over_gaps: bool,
+    out: impl Write,
+) -> Result<Outcome, (Outcome, ReplayError)> {
+    let mut outcome = Outcome::default();
+    match replay_stretches(recording, over_gaps, out, &mut outcome) {
+        Ok(()) => Ok(outcome),
+        Err(error) => Err((outcome, error)),
+    }
+}
+
+fn replay_stretches(
+    recording: &Recording,
+    over_gaps: bool,
+    mut out: impl Write,
+    outcome: &mut Outcome,
+) -> Result<(), ReplayError> {
+    let mut last: Option<(u32, u64, u64)> = None;
+    for stretch in &recording.stretches {
+        let hash = stretch.mission;
+        let next = match &stretch.beginning {
+            Beginning::Anew => 0,
+            Beginning::State(progress, _) => progress.steps,
+        };
+        if stretch.after_gap
+            && !over_gaps
+            && let Some((hash, after, after_us)) = last
+        {
+            return Err(ReplayError::Gap {
+                hash,
+                after,
+                after_us,
+                next_hash: stretch.mission,
+                next,
+            });
+        }
+        let mission = recording
+            .mission(hash)
+            .ok_or(ReplayError::NoMission { hash })?;
+        let ended = play(mission, stretch, &mut out, outcome)?;
+        let at_us = stretch.start_us + ended.t_us;
+        last = Some((hash, ended.step, at_us));
+        outcome.stretches += 1;
+    }
+    out.flush()?;
+    Ok(())
+}
+
+/// Runs one stretch; answers its last macro step.
+fn play(
+    mission: &RecordedMission,
+    stretch: &Stretch,
+    out: &mut impl Write,
+    outcome: &mut Outcome,
+) -> Result<Step, ReplayError> {
+    let mut arena = vec![0; mission.verified.arena_words()];
+    let mut player = Player::new(mission, stretch, &mut arena)?;
+    let mut writer = TraceWriter::new(out, Arc::clone(&mission.directory));
+    let period_us = u64::from(mission.directory.interpreter_period_us());
+    let mut at = Step { step: 0, t_us: 0 };
+    while let Some(entries) = player.enter()? {
+        outcome.changes += u64::from(entries.bits > 0);
+        outcome.checks += entries.checks;
+        if player.machine().fault().is_some() {
+            // It stands still until it is started anew.
+            break;
+        }
+        let step = player.machine().progress().steps;
+        at = Step {
+            step,
+            t_us: step * period_us,
+        };
+        let mut watcher = Watcher {
+            writer: &mut writer,
+            at,
+            transitions: 0,
+            written: Ok(()),
+        };
+        let ended = player.macro_step(&mut watcher);
+        let Watcher {
+            transitions,
+            written,
+            ..
+        } = watcher;
+        written?;
+        outcome.transitions += transitions;
+        outcome.steps += 1;
+        match ended {
+            Ok(summary) => writer.step(at, summary.micro_steps.into(), player.machine())?,
+            Err(fault) => writer.fault(at, fault.code())?,
+        }
+    }
+    Ok(at)
+}
+
+/// Writes the transitions of a macro step.
+struct Watcher<'w, W> {
+    writer: &'w mut TraceWriter<W>,
+    at: Step,
+    transitions: u64,
+    written: io::Result<()>,
+}
+
+impl<W: Write> Observer for Watcher<'_, W> {
+    fn transition(&mut self, taken: TransitionTaken) {
+        self.transitions += 1;
+        if self.written.is_ok() {
+            let (region, transition) = (taken.region_instance.into(), taken.transition.into());
+            self.written = self
+                .writer
+                .transition(self.at, taken.micro.into(), region, transition);
+        }
+    }
+}

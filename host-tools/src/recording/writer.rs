@@ -1,0 +1,248 @@
+//! A recording that is written while its robot runs.
+
+use std::fmt;
+use std::io::{self, Write};
+
+use rt_firmware::link::record::{MAX_QUIET, Recorded};
+
+use super::file::{self, Frame, Head, RunEnd};
+
+/// Records are written to the file when they are this many bytes…
+const FRAME_BYTES: usize = 1024;
+/// … or of this many macro steps: so much is lost at most if the writing is broken off.
+const FRAME_STEPS: u64 = MAX_QUIET as u64;
+
+/// Writes a recording as it comes. Equal records give equal bytes, in however many parts they come.
+pub struct RecordingWriter<W> {
+    out: W,
+    /// Records that were not written yet, and their macro steps.
+    waiting: Vec<u8>,
+    waiting_steps: u64,
+    missions: Vec<Known>,
+    /// Robot time after which nothing is of interest.
+    until_us: Option<u64>,
+    /// The mission that runs, as far as it is known; and when its next macro step is due.
+    clock: Option<Clock>,
+    is_over: bool,
+    counts: Counts,
+}
+
+struct Known {
+    hash: u32,
+    period_us: u64,
+}
+
+/// Where a mission is.
+struct Clock {
+    start_us: u64,
+    period_us: u64,
+    next_step: u64,
+}
+
+impl Clock {
+    fn next_us(&self) -> u64 {
+        self.start_us
+            .saturating_add(self.next_step.saturating_mul(self.period_us))
+    }
+}
+
+/// What a recording holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Bytes of records, as the robot sent them.
+    pub record_bytes: u64,
+    /// Macro steps that are known of.
+    pub steps: u64,
+    /// Gaps.
+    pub gaps: u64,
+}
+
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} macro steps in {} bytes",
+            self.steps, self.record_bytes
+        )?;
+        match self.gaps {
+            0 => Ok(()),
+            1 => write!(f, ", with 1 gap"),
+            gaps => write!(f, ", with {gaps} gaps"),
+        }
+    }
+}
+
+impl<W: Write> RecordingWriter<W> {
+    /// Begins a recording. Of robot time after `until_us` nothing is kept.
+    ///
+    /// # Errors
+    /// Whatever `out` has.
+    pub fn new(mut out: W, head: Head, until_us: Option<u64>) -> io::Result<Self> {
+        file::write_mark(&mut out)?;
+        Frame::Head(head).write(&mut out)?;
+        out.flush()?;
+        Ok(RecordingWriter {
+            out,
+            waiting: Vec::new(),
+            waiting_steps: 0,
+            missions: Vec::new(),
+            until_us,
+            clock: None,
+            is_over: false,
+            counts: Counts::default(),
+        })
+    }
+
+    /// Whether a mission is in the recording.
+    pub fn knows(&self, hash: u32) -> bool {
+        self.missions.iter().any(|known| known.hash == hash)
+    }
+
+    /// Adds a mission, if it is not there. `period_us` is that of its interpreter.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn mission(
+        &mut self,
+        name: &str,
+        hash: u32,
+        blob: &[u8],
+        period_us: u32,
+    ) -> io::Result<()> {
+        if self.knows(hash) {
+            return Ok(());
+        }
+        self.missions.push(Known {
+            hash,
+            period_us: period_us.into(),
+        });
+        self.write(&Frame::Mission {
+            name: name.to_owned(),
+            blob: blob.to_vec(),
+        })
+    }
+
+    /// Adds whole records. Answers the hash of a mission that they are of and that is not in the recording yet.
+    ///
+    /// # Errors
+    /// Whatever the file has; or that these are no records.
+    pub fn records(&mut self, records: &[u8]) -> io::Result<Option<u32>> {
+        let mut rest = records;
+        let mut unknown = None;
+        while !rest.is_empty() && !self.is_over {
+            let from = rest;
+            let record = Recorded::take(&mut rest)
+                .map_err(|_| io::Error::other("the robot's recording makes no sense"))?;
+            if let Recorded::Started { mission, .. } | Recorded::State { mission, .. } = record
+                && !self.knows(mission)
+            {
+                unknown = Some(mission);
+            }
+            let steps = self.steps_of(&record);
+            if self.is_over {
+                break;
+            }
+            let bytes = from.get(..from.len() - rest.len()).unwrap_or_default();
+            self.waiting.extend_from_slice(bytes);
+            self.waiting_steps += steps;
+            self.counts.record_bytes += bytes.len() as u64;
+            self.counts.steps += steps;
+            if self.waiting.len() >= FRAME_BYTES || self.waiting_steps >= FRAME_STEPS {
+                self.write_waiting()?;
+            }
+        }
+        Ok(unknown)
+    }
+
+    /// How many macro steps a record is of, which moves the clock on; or it is after the end, and all is over.
+    fn steps_of(&mut self, record: &Recorded<'_>) -> u64 {
+        let (steps, skipped) = match *record {
+            Recorded::Changes { quiet, .. } => (u64::from(quiet) + 1, 0),
+            Recorded::Quiet { quiet } | Recorded::Started { quiet, .. } => (quiet.into(), 0),
+            Recorded::Skipped { quiet, missed } => (quiet.into(), missed.into()),
+            Recorded::State { .. } => (0, 0),
+        };
+        let until_us = self.until_us.unwrap_or(u64::MAX);
+        if let Some(clock) = &mut self.clock {
+            clock.next_step = clock.next_step.saturating_add(steps);
+            // The last of these macro steps began a period before the next one.
+            self.is_over = clock.next_us().saturating_sub(clock.period_us) > until_us;
+            clock.next_step = clock.next_step.saturating_add(skipped);
+        }
+        let (mission, start_us, next_step) = match *record {
+            Recorded::Started {
+                mission, start_us, ..
+            } => (mission, start_us, 0),
+            Recorded::State {
+                mission,
+                start_us,
+                progress,
+                ..
+            } => (mission, start_us, progress.steps),
+            _ => return steps,
+        };
+        let known = self.missions.iter().find(|known| known.hash == mission);
+        let clock = Clock {
+            start_us,
+            period_us: known.map_or(0, |known| known.period_us),
+            next_step,
+        };
+        self.is_over |= clock.next_us() > until_us;
+        self.clock = Some(clock);
+        steps
+    }
+
+    /// Notes that something did not come.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn gap(&mut self, missing: u32) -> io::Result<()> {
+        if self.is_over {
+            return Ok(());
+        }
+        self.counts.gaps += 1;
+        self.write_waiting()?;
+        self.write(&Frame::Gap(missing))
+    }
+
+    /// Notes where slot-0 runs ended in a simulated run.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn ends(&mut self, ends: &[RunEnd]) -> io::Result<()> {
+        self.write_waiting()?;
+        self.write(&Frame::Ends(ends.to_vec()))
+    }
+
+    /// Writes all that came, and how many macro steps of the last mission it is of, where that is known.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn finish(mut self, steps: Option<u64>) -> io::Result<(W, Counts)> {
+        self.write_waiting()?;
+        if let Some(steps) = steps {
+            self.write(&Frame::End(steps))?;
+        }
+        Ok((self.out, self.counts))
+    }
+
+    /// What it holds so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    fn write_waiting(&mut self) -> io::Result<()> {
+        self.waiting_steps = 0;
+        if self.waiting.is_empty() {
+            return Ok(());
+        }
+        let records = std::mem::take(&mut self.waiting);
+        self.write(&Frame::Records(records))
+    }
+
+    /// Writes a frame, and hands it to the system: it is there then, whatever becomes of this process.
+    fn write(&mut self, frame: &Frame) -> io::Result<()> {
+        frame.write(&mut self.out)?;
+        self.out.flush()
+    }
+}

@@ -1,0 +1,285 @@
+//! A firmware that records.
+//!
+//! It sees only what differs: flags and enable bits before a macro step, against those after the one before. So whatever part of the runtime writes a flag, it is recorded.
+
+use core::ops::Deref;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use esm_core::Interpreter;
+
+use crate::link::message::LinkError;
+use crate::link::record::{
+    MAX_QUIET, STATE_HEAD_BYTES, STATE_WORD_BYTES, write_changes, write_quiet, write_skipped,
+    write_started, write_state,
+};
+use crate::ring::{Part, RecordRing, RingReader, RingWriter};
+
+/// Memory of a recorder for machines of up to so many words: ten bytes for each.
+pub(crate) struct RecorderMemory<const WORDS: usize> {
+    ring: RecordRing<WORDS>,
+    asked: AtomicU32,
+    /// What flags are compared with.
+    known: [u32; WORDS],
+}
+
+impl<const WORDS: usize> RecorderMemory<WORDS> {
+    pub(crate) const fn new() -> Self {
+        RecorderMemory {
+            ring: RecordRing::new(),
+            asked: AtomicU32::new(0),
+            known: [0; WORDS],
+        }
+    }
+
+    /// Its two sides.
+    pub(crate) fn split(&mut self) -> (Recorder<'_>, RecordReader<'_>) {
+        // A recording begins with all that the machine is.
+        const { assert!(WORDS >= RecordRing::<WORDS>::FEWEST_WORDS) };
+        let (writer, reader) = self.ring.split();
+        let asked = &self.asked;
+        (
+            Recorder {
+                ring: writer,
+                asked,
+                begun: 0,
+                known: &mut self.known,
+                quiet: 0,
+                mission: (0, 0),
+            },
+            RecordReader {
+                ring: reader,
+                asked,
+                subscriptions: 0,
+            },
+        )
+    }
+}
+
+/// Reads a recording, and says whether one is wanted.
+pub(crate) struct RecordReader<'m> {
+    ring: RingReader<'m>,
+    asked: &'m AtomicU32,
+    /// Recordings that were asked for so far.
+    subscriptions: u32,
+}
+
+impl RecordReader<'_> {
+    /// Lets a recording begin, with all that the machine is then, or end.
+    ///
+    /// # Errors
+    /// [`LinkError::NotBuiltIn`] of a firmware that cannot.
+    #[expect(
+        clippy::unnecessary_wraps,
+        reason = "a firmware without this feature refuses"
+    )]
+    pub(crate) fn want(&mut self, wanted: bool) -> Result<(), LinkError> {
+        if !self.is_wanted() {
+            // What is left of a recording before is nothing of this one.
+            self.ring.clear();
+        }
+        self.subscriptions = self.subscriptions.wrapping_add(1).max(1);
+        let asked = if wanted { self.subscriptions } else { 0 };
+        self.asked.store(asked, Ordering::Relaxed);
+        Ok(())
+    }
+
+    pub(crate) fn is_wanted(&self) -> bool {
+        self.asked.load(Ordering::Relaxed) != 0
+    }
+
+    pub(crate) fn read(&mut self, room: &mut [u8]) -> Part {
+        self.ring.read(room)
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.ring.is_empty()
+    }
+
+    pub(crate) fn dropped(&self) -> u32 {
+        self.ring.dropped()
+    }
+}
+
+/// Writes a recording.
+pub(crate) struct Recorder<'m> {
+    ring: RingWriter<'m>,
+    /// Number of the last subscription; 0 while nobody wants a recording.
+    asked: &'m AtomicU32,
+    /// The subscription that the reader has had a beginning for.
+    begun: u32,
+    /// Flags and enable bits after the last macro step.
+    known: &'m mut [u32],
+    /// Macro steps without a change since the last record, that included which is made now.
+    quiet: u32,
+    /// Hash and start of the mission.
+    mission: (u32, u64),
+}
+
+impl Recorder<'_> {
+    /// Whether a recording is wanted.
+    #[inline(always)]
+    fn is_wanted(&self) -> bool {
+        self.asked.load(Ordering::Relaxed) != 0
+    }
+
+    /// Whether the reader knows all that was before.
+    fn is_in_step(&self) -> bool {
+        self.begun == self.asked.load(Ordering::Relaxed)
+    }
+
+    /// A mission starts: from its beginning, or warm, with what it has taken over.
+    pub(crate) fn started(&mut self, mission: u32, start_us: u64, warm: bool) {
+        self.mission = (mission, start_us);
+        if !self.is_wanted() {
+            return;
+        }
+        if warm {
+            // All that it is then is written before its first macro step; the end of the mission before belongs to what came so far.
+            let quiet = self.quiet;
+            if self.is_in_step() {
+                self.ring.record(0, |sink| write_quiet(sink, quiet));
+            }
+            self.begun = 0;
+            return;
+        }
+        // Where something was lost before, the steps since then are of no use.
+        let quiet = if self.is_in_step() { self.quiet } else { 0 };
+        let written = self.ring.record(0, |sink| {
+            write_started(sink, quiet, mission, start_us);
+        });
+        self.known.fill(0);
+        self.end_record(written);
+    }
+
+    /// Macro steps are left out before the next one.
+    pub(crate) fn skipped(&mut self, missed: u32) {
+        if self.is_wanted() && self.is_in_step() {
+            let quiet = self.quiet;
+            let written = self
+                .ring
+                .record(0, |sink| write_skipped(sink, quiet, missed));
+            self.end_record(written);
+        }
+    }
+
+    /// A macro step is next.
+    #[inline(always)]
+    pub(crate) fn before_step<B: Deref<Target = [u8]>>(
+        &mut self,
+        interpreter: &Interpreter<'_, B>,
+    ) {
+        if self.is_wanted() {
+            self.write_inputs(interpreter);
+        }
+    }
+
+    /// A macro step has ended.
+    #[inline(always)]
+    pub(crate) fn after_step<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
+        if self.is_wanted() {
+            self.look_at(interpreter);
+        }
+    }
+
+    /// Writes what changed since the last macro step, or all that there is if the reader does not know that one.
+    #[inline(never)]
+    fn write_inputs<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
+        if !self.is_in_step() {
+            self.begin_anew(interpreter);
+            return;
+        }
+        let words = interpreter.input_words();
+        let changed = words
+            .iter()
+            .zip(self.known.iter())
+            .any(|(is, was)| is != was);
+        if changed {
+            let quiet = self.quiet;
+            let bits = ChangedBits {
+                now: words,
+                before: self.known,
+                word: 0,
+                left: differ(words, self.known, 0),
+            };
+            let written = self.ring.record(0, |sink| write_changes(sink, quiet, bits));
+            self.end_record(written);
+            return;
+        }
+        self.quiet += 1;
+        if self.quiet == MAX_QUIET {
+            let written = self.ring.record(0, |sink| write_quiet(sink, MAX_QUIET));
+            self.end_record(written);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn begin_anew<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
+        let words = interpreter.state_words();
+        if !self
+            .ring
+            .has_room(STATE_HEAD_BYTES + STATE_WORD_BYTES * words.len())
+        {
+            return;
+        }
+        let (mission, start_us) = self.mission;
+        let progress = interpreter.progress();
+        let written = self.ring.record(0, |sink| {
+            write_state(sink, mission, start_us, &progress, words);
+        });
+        self.end_record(written);
+        self.quiet = 1;
+    }
+
+    /// Keeps what the next macro step is compared with.
+    #[inline(never)]
+    fn look_at<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
+        for (known, word) in self.known.iter_mut().zip(interpreter.input_words()) {
+            *known = *word;
+        }
+    }
+
+    /// A record was written, or found no room: then the reader has to begin anew.
+    fn end_record(&mut self, written: bool) {
+        self.quiet = 0;
+        self.begun = if written {
+            self.asked.load(Ordering::Relaxed)
+        } else {
+            0
+        };
+    }
+}
+
+/// The bits in which two rows of words differ, ascending.
+#[derive(Clone)]
+struct ChangedBits<'w> {
+    now: &'w [u32],
+    before: &'w [u32],
+    /// The word that is looked at, and its bits that were not told yet.
+    word: usize,
+    left: u32,
+}
+
+fn differ(now: &[u32], before: &[u32], word: usize) -> u32 {
+    match (now.get(word), before.get(word)) {
+        (Some(now), Some(before)) => now ^ before,
+        _ => 0,
+    }
+}
+
+impl Iterator for ChangedBits<'_> {
+    type Item = u32;
+
+    fn next(&mut self) -> Option<u32> {
+        while self.left == 0 {
+            self.word += 1;
+            if self.word >= self.now.len() {
+                return None;
+            }
+            self.left = differ(self.now, self.before, self.word);
+        }
+        let bit = self.left.trailing_zeros();
+        self.left &= self.left - 1;
+        Some(self.word as u32 * u32::BITS + bit)
+    }
+}
