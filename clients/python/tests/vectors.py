@@ -24,7 +24,7 @@ def read() -> List[Vector]:
         if not line or line.startswith("#"):
             continue
         mark, value = line.split(" ", 1)
-        if mark in ("frame", "spoiled", "exchange"):
+        if mark in ("frame", "spoiled", "key", "signed", "exchange"):
             vectors.append(Vector(mark, value))
         else:
             vectors[-1].lines.append((mark, value))

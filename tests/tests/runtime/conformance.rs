@@ -4,8 +4,11 @@
 use std::fmt::Write;
 
 use esm_tests::command::root;
+use host_tools::keys::SigningKey;
 use rt_firmware::black_box::{Event, Record};
-use rt_firmware::link::access::{Access, KEY_BYTES, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::access::{
+    self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
+};
 use rt_firmware::link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
@@ -22,7 +25,7 @@ use rt_firmware::supervision::Silent;
 use serde::Serialize;
 
 use super::counting;
-use super::robot::{Bench, with_robot};
+use super::robot::{Bench, Safe, with_robot};
 
 const FILE: &str = "tests/conformance/link.txt";
 
@@ -32,6 +35,8 @@ const HEAD: &str = "\
 #
 # frame NAME      a message, and the frame that it is in
 # spoiled NAME    bytes of a line, and the messages that a receiver gets out of them, which may be none
+# key NAME        the private part of a key, its public part, and the seed that is installed with it. FOR TESTS ONLY: everyone has this key
+# signed NAME     what that key signs, and the signature
 # exchange NAME   what goes over the line of a robot that has just started, in order:
 #     >  bytes from the client, which arrive
 #     x  bytes from the client, which the line loses
@@ -39,7 +44,15 @@ const HEAD: &str = "\
 #     t  so many microseconds pass
 #   The client numbers its requests from 1 and puts a delimiter in front of each frame. It chooses the sizes of chunks as docs/link.md advises; what it
 #   asks for, and when, is its own affair.
+#   In exchanges about keys the robot starts with memory for a key and without one, and its clock shows how much time has passed by `t`.
 ";
+
+/// A key whose private part everyone may read here.
+const TEST_KEY: &[u8; KEY_BYTES] = b"esm test key, known to everyone.";
+/// Another one, which the robot does not have.
+const OTHER_KEY: &[u8; KEY_BYTES] = b"esm test key, not of this robot.";
+/// What nonces of a robot with the test key are made from.
+const TEST_SEED: &[u8; SEED_BYTES] = b"esm test seed 01";
 
 /// The bytes that are uploaded where they need not be a mission.
 fn junk(length: usize) -> Vec<u8> {
@@ -625,6 +638,51 @@ fn write_spoiled(text: &mut String) {
     }
 }
 
+fn test_key() -> SigningKey {
+    SigningKey::of(TEST_KEY)
+}
+
+fn write_signed(text: &mut String) {
+    let key = test_key();
+    let public = key.public().0;
+    let _ = writeln!(
+        text,
+        "\nkey for tests only\nprivate {}\npublic {}\nseed {}",
+        hex(TEST_KEY),
+        hex(&public),
+        hex(TEST_SEED)
+    );
+    let blob = junk(100);
+    let counter = 300u64.to_le_bytes();
+    let upload = key.sign(&access::upload(&counter, &blob));
+    let nonce = [0xc3; NONCE_BYTES];
+    let start = bytes_of(Request::Start);
+    let commit = bytes_of(Request::Commit(Swap {
+        warm: true,
+        trial_ms: 10_000,
+    }));
+    let cases: [(&str, &[&[u8]]); 4] = [
+        ("key", &access::install(&public, TEST_SEED)),
+        ("upload", &access::upload(&counter, &blob)),
+        ("start", &access::command(&nonce, &NO_UPLOAD, &start)),
+        ("commit", &access::command(&nonce, &upload, &commit)),
+    ];
+    for (name, message) in cases {
+        let _ = writeln!(
+            text,
+            "\nsigned {name}\nmessage {}\nsignature {}",
+            hex(&message.concat()),
+            hex(&key.sign(message))
+        );
+    }
+}
+
+/// A request as it is within [`Request::Signed`].
+fn bytes_of(request: Request<'_>) -> Vec<u8> {
+    let mut room = [0; MAX_SIGNED_BYTES];
+    postcard::to_slice(&request, &mut room).unwrap().to_vec()
+}
+
 /// Writes what goes over a robot's line.
 struct Exchange<'t, 'b, 'q, 'm, 'w> {
     text: &'t mut String,
@@ -657,12 +715,12 @@ impl Exchange<'_, '_, '_, '_, '_> {
     }
 
     /// Writes what the robot says, which runs until it says something.
-    fn hear(&mut self) {
+    fn hear(&mut self) -> Vec<u8> {
         for _ in 0..1_000 {
             let heard = self.poll();
             if !heard.is_empty() {
                 self.line('<', &heard);
-                return;
+                return heard;
             }
             let next_us = self.robot.timer() / super::robot::TICKS_PER_US;
             let passed_us = next_us.saturating_sub(self.robot.world.now_us());
@@ -672,9 +730,74 @@ impl Exchange<'_, '_, '_, '_, '_> {
     }
 
     fn ask(&mut self, request: Request<'_>) {
+        self.answer(request);
+    }
+
+    /// Asks; returns the last message of what the robot says.
+    fn answer(&mut self, request: Request<'_>) -> Vec<u8> {
         let bytes = self.next(request);
         self.send(&bytes);
-        self.hear();
+        let heard = self.hear();
+        let last = heard.strip_suffix(&[0]).unwrap().rsplit(|byte| *byte == 0);
+        last.into_iter().next().unwrap().to_vec()
+    }
+
+    /// Asks for a nonce.
+    fn challenge(&mut self) -> ([u8; NONCE_BYTES], u64) {
+        let frame = self.answer(Request::Challenge);
+        match decode(&mut frame.clone()) {
+            Ok(FromDevice::Reply {
+                result: Ok(Response::Challenge { nonce, counter, .. }),
+                ..
+            }) => (nonce, counter),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// Asks for a nonce and has a request carried out that some key signs with it.
+    fn ask_signed(&mut self, key: &SigningKey, upload: &[u8; SIGNATURE_BYTES], request: &[u8]) {
+        let (nonce, _) = self.challenge();
+        let signature = key.sign(&access::command(&nonce, upload, request));
+        self.ask(Request::Signed {
+            signature: &signature,
+            request,
+        });
+    }
+
+    /// Gives the robot the test key.
+    fn install_key(&mut self) {
+        let key = test_key();
+        let public = key.public().0;
+        let signature = key.sign(&access::install(&public, TEST_SEED));
+        self.ask(Request::InstallKey {
+            key: &public,
+            seed: TEST_SEED,
+            signature: &signature,
+        });
+        self.ask(Request::Hello);
+    }
+
+    /// Brings a mission, which is not to run yet.
+    fn stage(&mut self, blob: &[u8]) {
+        self.ask(begin(blob));
+        let mut there = 0;
+        while there < blob.len() {
+            let end = blob.len().min(there + MAX_CHUNK);
+            self.ask(chunk(blob, there..end));
+            there = end;
+        }
+    }
+
+    /// Signs a mission that was brought, with the number behind the last one.
+    fn sign(&mut self, blob: &[u8]) -> [u8; SIGNATURE_BYTES] {
+        let (_, last) = self.challenge();
+        let counter = last + 1;
+        let signature = test_key().sign(&access::upload(&counter.to_le_bytes(), blob));
+        self.ask(Request::Sign {
+            counter,
+            signature: &signature,
+        });
+        signature
     }
 
     fn lose(&mut self, request: Request<'_>) {
@@ -684,6 +807,9 @@ impl Exchange<'_, '_, '_, '_, '_> {
 
     fn pass_us(&mut self, us: u64) {
         let _ = writeln!(self.text, "t {us}");
+        if let Some(safe) = &mut self.robot.wire.safe {
+            safe.now_us += us;
+        }
         let until_us = self.robot.world.now_us() + us;
         let mut heard = Vec::new();
         while self.robot.world.now_us() < until_us {
@@ -819,13 +945,7 @@ fn write_exchanges(text: &mut String) {
             log: false,
             record: false,
         });
-        line.ask(begin(&blob));
-        let mut there = 0;
-        while there < blob.len() {
-            let end = blob.len().min(there + MAX_CHUNK);
-            line.ask(chunk(&blob, there..end));
-            there = end;
-        }
+        line.stage(&blob);
         line.ask(Request::Commit(Swap::default()));
         line.pass_us(45_000);
         line.ask(Request::Status);
@@ -841,6 +961,66 @@ fn write_exchanges(text: &mut String) {
             record: false,
         });
     });
+    write_exchanges_with_keys(text);
+}
+
+fn write_exchanges_with_keys(text: &mut String) {
+    let blob = counting(3).blob();
+    let commit = bytes_of(Request::Commit(Swap::default()));
+    let start = bytes_of(Request::Start);
+    exchange(text, "a key, an upload and a start that it signs", |line| {
+        line.robot.wire.safe = Some(Safe::default());
+        line.ask(Request::Hello);
+        line.install_key();
+        line.stage(&blob);
+        let upload = line.sign(&blob);
+        line.ask_signed(&test_key(), &upload, &commit);
+        line.ask(Request::Stop);
+        line.ask_signed(&test_key(), &NO_UPLOAD, &start);
+        line.ask(Request::Status);
+        line.ask_signed(&test_key(), &NO_UPLOAD, &bytes_of(Request::RemoveKey));
+        line.ask(Request::Hello);
+    });
+    exchange(text, "what a robot with a key refuses", |line| {
+        line.robot.wire.safe = Some(Safe::default());
+        line.ask(Request::Hello);
+        line.install_key();
+        // Unsigned; signed with another key; then too soon after that.
+        line.ask(Request::Start);
+        line.ask_signed(&SigningKey::of(OTHER_KEY), &NO_UPLOAD, &start);
+        line.ask_signed(&test_key(), &NO_UPLOAD, &start);
+        line.pass_us(1_000_000);
+        // The same bytes as one that was carried out, first without a nonce, then with another.
+        let (nonce, _) = line.challenge();
+        let signature = test_key().sign(&access::command(&nonce, &NO_UPLOAD, &start));
+        let signed = Request::Signed {
+            signature: &signature,
+            request: &start,
+        };
+        line.ask(signed);
+        line.ask(signed);
+        line.challenge();
+        line.ask(signed);
+        line.pass_us(1_000_000);
+        // An upload that its owner commits without having signed it; one with the number of the last; one of other bytes.
+        line.stage(&blob);
+        line.ask(Request::Commit(Swap::default()));
+        line.ask_signed(&test_key(), &NO_UPLOAD, &commit);
+        line.pass_us(1_000_000);
+        line.stage(&blob);
+        let upload = line.sign(&blob);
+        line.ask_signed(&test_key(), &upload, &commit);
+        line.stage(&blob);
+        line.ask(Request::Sign {
+            counter: 1,
+            signature: &upload,
+        });
+        line.ask(Request::Sign {
+            counter: 2,
+            signature: &upload,
+        });
+        line.ask(Request::Status);
+    });
 }
 
 #[test]
@@ -849,6 +1029,7 @@ fn the_vectors_are_what_the_firmware_does() {
     let mut text = HEAD.to_owned();
     write_frames(&mut text);
     write_spoiled(&mut text);
+    write_signed(&mut text);
     write_exchanges(&mut text);
     let file = root().join(FILE);
     if std::env::var_os("ESM_BLESS").is_some() {
