@@ -16,6 +16,7 @@ fn want_everything(robot: &mut Bench<'_, '_, '_>) {
         .ask(Request::Subscribe {
             trace: true,
             log: true,
+            record: false,
         })
         .unwrap();
     robot
