@@ -966,6 +966,6 @@ mod tests {
         };
         // The room of a stream's part.
         let room = &mut frame[..MAX_STREAM_BYTES];
-        assert_eq!(encode(&FromDevice::News(news), room), Ok(76));
+        assert_eq!(encode(&FromDevice::News(news), room), Ok(71));
     }
 }
