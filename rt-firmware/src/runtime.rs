@@ -84,9 +84,9 @@ pub struct Memory<
     signs: Signs,
     recorder: RecorderMemory<ARENA_WORDS>,
     snapshot: Snapshot,
-    /// Written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
+    /// This and the letter are written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
     job: MaybeUninit<Option<Job<'m>>>,
-    letter: Letter<'m>,
+    letter: MaybeUninit<Letter<'m>>,
 }
 
 impl<
@@ -114,7 +114,7 @@ impl<
             recorder: RecorderMemory::new(),
             snapshot: Snapshot::new(),
             job: MaybeUninit::uninit(),
-            letter: Letter::Empty,
+            letter: MaybeUninit::uninit(),
         }
     }
 }
@@ -255,7 +255,7 @@ pub fn split<
             .each_mut()
             .map(|storage| Some(BlobBuffer::new(storage))),
         upload: None,
-        letter: Some(&mut memory.letter),
+        letter: Some(memory.letter.write(Letter::Empty)),
         asked: None,
         to_real_time,
         from_real_time,
