@@ -1,5 +1,6 @@
 //! The client of the link in Python: its tests, in an environment of their own.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -44,7 +45,7 @@ pub fn test(root: &Path, python: &Path, esm: &Path) -> Result<(), Failure> {
                 "--disable-pip-version-check",
             ])
             .arg("--force-reinstall")
-            .arg(root.join(CLIENT_FOLDER)),
+            .arg(with_extra(&root.join(CLIENT_FOLDER))),
     )?;
     let blob = environment.join("mission.blob");
     process::run(
@@ -63,6 +64,13 @@ pub fn test(root: &Path, python: &Path, esm: &Path) -> Result<(), Failure> {
             .env("ESM_BINARY", esm)
             .env("ESM_LINK_BLOB", &blob),
     )
+}
+
+/// The package with what it needs for robots that have a key.
+fn with_extra(package: &Path) -> OsString {
+    let mut package = package.as_os_str().to_owned();
+    package.push("[keys]");
+    package
 }
 
 fn within(limit: Duration, command: &mut std::process::Command) -> Result<(), Failure> {

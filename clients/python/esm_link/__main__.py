@@ -3,9 +3,10 @@
 import argparse
 import dataclasses
 import json
+import os
 import sys
 
-from . import Client, LinkLost, Malformed, NoReply, OtherVersion, Refused, open_port
+from . import Client, Key, KeyProblem, LinkLost, Malformed, NoReply, OtherKey, OtherVersion, Refused, open_port
 
 DONE, REFUSED, WORLD_FAILED = 0, 1, 3
 
@@ -14,6 +15,7 @@ def main(arguments=None) -> int:
     parser = argparse.ArgumentParser(prog="esm-link", description="Talks to a robot that runs the esm framework.")
     parser.add_argument("port", help="a serial line, or a URL of pyserial's (socket://HOST:PORT)")
     parser.add_argument("--baud", type=int, default=115_200)
+    parser.add_argument("--key", metavar="FILE", default=os.environ.get("ESM_KEY") or None, help="the robot's key, which `esm key new` made [default: ESM_KEY]")
     commands = parser.add_subparsers(dest="command", required=True)
     for name, text in (
         ("hello", "who the robot is"),
@@ -28,8 +30,9 @@ def main(arguments=None) -> int:
     trace.add_argument("--seconds", type=float, default=5.0)
     options = parser.parse_args(arguments)
     try:
+        key = None if options.key is None else Key.read(options.key)
         with open_port(options.port, options.baud) as port:
-            client = Client(port)
+            client = Client(port, key=key)
             robot = client.hello()
             if options.command == "hello":
                 print(json.dumps(dataclasses.asdict(robot)))
@@ -55,10 +58,10 @@ def main(arguments=None) -> int:
             else:
                 getattr(client, options.command)()
         return DONE
-    except Refused as error:
+    except (OtherKey, Refused) as error:
         print(f"esm-link: {error}", file=sys.stderr)
         return REFUSED
-    except (LinkLost, Malformed, NoReply, OtherVersion, OSError) as error:
+    except (KeyProblem, LinkLost, Malformed, NoReply, OtherVersion, OSError) as error:
         print(f"esm-link: {error}", file=sys.stderr)
         return WORLD_FAILED
 

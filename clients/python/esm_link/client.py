@@ -2,10 +2,11 @@
 
 import time
 import zlib
-from typing import Callable, Iterator, List, Optional
+from typing import Callable, Iterator, List, Optional, Tuple
 
 from . import messages
 from .frames import DELIMITER, FrameReader, encode
+from .keys import NO_UPLOAD, Key, command_message, new_seed, upload_message
 from .messages import Answer, Error, Malformed, Part
 from .trace import Assembler
 
@@ -40,6 +41,16 @@ class OtherVersion(Exception):
         self.robot = robot
 
 
+class OtherKey(Exception):
+    """The robot has another key than this session, or this session has none."""
+
+    def __init__(self, robot: bytes, ours: Optional[bytes]) -> None:
+        have = "this session has none" if ours is None else f"this one is {ours.hex()}"
+        super().__init__(f"the robot has the key {robot.hex()}, {have}")
+        self.robot = robot
+        self.ours = ours
+
+
 class Refused(Exception):
     """The robot refused a request."""
 
@@ -69,10 +80,16 @@ class _Patience:
 
 
 class Client:
-    """Talks to the robot behind `port`, which has `read(size)`, `write(bytes)` and `timeout` as a `serial.Serial` has. `hello` comes first."""
+    """Talks to the robot behind `port`, which has `read(size)`, `write(bytes)` and `timeout` as a `serial.Serial` has. `hello` comes first.
 
-    def __init__(self, port, number: Optional[int] = None) -> None:
+    `key` signs what a robot that has a key takes from nobody else.
+    """
+
+    def __init__(self, port, number: Optional[int] = None, key: Optional[Key] = None) -> None:
         self._port = port
+        self._key = key
+        # Of the upload that was signed last.
+        self._signed_upload = NO_UPLOAD
         # Not the number that the client before began with: its answers may still be on the line.
         self._seq = time.time_ns() // 1_000_000 % 256 if number is None else number
         self._reader = FrameReader()
@@ -104,7 +121,7 @@ class Client:
         self._ask("stop", messages.Done, messages.STOP)
 
     def start(self) -> None:
-        self._ask("start", messages.Done, messages.START)
+        self._command("start", messages.Done, messages.START)
 
     def last_words(self) -> messages.LastWords:
         """How the robot's run before this one ended."""
@@ -127,7 +144,7 @@ class Client:
 
     def set_param(self, mission: int, index: int, value: int) -> int:
         """Gives a parameter of the running mission another value, by its bits. Returns the bits of the value before."""
-        return self._ask("set param", messages.ParamSet, messages.SET_PARAM, mission, index, value).before
+        return self._command("set param", messages.ParamSet, messages.SET_PARAM, mission, index, value).before
 
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
@@ -182,15 +199,15 @@ class Client:
     def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None, trial_ms: int = 0, warm: bool = False) -> int:
         """Brings a mission to the robot and lets it take over, on trial for so long if that is above 0. Returns its hash when it runs."""
         self.stage(blob, progress)
-        return self._ask("commit", messages.Committed, messages.COMMIT, warm, trial_ms).mission
+        return self._command("commit", messages.Committed, messages.COMMIT, warm, trial_ms).mission
 
     def confirm(self, mission: int) -> None:
         """The mission of this hash, which is on trial, is to stay."""
-        self._ask("confirm", messages.Done, messages.CONFIRM, mission)
+        self._command("confirm", messages.Done, messages.CONFIRM, mission)
 
     def fall_back(self, mission: int) -> None:
         """Back to the mission before the one of this hash, which is on trial."""
-        self._ask("fall back", messages.Done, messages.FALL_BACK, mission)
+        self._command("fall back", messages.Done, messages.FALL_BACK, mission)
 
     def stage(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> None:
         """Brings a mission to the robot without letting it take over."""
@@ -199,6 +216,8 @@ class Client:
         for _ in range(BEGIN_LIMIT):
             there = self._ask("upload", messages.Received, messages.BEGIN, len(blob), zlib.crc32(blob)).len
             if self._send_from(blob, there, largest, max(1, robot.window_bytes), progress or (lambda _: None)):
+                if self._is_locked():
+                    self._sign_upload(blob)
                 return
         raise Refused("upload", Error("NoUpload", {}))
 
@@ -271,23 +290,77 @@ class Client:
                 old, ahead = (old + ahead)[-100:], []
         return True
 
+    # Keys (section 13).
+
+    def install_key(self, key: Key, seed: Optional[bytes] = None) -> None:
+        """From now on the robot takes commands only if this key has signed them. It must have none, or the session's.
+
+        The seed is what the robot makes its nonces from: 16 bytes that nobody can guess, or those of the system.
+        """
+        seed = new_seed() if seed is None else seed
+        self._command("install a key", messages.Done, messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
+        self._key = key
+        self.hello()
+
+    def remove_key(self) -> None:
+        """From now on the robot takes commands from anyone."""
+        self._command("remove the key", messages.Done, messages.REMOVE_KEY)
+        self.hello()
+
+    def _is_locked(self) -> bool:
+        return (self._robot or self.hello()).access == "locked"
+
+    def _challenge(self) -> Tuple[Key, messages.Challenge]:
+        challenge = self._ask("challenge", messages.Challenge, messages.CHALLENGE)
+        if self._key is None or self._key.public != challenge.key:
+            raise OtherKey(challenge.key, None if self._key is None else self._key.public)
+        return self._key, challenge
+
+    def _sign_upload(self, blob: bytes) -> None:
+        key, challenge = self._challenge()
+        counter = challenge.counter + 1
+        signature = key.sign(upload_message(counter, blob))
+        self._ask("sign", messages.Done, messages.SIGN, counter, signature)
+        self._signed_upload = signature
+
+    def _command(self, name: str, wanted: type, kind: int, *fields):
+        """Asks for something that a robot with a key takes only if the key has signed it."""
+        if not self._is_locked():
+            return self._ask(name, wanted, kind, *fields)
+        request = messages.without_number(kind, *fields)
+        upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
+        patience = _Patience()
+        while True:
+            key, challenge = self._challenge()
+            signature = key.sign(command_message(challenge.nonce, upload, request))
+            # Not sent a second time after an answer: the nonce is used up.
+            body = self._exchange(name, patience, messages.SIGNED, signature, request)
+            if not self._is_to_repeat(name, wanted, body, patience):
+                return body
+
     # Requests.
+
+    def _is_to_repeat(self, name: str, wanted: type, body: object, patience: _Patience) -> bool:
+        """Whether an answer says to ask once more; otherwise it is the one that was wanted, or the end."""
+        if isinstance(body, wanted):
+            return False
+        if not isinstance(body, Error):
+            raise Malformed(f"the robot answered `{name}` with {body}")
+        if body.name not in ("Busy", "Malformed", "NoAnswer"):
+            raise Refused(name, body)
+        try:
+            patience.check(name)
+        except NoReply:
+            raise Refused(name, body) from None
+        time.sleep(BUSY_WAIT_S)
+        return True
 
     def _ask(self, name: str, wanted: type, kind: int, *fields):
         patience = _Patience()
         while True:
             body = self._exchange(name, patience, kind, *fields)
-            if isinstance(body, wanted):
+            if not self._is_to_repeat(name, wanted, body, patience):
                 return body
-            if not isinstance(body, Error):
-                raise Malformed(f"the robot answered `{name}` with {body}")
-            if body.name not in ("Busy", "Malformed", "NoAnswer"):
-                raise Refused(name, body)
-            try:
-                patience.check(name)
-            except NoReply:
-                raise Refused(name, body) from None
-            time.sleep(BUSY_WAIT_S)
 
     def _exchange(self, name: str, patience: _Patience, kind: int, *fields) -> object:
         self._seq = (self._seq + 1) % 256

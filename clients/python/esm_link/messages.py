@@ -133,7 +133,12 @@ class U8(int):
 
 def request(seq: int, kind: int, *fields: Union[int, bytes]) -> bytes:
     """The message of a request."""
-    message = bytes([seq, kind])
+    return bytes([seq]) + without_number(kind, *fields)
+
+
+def without_number(kind: int, *fields: Union[int, bytes]) -> bytes:
+    """The message of a request without its number, as it is signed."""
+    message = bytes([kind])
     for field in fields:
         if isinstance(field, bytes):
             message += number(len(field)) + field

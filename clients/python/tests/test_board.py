@@ -1,5 +1,6 @@
 """The client against the host board behind a pseudo-terminal: `esm board`, where ESM_BINARY names the command and ESM_LINK_BLOB a mission's blob."""
 
+import importlib.util
 import json
 import os
 import re
@@ -9,7 +10,7 @@ import tempfile
 import time
 import unittest
 
-from esm_link import Client, NoReply, Refused, open_port
+from esm_link import Client, Key, NoReply, OtherKey, Refused, open_port
 
 ESM = os.environ.get("ESM_BINARY")
 BLOB = os.environ.get("ESM_LINK_BLOB")
@@ -78,6 +79,63 @@ class HostBoard(unittest.TestCase):
             client.hello()
             client.upload(self.blob, told.append)
             self.assertGreater(told[0], len(self.blob) // 2)
+
+    @unittest.skipUnless(importlib.util.find_spec("cryptography"), "the package `cryptography` is not there")
+    def test_a_robot_with_a_key(self):
+        mine, other = Key(os.urandom(32)), Key(os.urandom(32))
+        with open_port(self.port) as port:
+            client = Client(port)
+            self.assertEqual(client.hello().access, "open")
+            client.install_key(mine)
+            mission = client.upload(self.blob)
+            # The robot has seen the number of this upload: the next one has another.
+            self.assertEqual(client.upload(self.blob), mission)
+            client.stop()
+            client.start()
+            self.assertEqual(client.status().mode, "running")
+        for key in (None, other):
+            with open_port(self.port) as port:
+                client = Client(port, key=key)
+                self.assertEqual(client.hello().access, "locked")
+                for act in (lambda: client.upload(self.blob), client.start, client.remove_key):
+                    with self.assertRaises(OtherKey):
+                        act()
+                self.assertEqual((client.status().mission, client.status().mode), (mission, "running"))
+        with open_port(self.port) as port:
+            client = Client(port)
+            client.hello()
+            client.stop()  # Whoever sees it do harm may.
+        with open_port(self.port) as port:
+            client = Client(port, key=mine)
+            client.hello()
+            client.start()
+            client.install_key(other)
+            client.remove_key()
+            self.assertEqual(client.hello().access, "open")
+            client.upload(self.blob)
+
+    @unittest.skipUnless(importlib.util.find_spec("cryptography"), "the package `cryptography` is not there")
+    def test_the_command_with_a_key(self):
+        def esm_link(*arguments):
+            return subprocess.run([sys.executable, "-m", "esm_link", self.port, *arguments], capture_output=True, text=True, timeout=30)
+
+        with tempfile.TemporaryDirectory() as folder:
+            key, other = os.path.join(folder, "key"), os.path.join(folder, "other")
+            for path in (key, other):
+                subprocess.run([ESM, "key", "new", "-o", path], check=True, capture_output=True)
+            subprocess.run([ESM, "key", "install", "--key", key, "--port", self.port], check=True, capture_output=True)
+            ran = {
+                0: esm_link("--key", key, "upload", BLOB),
+                1: esm_link("--key", other, "upload", BLOB),
+                3: esm_link("--key", os.path.join(folder, "none"), "upload", BLOB),
+            }
+            for status, run in ran.items():
+                self.assertEqual(run.returncode, status, run.stderr)
+            for path in (key, other):
+                with open(path) as file:
+                    secret = file.read().split()[1]
+                said = "".join(run.stdout + run.stderr for run in ran.values())
+                self.assertFalse([at for at in range(0, 52, 2) if secret[at : at + 12] in said])
 
     def test_the_command(self):
         def run(*arguments):

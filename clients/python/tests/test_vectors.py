@@ -1,13 +1,23 @@
 """The client against the protocol's vectors."""
 
+import importlib.util
+import os
+import tempfile
 import unittest
 
 import vectors
-from esm_link import Client, OtherVersion, Refused, frames, messages
+from esm_link import Client, Key, KeyProblem, OtherKey, OtherVersion, Refused, frames, keys, messages
 from esm_link.frames import FrameReader
 from esm_link.messages import Answer, Malformed, Part
 
 JUNK = bytes((i * 31 + i // 256) % 256 for i in range(700))
+
+HAS_KEYS = importlib.util.find_spec("cryptography") is not None
+
+
+def test_key() -> Key:
+    [private] = vectors.named("for tests only").all("private")
+    return Key(private)
 
 
 def line(name: str) -> vectors.Line:
@@ -73,6 +83,12 @@ class Messages(unittest.TestCase):
             "request watch": (messages.WATCH, True, 1000),
             "request black box from the oldest": (messages.BLACK_BOX, False),
             "request black box": (messages.BLACK_BOX, True, 70_000),
+            "request challenge": (messages.CHALLENGE,),
+            "request signed": (messages.SIGNED, bytes([0xA5] * 64), messages.without_number(messages.START)),
+            "request sign": (messages.SIGN, 2**64 - 1, bytes([0x5A] * 64)),
+            "request install key": (messages.INSTALL_KEY, bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x33] * 64)),
+            "request remove key": (messages.REMOVE_KEY,),
+            "request param": (messages.PARAM, 0x1234ABCD, 300),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):
@@ -119,7 +135,105 @@ class Messages(unittest.TestCase):
         self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))
 
 
+class WhatIsSigned(unittest.TestCase):
+    def messages(self):
+        [public], [seed] = vectors.named("for tests only").all("public"), vectors.named("for tests only").all("seed")
+        nonce = bytes([0xC3] * 16)
+        [upload] = vectors.named("upload").all("signature")
+        start = messages.without_number(messages.START)
+        commit = messages.without_number(messages.COMMIT, True, 10_000)
+        return {
+            "key": keys.install_message(public, seed),
+            "upload": keys.upload_message(300, JUNK[:100]),
+            "start": keys.command_message(nonce, keys.NO_UPLOAD, start),
+            "commit": keys.command_message(nonce, upload, commit),
+        }
+
+    def test_messages_are_as_the_vectors_say(self):
+        made = self.messages()
+        self.assertEqual(set(made), {vector.name for vector in vectors.of_kind("signed")})
+        for name, message in made.items():
+            with self.subTest(name):
+                self.assertEqual([message], vectors.named(name).all("message"))
+
+    @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
+    def test_signatures_are_as_the_vectors_say(self):
+        key = test_key()
+        self.assertEqual([key.public], vectors.named("for tests only").all("public"))
+        for name, message in self.messages().items():
+            with self.subTest(name):
+                self.assertEqual([key.sign(message)], vectors.named(name).all("signature"))
+
+    @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
+    def test_a_key_is_read_from_a_file_of_its_owner_alone(self):
+        [private] = vectors.named("for tests only").all("private")
+        secret = private.hex()
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "key")
+            for text, mode, problem in (
+                (f"mine\nesm-key-1 {secret}\n", 0o600, None),
+                (f"esm-key-1 {secret}\n", 0o640, "chmod 600"),
+                (f"esm-key-1 {secret}00\n", 0o600, "no key"),
+                (f"esm-key-1 {secret[:-1]}x\n", 0o600, "no key"),
+                (f"esm-key-1 {secret[:-2]}  \n", 0o600, "no key"),
+                (f"{secret}\n", 0o600, "no key"),
+                ("", 0o600, "no key"),
+            ):
+                with open(path, "w") as file:
+                    file.write(text)
+                os.chmod(path, mode)
+                with self.subTest(text=text.replace(secret, "..."), mode=oct(mode)):
+                    if problem is None:
+                        key = Key.read(path)
+                        self.assertEqual(key.public, test_key().public)
+                        self.assertNotIn(secret[:12], repr(key) + repr(vars(key)))
+                    else:
+                        with self.assertRaises(KeyProblem) as raised:
+                            Key.read(path)
+                        self.assertIn(problem, str(raised.exception))
+                        self.assertNotIn(secret[:12], str(raised.exception))
+                        self.assertIsNone(raised.exception.__context__)
+            with self.assertRaises(KeyProblem):
+                Key.read(os.path.join(folder, "none"))
+
+
 class Exchanges(unittest.TestCase):
+    @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
+    def test_a_key_an_upload_and_a_start_that_it_signs(self):
+        name = "a key, an upload and a start that it signs"
+        sent = [frames.decode(frame[1:-1]) for frame in vectors.named(name).all(">")]
+        blob = b"".join(_data_of(message) for message in sent if message[1] == messages.CHUNK)
+        [seed] = vectors.named("for tests only").all("seed")
+        port = line(name)
+        client = Client(port, number=0)
+        self.assertEqual(client.hello().access, "open")
+        client.install_key(test_key(), seed)
+        mission = client.upload(blob)
+        client.stop()
+        client.start()
+        self.assertEqual(client.status().mission, mission)
+        client.remove_key()
+        self.assertTrue(port.is_done())
+
+    def test_a_robot_with_a_key_refuses(self):
+        """Whatever the robot says in that exchange can be read, and each refusal says which."""
+        robot = [answer for said in vectors.named("what a robot with a key refuses").all("<") for answer in FrameReader().feed(said)]
+        told = [answer.body.name for answer in map(messages.from_robot, robot) if isinstance(answer.body, messages.Error)]
+        self.assertEqual(
+            told,
+            ["NeedsKey", "WrongSignature", "TooSoon", "NoChallenge", "WrongSignature", "NeedsKey", "NotSigned", "OldCounter", "WrongSignature"],
+        )
+
+    def test_without_the_robots_key_nothing_is_sent_to_be_signed(self):
+        [public] = vectors.named("for tests only").all("public")
+        challenge = messages.Challenge(bytes(16), 0, public)
+        client = Client(None, number=0)
+        client._robot = messages.Hello(*[None] * 14, "locked")
+        client._ask = lambda name, wanted, kind, *fields: challenge if kind == messages.CHALLENGE else self.fail(name)
+        for act in (client.start, lambda: client.confirm(1), lambda: client.set_param(1, 2, 3), client.remove_key):
+            with self.assertRaises(OtherKey):
+                act()
+
     def test_a_robot_without_a_mission(self):
         port = line("a robot without a mission")
         client = Client(port, number=0)
