@@ -1,0 +1,452 @@
+//! Recorded runs are had again from their recordings alone, line by line; and what is wrong with a recording is told.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::cell::RefCell;
+use std::io::{self, Write};
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+use esm_core::{Interpreter, Observer, TransitionTaken};
+use esm_tests::command::root;
+use esm_tests::random::Random;
+use esm_tests::random_machine::machine;
+use host_tools::compile::compile;
+use host_tools::recording::file::{self, FileEnd, FileError, Frame, Head};
+use host_tools::recording::player::{Player, Recording, RecordingError, ReplayError, replay};
+use host_tools::recording::writer::RecordingWriter;
+use host_tools::run::board::Board;
+use host_tools::run::drive::{self, Plan, Planned};
+use host_tools::run::interrupt::Interrupt;
+use host_tools::run::mission::Mission;
+use host_tools::schedule::handover::Handover;
+use host_tools::world::World;
+use host_tools::{host_board, lang};
+use rt_firmware::link::record::{
+    MAX_QUIET, write_changes, write_quiet, write_started, write_state,
+};
+use rt_firmware::link::trace::RecordSink;
+
+/// A recorded run: missions with their times in seconds, and whether they take over warm.
+struct Recorded {
+    missions: &'static [(u64, &'static str, bool)],
+    world: &'static str,
+    seed: u64,
+    until_s: u64,
+}
+
+const fn run(missions: &'static [(u64, &'static str, bool)], world: &'static str) -> Recorded {
+    Recorded {
+        missions,
+        world,
+        seed: 1,
+        until_s: 20,
+    }
+}
+
+const RUNS: [Recorded; 10] = [
+    run(&[(0, "patrol", false)], "office"),
+    run(&[(0, "patrol", false)], "corridor"),
+    Recorded {
+        seed: 7,
+        ..run(&[(0, "patrol", false)], "office")
+    },
+    run(&[(0, "follow_wall", false)], "office"),
+    run(&[(0, "follow_wall", false)], "corridor"),
+    run(&[(0, "patrol", false), (6, "follow_wall", false)], "office"),
+    run(
+        &[
+            (0, "patrol", false),
+            (5, "follow_wall", false),
+            (11, "patrol", false),
+        ],
+        "corridor",
+    ),
+    run(&[(0, "patrol", false), (6, "follow_wall", true)], "office"),
+    run(&[(0, "tutorial/1_line", false)], "track"),
+    run(
+        &[
+            (0, "tutorial/5_obstacle", false),
+            (9, "tutorial/6_everything", true),
+        ],
+        "track",
+    ),
+];
+
+/// A file in memory that two hold.
+#[derive(Clone, Default)]
+struct Kept(Rc<RefCell<Vec<u8>>>);
+
+impl Write for Kept {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn mission(name: &str) -> Mission {
+    let path = root().join(format!("missions/{name}.esm"));
+    let mut checked = lang::load(&path).unwrap();
+    let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
+    let blob = compile(checked.model.as_ref().unwrap(), &schedule.starts_us).unwrap();
+    Mission::new(&path, esm_core::verify(blob).unwrap()).unwrap()
+}
+
+impl Recorded {
+    /// Its recording and its trace.
+    fn made(&self) -> (Vec<u8>, String) {
+        let recording = Kept::default();
+        let missions = self.missions.iter().map(|(at_s, name, warm)| Planned {
+            at_us: at_s * 1_000_000,
+            mission: mission(name),
+            warm: *warm,
+            handover: Handover::default(),
+        });
+        let plan = Plan {
+            flash: None,
+            board: Board::Host {
+                robot: host_board::rover,
+            },
+            world: world(self.world),
+            seed: self.seed,
+            until_us: Some(self.until_s * 1_000_000),
+            realtime: false,
+            missions: missions.collect(),
+            replay: None,
+            record: Some(Box::new(recording.clone())),
+            plant_fault: None,
+            cut_link_us: None,
+        };
+        let interrupt = Interrupt::take_over().unwrap();
+        let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
+        assert_eq!(run.recorded.unwrap().gaps, 0);
+        let trace = String::from_utf8(run.told.out).unwrap();
+        let bytes = recording.0.borrow().clone();
+        (bytes, trace)
+    }
+}
+
+fn world(name: &str) -> World {
+    World::load(&root().join(format!("missions/worlds/{name}.world"))).unwrap()
+}
+
+fn replayed(bytes: &[u8], over_gaps: bool) -> (String, Option<ReplayError>) {
+    let mut trace = Vec::new();
+    let ended = replay(&Recording::read(bytes).unwrap(), over_gaps, &mut trace);
+    let error = ended.err().map(|(_, error)| error);
+    (String::from_utf8(trace).unwrap(), error)
+}
+
+#[track_caller]
+fn assert_lines_equal(what: &str, expected: &str, found: &str) {
+    for (number, (expected, found)) in expected.lines().zip(found.lines()).enumerate() {
+        assert_eq!(expected, found, "{what}: line {}", number + 1);
+    }
+    assert_eq!(expected.len(), found.len(), "{what}: one has more lines");
+}
+
+#[test]
+fn ten_recorded_runs_with_uploads_in_them_are_had_again_line_by_line() {
+    for recorded in &RUNS {
+        let what = format!("{:?} in {}", recorded.missions, recorded.world);
+        let (bytes, trace) = recorded.made();
+        let (again, error) = replayed(&bytes, false);
+        assert!(error.is_none(), "{what}: {error:?}");
+        assert_lines_equal(&what, &trace, &again);
+        let recording = Recording::read(&bytes).unwrap();
+        assert_eq!(recording.end, FileEnd::Whole);
+        let of: Vec<u32> = recording.stretches.iter().map(|it| it.mission).collect();
+        assert_eq!(of.len(), recorded.missions.len(), "{what}: {of:x?}");
+    }
+}
+
+#[test]
+fn equal_runs_have_equal_recordings() {
+    let recorded = &RUNS[5];
+    assert_eq!(recorded.made().0, recorded.made().0);
+    assert_ne!(RUNS[0].made().0, RUNS[2].made().0, "another seed");
+}
+
+/// Bytes of a file of these frames.
+fn bytes_of(frames: &[Frame]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    file::write_mark(&mut bytes).unwrap();
+    for frame in frames {
+        frame.write(&mut bytes).unwrap();
+    }
+    bytes
+}
+
+#[test]
+fn a_recording_that_was_broken_off_is_had_again_to_its_last_whole_frame() {
+    let (bytes, trace) = RUNS[0].made();
+    let (frames, _) = file::read(&bytes).unwrap();
+    let ends: Vec<usize> = (0..=frames.len())
+        .map(|count| bytes_of(&frames[..count]).len())
+        .collect();
+    let mut lines = 0;
+    for length in (0..bytes.len()).step_by(7) {
+        let whole = ends.iter().rev().find(|end| **end <= length).copied();
+        let cut = &bytes[..length];
+        // Before the end of the head it is no recording, and before that of the mission there is nothing of it.
+        let Ok(recording) = Recording::read(cut) else {
+            assert!(length < ends[1], "{length}");
+            continue;
+        };
+        let expected = match whole {
+            Some(end) if end == length => FileEnd::Whole,
+            end => FileEnd::Cut { at: end.unwrap() },
+        };
+        assert_eq!(recording.end, expected, "{length}");
+        let (part, error) = replayed(cut, false);
+        assert!(error.is_none(), "{length}: {error:?}");
+        assert!(trace.starts_with(&part), "{length}");
+        lines = lines.max(part.lines().count());
+    }
+    assert!(lines * 2 > trace.lines().count(), "only {lines} lines");
+}
+
+#[test]
+fn a_byte_that_was_changed_is_told_wherever_it_is() {
+    let (bytes, trace) = RUNS[0].made();
+    for at in (0..bytes.len()).step_by(11) {
+        let mut changed = bytes.clone();
+        changed[at] ^= 0x10;
+        match Recording::read(&changed) {
+            // What is left is what was there before the byte.
+            Ok(recording) => {
+                assert_ne!(recording.end, FileEnd::Whole, "byte {at}");
+                let (part, _) = replayed(&changed, false);
+                assert!(trace.starts_with(&part), "byte {at}");
+            }
+            Err(RecordingError::File(_)) => assert!(at < 80, "byte {at}"),
+            Err(other) => panic!("byte {at}: {other}"),
+        }
+    }
+}
+
+#[test]
+fn what_is_no_recording_of_this_form_is_refused_by_what_it_is() {
+    let refused = |bytes: &[u8]| match Recording::read(bytes).unwrap_err() {
+        RecordingError::File(error) => error,
+        other => panic!("{other}"),
+    };
+    assert_eq!(
+        refused(b"{\"kind\":\"recording\",\"seed\":1}\n"),
+        FileError::Json
+    );
+    assert_eq!(
+        refused(b"ESMREC\x02\0"),
+        FileError::OtherVersion { found: 2 }
+    );
+    assert_eq!(refused(b"ESMREC\x01\0"), FileError::Empty);
+    assert_eq!(refused(b"mission"), FileError::NoRecording);
+    assert_eq!(refused(b""), FileError::NoRecording);
+}
+
+#[test]
+fn a_recording_whose_mission_is_another_or_none_is_told() {
+    let (bytes, _) = RUNS[0].made();
+    let (frames, _) = file::read(&bytes).unwrap();
+    let with = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut frames = frames.clone();
+        for frame in &mut frames {
+            if let Frame::Mission { blob, .. } = frame {
+                change(blob);
+            }
+        }
+        bytes_of(&frames)
+    };
+    let other = mission("follow_wall").blob;
+    let (trace, error) = replayed(&with(&|blob| blob.clone_from(&other)), false);
+    assert!(trace.is_empty());
+    assert!(
+        matches!(error, Some(ReplayError::NoMission { .. })),
+        "{error:?}"
+    );
+    let spoiled = Recording::read(&with(&|blob| blob[40] ^= 1)).unwrap_err();
+    assert!(
+        matches!(spoiled, RecordingError::BadMission { .. }),
+        "{spoiled}"
+    );
+}
+
+/// Bytes of records.
+#[derive(Default)]
+struct Bytes(Vec<u8>);
+
+impl RecordSink for Bytes {
+    fn put(&mut self, byte: u8) {
+        self.0.push(byte);
+    }
+}
+
+#[test]
+fn a_gap_ends_the_replay_and_over_it_the_replay_goes_on_as_the_run_did() {
+    const BEFORE: u64 = 300;
+    const BEHIND: u64 = 500;
+    let (bytes, trace) = RUNS[0].made();
+    let recording = Recording::read(&bytes).unwrap();
+    let stretch = &recording.stretches[0];
+    let recorded = recording.mission(stretch.mission).unwrap();
+    let (frames, _) = file::read(&bytes).unwrap();
+    let mut with_gap = frames[..2].to_vec();
+    let mut sink = Bytes::default();
+    write_started(&mut sink, 0, stretch.mission, stretch.start_us);
+    let mut arena = vec![0; recorded.verified.arena_words()];
+    let mut player = Player::new(recorded, stretch, &mut arena).unwrap();
+    let mut inputs = stretch.inputs.iter();
+    for step in 0..stretch.made {
+        if step == BEFORE {
+            with_gap.push(Frame::Records(std::mem::take(&mut sink.0)));
+            with_gap.push(Frame::Gap(3));
+        }
+        if step == BEHIND {
+            let (progress, words) = (player.machine().progress(), player.machine().state_words());
+            write_state(
+                &mut sink,
+                stretch.mission,
+                stretch.start_us,
+                &progress,
+                words,
+            );
+        }
+        player.enter().unwrap();
+        let entered = inputs
+            .as_slice()
+            .first()
+            .filter(|input| input.before == step);
+        if entered.is_some() {
+            inputs.next();
+        }
+        if !(BEFORE..BEHIND).contains(&step) {
+            match entered.map(|input| &input.change) {
+                Some(host_tools::recording::Change::Bits(bits)) => {
+                    write_changes(&mut sink, 0, bits.iter().copied());
+                }
+                None => write_quiet(&mut sink, 1),
+                other => panic!("{other:?}"),
+            }
+        }
+        player.macro_step(&mut ()).unwrap();
+    }
+    with_gap.push(Frame::Records(sink.0));
+    let bytes = bytes_of(&with_gap);
+
+    let line_of = |step: u64| format!("\"step\":{step},");
+    let lines = |keep: &dyn Fn(u64) -> bool| -> String {
+        let kept = trace.split_inclusive('\n').filter(|line| {
+            let step = line.split("\"step\":").nth(1).unwrap();
+            let step = step.split(',').next().unwrap().parse().unwrap();
+            assert!(line.contains(&line_of(step)));
+            keep(step)
+        });
+        kept.collect()
+    };
+    let (part, error) = replayed(&bytes, false);
+    assert_lines_equal("up to the gap", &lines(&|step| step < BEFORE), &part);
+    match error {
+        Some(ReplayError::Gap { after, next, .. }) => {
+            assert_eq!((after, next), (BEFORE - 1, BEHIND))
+        }
+        other => panic!("{other:?}"),
+    }
+    let (both, error) = replayed(&bytes, true);
+    assert!(error.is_none(), "{error:?}");
+    let known = lines(&|step| !(BEFORE..BEHIND).contains(&step));
+    assert_lines_equal("over the gap", &known, &both);
+}
+
+/// The transitions that were taken, and the macro steps in which they were.
+#[derive(Default)]
+struct Taken {
+    count: u64,
+}
+
+impl Observer for Taken {
+    fn transition(&mut self, _: TransitionTaken) {
+        self.count += 1;
+    }
+}
+
+#[test]
+fn random_machines_under_random_inputs_are_had_again() {
+    let mut made = 0;
+    let mut changes = 0;
+    for seed in 0..60 {
+        let mut checked = lang::load_text("random.esm", &machine(seed));
+        let Some(schedule) = checked.lay_out(Duration::from_secs(5)) else {
+            continue;
+        };
+        let Some(model) = checked.model.as_ref() else {
+            continue;
+        };
+        let verified = esm_core::verify(compile(model, &schedule.starts_us).unwrap()).unwrap();
+        let mission = Mission::new(Path::new("random.esm"), verified).unwrap();
+        let verified = esm_core::verify(mission.blob.as_slice()).unwrap();
+        let mut arena = vec![0; verified.arena_words()];
+        let mut robot = Interpreter::new(verified, &mut arena).unwrap();
+        let period_us = mission.directory.interpreter_period_us();
+        let mut writer = RecordingWriter::new(Vec::new(), Head::default(), None).unwrap();
+        writer
+            .mission("random", mission.hash, &mission.blob, period_us)
+            .unwrap();
+        let mut sink = Bytes::default();
+        write_started(&mut sink, 0, mission.hash, 0);
+        let mut random = Random::new(seed);
+        let mut known = robot.input_words().to_vec();
+        let (mut quiet, mut taken, mut steps) = (0, Taken::default(), 0);
+        for _ in 0..400 {
+            if random.chance(15) {
+                let bit = random.below(32 * known.len());
+                robot.toggle_input(bit);
+            }
+            let now = robot.input_words();
+            let bits: Vec<u32> = (0..32 * known.len() as u32)
+                .filter(|bit| {
+                    let (word, place) = (*bit as usize / 32, bit % 32);
+                    (now[word] ^ known[word]) >> place & 1 != 0
+                })
+                .collect();
+            if bits.is_empty() {
+                quiet += 1;
+                if quiet == MAX_QUIET {
+                    write_quiet(&mut sink, std::mem::take(&mut quiet));
+                }
+            } else {
+                write_changes(&mut sink, std::mem::take(&mut quiet), bits.into_iter());
+                changes += 1;
+            }
+            steps += 1;
+            if robot.macro_step(&mut taken).is_err() {
+                break;
+            }
+            known.copy_from_slice(robot.input_words());
+        }
+        writer.records(&sink.0).unwrap();
+        let (bytes, _) = writer.finish(Some(steps)).unwrap();
+        let recording = Recording::read(&bytes).unwrap();
+        let stretch = &recording.stretches[0];
+        let recorded = &recording.missions[0];
+        let mut arena = vec![0; recorded.verified.arena_words()];
+        let mut player = Player::new(recorded, stretch, &mut arena).unwrap();
+        let mut again = Taken::default();
+        while player.enter().unwrap().is_some() && player.machine().fault().is_none() {
+            let _ = player.macro_step(&mut again);
+        }
+        let machine = player.machine();
+        assert_eq!(machine.progress(), robot.progress(), "seed {seed}");
+        assert_eq!(machine.state_words(), robot.state_words(), "seed {seed}");
+        assert_eq!(again.count, taken.count, "seed {seed}");
+        made += 1;
+    }
+    assert!(
+        made >= 30 && changes > 300,
+        "{made} machines, {changes} changes"
+    );
+}
