@@ -4,15 +4,22 @@
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 use host_tools::host_board::{self, HostBoard};
+use host_tools::keys::SigningKey;
+use host_tools::link_client::LinkClient;
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::flash::Flash;
 use host_tools::plant::{BodyParameters, Plant};
+use host_tools::run::board::Board;
 use host_tools::serial::pty::PtyServer;
 use host_tools::world::World;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 
 /// Runs `esm` in `home`, and keeps all that it says in `heard`.
 fn esm(home: &Path, heard: &mut Vec<u8>, arguments: &[&str]) -> (i32, String, String) {
@@ -131,24 +138,172 @@ fn a_key_locks_a_robot_and_is_printed_nowhere() {
     assert_eq!(run(&["start"]).0, 0);
 
     // All of that, and no part of a private key in it.
-    let heard = String::from_utf8_lossy(&heard).to_lowercase();
     for path in [&present, &other] {
-        let text = fs::read_to_string(path).unwrap();
-        let hex = text.trim_end().strip_prefix("esm-key-1 ").unwrap();
-        let private: Vec<u8> = hex
-            .as_bytes()
-            .chunks(2)
-            .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap())
-            .collect();
-        assert_eq!(private.len(), 32);
-        for part in 0..3 {
-            let in_base64 = base64(&private[part..]).to_lowercase();
-            assert!(!heard.contains(&in_base64[..12]), "{path}: base64");
-        }
-        for start in (0..hex.len() - 12).step_by(2) {
-            assert!(!heard.contains(&hex[start..start + 12]), "{path}: hex");
-        }
-        let printed = format!("{private:?}");
-        assert!(!heard.contains(&printed[..30]), "{path}: a list");
+        hold_no_key_of(Path::new(path), &heard);
     }
+}
+
+/// Asserts that no part of the private key in a file is in what was heard, in any form that it might be printed in.
+fn hold_no_key_of(path: &Path, heard: &[u8]) {
+    let text = fs::read_to_string(path).unwrap();
+    let hex = text.trim_end().strip_prefix("esm-key-1 ").unwrap();
+    let private: Vec<u8> = hex
+        .as_bytes()
+        .chunks(2)
+        .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap())
+        .collect();
+    assert_eq!(private.len(), 32);
+    assert!(
+        !heard
+            .windows(6)
+            .any(|bytes| private.windows(6).any(|part| part == bytes)),
+        "as it is"
+    );
+    let heard = String::from_utf8_lossy(heard).to_lowercase();
+    for part in 0..3 {
+        let in_base64 = base64(&private[part..]).to_lowercase();
+        assert!(!heard.contains(&in_base64[..12]), "base64");
+    }
+    for start in (0..hex.len() - 12).step_by(2) {
+        assert!(!heard.contains(&hex[start..start + 12]), "hex");
+    }
+    let printed = format!("{private:?}");
+    assert!(!heard.contains(&printed[..30]), "a list");
+}
+
+/// A flash whose robot has the key in a file.
+fn flash_with_key(home: &Path, key: &str) -> PathBuf {
+    let path = home.join("robot.flash");
+    let flash = Flash::open(
+        &path,
+        Board::Host {
+            robot: host_board::rover,
+        }
+        .flash_bytes(),
+    )
+    .unwrap();
+    let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(Some(flash));
+    let (_board, line) = HostBoard::start(host_board::rover, plant, None).unwrap();
+    let (mut robot, _) = LinkClient::connect(line).unwrap();
+    let key = SigningKey::read(Path::new(key)).unwrap();
+    robot.install_key(&key).unwrap();
+    path
+}
+
+#[test]
+fn a_run_with_a_flash_that_has_a_key_is_signed_or_says_what_to_do() {
+    let home = tempfile::tempdir().unwrap();
+    let file = |name: &str| home.path().join(name).display().to_string();
+    let (key, other) = (file("mine.key"), file("other.key"));
+    let mut heard = vec![];
+    for path in [&key, &other] {
+        assert_eq!(
+            esm(home.path(), &mut heard, &["key", "new", "-o", path]).0,
+            0
+        );
+    }
+    let flash = flash_with_key(home.path(), &key).display().to_string();
+    let run = [
+        "run",
+        "missions/patrol.esm",
+        "--board",
+        "host",
+        "--until",
+        "2 s",
+        "--flash",
+        &flash,
+    ];
+    for (key, expected, words) in [
+        (Some(&key), 0, ""),
+        (Some(&other), 1, "`--key FILE` and ESM_KEY name another"),
+        (None, 3, "`--key FILE` and ESM_KEY name another"),
+        (Some(&key), 0, ""),
+    ] {
+        let mut arguments = run.to_vec();
+        if let Some(key) = key {
+            arguments.extend(["--key", key]);
+        }
+        let (status, _, told) = esm(home.path(), &mut heard, &arguments);
+        assert_eq!(status, expected, "{key:?}: {told}");
+        assert!(told.contains(words), "{key:?}: {told}");
+    }
+    for path in [&key, &other] {
+        hold_no_key_of(Path::new(path), &heard);
+    }
+}
+
+#[test]
+fn a_panic_with_a_key_at_hand_says_nothing_of_it() {
+    const VARIABLE: &str = "ESM_TEST_PANICS_WITH_KEY";
+    if let Some(path) = std::env::var_os(VARIABLE) {
+        let key = SigningKey::read(Path::new(&path)).unwrap();
+        let message = [&b"message"[..]];
+        let signature = key.sign(&message);
+        let refused: Result<(), _> = Err((&key, signature.len()));
+        refused.expect("all that is at hand is printed");
+        return;
+    }
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join("a.key");
+    let _ = SigningKey::create(&path).unwrap();
+    let Output {
+        stdout,
+        stderr,
+        status,
+    } = Command::new(std::env::current_exe().unwrap())
+        .args([
+            "--exact",
+            "a_panic_with_a_key_at_hand_says_nothing_of_it",
+            "--nocapture",
+        ])
+        .env(VARIABLE, &path)
+        .env("RUST_BACKTRACE", "full")
+        .output()
+        .unwrap();
+    assert!(!status.success());
+    let heard = [stdout, stderr].concat();
+    let said = String::from_utf8_lossy(&heard);
+    assert!(
+        said.contains("all that is at hand") && said.contains("SigningKey("),
+        "{said}"
+    );
+    hold_no_key_of(&path, &heard);
+}
+
+#[test]
+fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
+    let home = tempfile::tempdir().unwrap();
+    let key = home.path().join("mine.key");
+    let _ = SigningKey::create(&key).unwrap();
+    let name = key.display().to_string();
+    let flash = flash_with_key(home.path(), &name).display().to_string();
+    let mut heard = vec![];
+    // In the upload, while a signature is on its way, and in the run behind it.
+    for after_ms in [5, 60, 150, 400] {
+        let child = Command::new(env!("CARGO_BIN_EXE_esm"))
+            .args([
+                "run",
+                "missions/patrol.esm",
+                "--board",
+                "host",
+                "--realtime",
+                "--until",
+                "60 s",
+            ])
+            .args(["--flash", &flash, "--key", &name])
+            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+            .env("RUST_BACKTRACE", "full")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(after_ms));
+        kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+        let Output { stdout, stderr, .. } = child.wait_with_output().unwrap();
+        heard.extend([stdout, stderr].concat());
+    }
+    assert!(!heard.is_empty());
+    hold_no_key_of(&key, &heard);
 }

@@ -642,6 +642,7 @@ fn a_changed_task_breaks_the_equality() {
         let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
         let plan = Plan {
             flash: None,
+            key: None,
             board: Board::Host { robot },
             world: World::load(&root().join(format!("missions/worlds/{}.world", run.world)))
                 .unwrap(),

@@ -103,6 +103,7 @@ impl StepOfTutorial {
         let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
         let plan = Plan {
             flash: None,
+            key: None,
             board: Board::Host {
                 robot: host_board::rover,
             },

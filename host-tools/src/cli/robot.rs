@@ -1,7 +1,7 @@
 //! A robot at the other end of a line, as several commands reach it.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use rt_firmware::link::access::Access;
@@ -9,7 +9,7 @@ use rt_firmware::link::access::Access;
 use super::argument::Port;
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
-use crate::link_client::{ClientError, LinkClient, RobotInfo};
+use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
 use crate::reading::ReadError;
 use crate::serial::noise::{Noise, Noisy};
 use crate::serial::{self, ByteLink};
@@ -77,12 +77,15 @@ impl RobotArgs {
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_quietly(&self) -> Result<(Robot, RobotInfo), CommandError> {
         let (mut robot, info) = open(&self.port, self.line)?;
-        let path = self.key.clone();
-        robot.use_key(Box::new(move || {
-            SigningKey::read(&path.clone().map_or_else(keys::default_path, Ok)?)
-        }));
+        robot.use_key(key_at(self.key.as_deref()));
         Ok((robot, info))
     }
+}
+
+/// Reads the key in that file, or in the one of those who name none, as soon as a robot asks for it.
+pub fn key_at(named: Option<&Path>) -> KeyLoader {
+    let named = named.map(Path::to_owned);
+    Box::new(move || SigningKey::read(&named.clone().map_or_else(keys::default_path, Ok)?))
 }
 
 /// Opens the line at `port` and begins a session.

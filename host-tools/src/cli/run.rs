@@ -13,8 +13,9 @@ use thiserror::Error;
 use super::argument::{Time, TimeError};
 use super::console::Console;
 use super::exit::CommandError;
-use super::{file, stage};
+use super::{file, robot, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
+use crate::link_client::ClientError;
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
 use crate::recording::player::Recording;
@@ -103,6 +104,10 @@ pub struct RunArgs {
     /// Keeps the robot's flash, with the missions in it, in this file from run to run; without it, the flash is blank at first and gone at the end
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
+
+    /// The key that the robot has, if its flash holds one [default: esm/key in the folder for configuration, ~/.config]
+    #[arg(long, value_name = "FILE", env = "ESM_KEY")]
+    pub key: Option<PathBuf>,
 
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
@@ -236,6 +241,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     Ok(Plan {
         flash: stage::flash(args.flash.as_deref(), &board)?,
+        key: Some(robot::key_at(args.key.as_deref())),
         world: stage::world(args.world.as_deref(), Some(&args.file))?,
         board,
         seed,
@@ -445,6 +451,10 @@ impl From<RunError> for CommandError {
         match error {
             RunError::Trace(error) | RunError::Recording(error) => error.into(),
             RunError::Board(error) => error.into(),
+            RunError::Link {
+                cause: ClientError::OtherKey { .. },
+                ..
+            } => CommandError::Input(error.into()),
             RunError::Plant(_) | RunError::Refused { .. } | RunError::OtherMissions { .. } => {
                 CommandError::Input(error.into())
             }

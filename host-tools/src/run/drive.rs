@@ -17,7 +17,7 @@ use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
 use crate::counters::SlotReport;
 use crate::link_client::log_lines::{LogLine, LogReader};
-use crate::link_client::{ClientError, LinkClient, StreamEvent, Streams};
+use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
 use crate::plant::flash::Flash;
@@ -77,6 +77,8 @@ pub struct Plan {
     pub plant_fault: Option<PlantFault>,
     /// The flash beside it; a blank one without.
     pub flash: Option<Flash>,
+    /// Signs, if the robot has a key, which a flash may hold.
+    pub key: Option<KeyLoader>,
     /// Robot time from which on the robot hears nothing more of this program, in microseconds.
     pub cut_link_us: Option<u64>,
 }
@@ -261,7 +263,10 @@ impl<W: Write> Driver<W> {
             cause,
             console: board.console(),
         });
-        let (robot, info) = connected?;
+        let (mut robot, info) = connected?;
+        if let Some(key) = plan.key {
+            robot.use_key(key);
+        }
         let recording = match plan.record {
             Some(out) => {
                 let head = Head {

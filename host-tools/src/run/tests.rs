@@ -138,6 +138,7 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Entered>) -> Plan {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
     Plan {
         flash: None,
+        key: None,
         board: Board::Host {
             robot: host_board::rover,
         },
