@@ -1,0 +1,247 @@
+//! A host that has no key, at the line of a robot that has one and drives, in the emulator with its real firmware: it floods the robot, gets nowhere, and costs
+//! no slot; the owner's next upload works.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::io;
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use esm_tests::command::{firmware, root};
+use esm_tests::random::Random;
+use esm_tests::{environment, subject};
+use host_tools::keys::SigningKey;
+use host_tools::link_client::{ClientError, LinkClient};
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::{BodyParameters, Plant};
+use host_tools::qemu::{Emulator, Idle};
+use host_tools::run::board::Board;
+use host_tools::serial::pacing::Paced;
+use host_tools::serial::{ByteLink, DEFAULT_BAUD};
+use host_tools::world::World;
+use rt_firmware::link::access::{Access, KEY_BYTES, SEED_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use rt_firmware::link::message::{
+    FromDevice, LinkError, Mode, Request, Response, Status, Swap, ToDevice,
+};
+
+/// A line that keeps what is sent over it.
+struct Tapped<L> {
+    line: L,
+    sent: Arc<Mutex<Vec<u8>>>,
+}
+
+impl<L: ByteLink> ByteLink for Tapped<L> {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.line.receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.sent.lock().unwrap().extend(bytes);
+        self.line.send(bytes)
+    }
+}
+
+fn blob(file: &str) -> Vec<u8> {
+    subject::build_file(&root().join(file)).unwrap().blob
+}
+
+fn frame(seq: u8, request: Request<'_>) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = encode(&ToDevice { seq, request }, &mut frame).unwrap();
+    [&[DELIMITER], &frame[..length]].concat()
+}
+
+/// One of the things that a host without the key may try.
+fn attempt(random: &mut Random, seq: u8, blob: &[u8]) -> Vec<u8> {
+    let signature = [random.bits() as u8; SIGNATURE_BYTES];
+    let request = match random.below(14) {
+        0 => Request::Start,
+        1 => Request::Commit(Swap::default()),
+        2 => Request::Confirm { mission: 1 },
+        3 => Request::FallBack { mission: 1 },
+        4 => Request::RemoveKey,
+        5 => Request::SetParam {
+            mission: u32::from_le_bytes(*blob.last_chunk().unwrap()),
+            param: 0,
+            value: 0,
+        },
+        6 => Request::InstallKey {
+            key: &[1; KEY_BYTES],
+            seed: &[2; SEED_BYTES],
+            signature: &signature,
+        },
+        7 => Request::Begin {
+            len: blob.len() as u32,
+            crc: checksum(blob),
+        },
+        8 => Request::Chunk {
+            offset: 0,
+            data: &blob[..100],
+        },
+        9 | 10 => Request::Challenge,
+        11 | 12 => Request::Signed {
+            signature: &signature,
+            request: &[7],
+        },
+        _ => Request::Sign {
+            counter: random.bits(),
+            signature: &signature,
+        },
+    };
+    frame(seq, request)
+}
+
+/// What the robot told the host that floods it.
+#[derive(Default)]
+struct Told {
+    refused: Vec<LinkError>,
+    /// Of what none may be.
+    carried_out: Vec<String>,
+}
+
+impl Told {
+    fn hear(&mut self, frame: &mut [u8]) {
+        let Ok(FromDevice::Reply { result, .. }) = decode(frame) else {
+            return;
+        };
+        match result {
+            // A key that is asked for its nonce, the bytes of an upload, and a session that begins: all may.
+            Ok(Response::Challenge { .. } | Response::Received { .. } | Response::Hello(_)) => {}
+            // Of sessions that are replayed.
+            Ok(Response::Status(_) | Response::Blob { .. }) => {}
+            Ok(other) => self.carried_out.push(format!("{other:?}")),
+            Err(error) => self.refused.push(error),
+        }
+    }
+}
+
+/// Sends whatever a host without a key can, as fast as the line takes it.
+fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], time: Duration) -> Told {
+    let (mut random, mut reader, mut told) = (Random::new(7), FrameReader::new(), Told::default());
+    let mut frames = recorded.split_inclusive(|byte| *byte == DELIMITER).cycle();
+    let begun = Instant::now();
+    let mut seq = 0u8;
+    while begun.elapsed() < time {
+        let bytes = match random.below(4) {
+            // What the owner sent once, all of it and in its order.
+            0 => {
+                let replayed: Vec<&[u8]> = frames.by_ref().take(8).collect();
+                [&[DELIMITER], &replayed.concat()[..]].concat()
+            }
+            1 => (0..random.below(300))
+                .map(|_| random.bits() as u8)
+                .collect(),
+            _ => {
+                seq = seq.wrapping_add(1);
+                attempt(&mut random, seq, blob)
+            }
+        };
+        line.send(&bytes).unwrap();
+        let mut buffer = [0; 1024];
+        let count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
+        for byte in &buffer[..count] {
+            if let Some(frame) = reader.push(*byte) {
+                told.hear(frame);
+            }
+        }
+    }
+    told
+}
+
+/// Uploads as soon as the robot looks at signatures again.
+fn upload<L: ByteLink>(robot: &mut LinkClient<L>, blob: &[u8]) -> u32 {
+    let begun = Instant::now();
+    loop {
+        match robot.upload(blob, &mut |_| ()) {
+            Err(ClientError::Refused {
+                error: LinkError::TooSoon { .. },
+                ..
+            }) if begun.elapsed() < Duration::from_secs(5) => {
+                thread::sleep(Duration::from_millis(100));
+            }
+            other => return other.unwrap(),
+        }
+    }
+}
+
+#[test]
+fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
+    let seconds = environment::number("ESM_HOSTILE_SECONDS", 10);
+    let firmware = firmware("rover");
+    let board = Board::Emulated {
+        firmware: firmware.clone(),
+    };
+    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, Pace::new(true), None);
+    let served = plant.clone();
+    let mut emulator = Emulator::start(
+        &firmware,
+        Idle::Passes,
+        move |request| served.exchange(request),
+        plant.flash(board.flash_bytes()),
+    )
+    .unwrap();
+    let line = Paced::new(emulator.take_uart().unwrap(), DEFAULT_BAUD);
+    let sent = Arc::default();
+    let tapped = Tapped {
+        line,
+        sent: Arc::clone(&sent),
+    };
+
+    // The owner, who is listened to.
+    let (patrol, next) = (
+        blob("missions/patrol.esm"),
+        blob("missions/follow_wall.esm"),
+    );
+    let (mut robot, info) = LinkClient::connect(tapped).unwrap();
+    assert_eq!(info.access, Access::Open);
+    let key = || SigningKey::of(&[9; 32]);
+    robot.use_key(Box::new(move || Ok(key())));
+    robot.install_key(&key()).unwrap();
+    let mission = robot.upload(&patrol, &mut |_| ()).unwrap();
+    robot.start().unwrap();
+    let before = robot.status().unwrap();
+    let Tapped { mut line, .. } = robot.into_line();
+    let recorded = std::mem::take(&mut *sent.lock().unwrap());
+
+    let told = flood(&mut line, &recorded, &patrol, Duration::from_secs(seconds));
+    assert_eq!(told.carried_out, Vec::<String>::new());
+    for refusal in [
+        LinkError::NeedsKey,
+        LinkError::WrongSignature,
+        LinkError::NoChallenge,
+    ] {
+        assert!(
+            told.refused.contains(&refusal),
+            "{refusal:?} was not reached"
+        );
+    }
+    println!("{} requests refused in {seconds} s", told.refused.len());
+
+    // The owner comes back.
+    line.send(&[DELIMITER]).unwrap();
+    let (mut robot, info) = LinkClient::connect(line).unwrap();
+    assert_eq!(info.access, Access::Locked);
+    let after = robot.status().unwrap();
+    let standing = |status: &Status| {
+        (
+            status.mission,
+            status.mode,
+            status.missed,
+            status.changed_params,
+        )
+    };
+    assert_eq!(standing(&after), standing(&before));
+    assert_eq!(standing(&after), (Some(mission), Mode::Running, 0, 0));
+    assert!(after.steps > before.steps + 10, "it drives on");
+    assert!(matches!(robot.start(), Err(ClientError::NoKey)));
+    robot.use_key(Box::new(move || Ok(key())));
+    let uploaded = upload(&mut robot, &next);
+    assert_eq!(uploaded.to_le_bytes(), *next.last_chunk().unwrap());
+    let status = robot.status().unwrap();
+    assert_eq!((status.mission, status.missed), (Some(uploaded), 0));
+}
