@@ -290,7 +290,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             let seq = message.seq;
             if message.request == Request::Hello {
                 self.stream_seq = [0; CHANNELS];
-            } else if self.last == Some((seq, crc)) {
+            } else if self.last == Some((seq, crc)) && !planted!(CarriedOutTwice) {
                 // Asked again: the answer was lost, or is still to come.
                 if !self.awaited {
                     self.reply.sent = 0;
@@ -463,6 +463,9 @@ impl<'m> Desk<'_, 'm> {
             (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {
                 self.carry_out(seq, request, port)
             }
+            (Needs::Key, Access::Locked) if planted!(KeyForgotten) => {
+                self.carry_out(seq, request, port)
+            }
             (Needs::Key, Access::Locked) => Reaction::Answer(Err(LinkError::NeedsKey)),
             (Needs::Key, Access::Unreadable) => Reaction::Answer(Err(LinkError::NotKept)),
         }
@@ -489,7 +492,9 @@ impl<'m> Desk<'_, 'm> {
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
             Request::Commit(swap) => self.commit(seq, swap, port),
             Request::Abort => {
-                self.end_upload();
+                if !planted!(AbortForgotten) {
+                    self.end_upload();
+                }
                 Reaction::Answer(Ok(Response::Done))
             }
             Request::Status => {
@@ -756,16 +761,17 @@ impl<'m> Desk<'_, 'm> {
         self.refuse_on_trial()?;
         // Whose trial has just ended has given its buffer back before it said so.
         self.take_freed(port);
-        let resumed = self
-            .upload
-            .as_ref()
-            .filter(|upload| (upload.len, upload.crc) == (len, crc));
+        let resumed = self.upload.as_ref().filter(|upload| {
+            let is_same_len = upload.len == len || planted!(OtherLengthResumed);
+            let is_same_blob = upload.crc == crc || planted!(OtherBlobResumed);
+            is_same_len && is_same_blob
+        });
         if let Some(upload) = resumed {
             return Ok(Response::Received {
                 len: upload.received(),
             });
         }
-        if len > self.capacities.blob_bytes {
+        if len > self.capacities.blob_bytes && !planted!(CapacityForgotten) {
             return Err(LinkError::CapacityExceeded {
                 what: Capacity::BlobBytes,
                 needed: len,
@@ -793,10 +799,16 @@ impl<'m> Desk<'_, 'm> {
         let received = upload.received();
         // What came before is passed over: it was sent again because its answer was lost, or late.
         let known = received
-            .checked_sub(offset)
+            .checked_sub(if planted!(GapTaken) {
+                offset.min(received)
+            } else {
+                offset
+            })
             .ok_or(LinkError::WrongOffset { expected: received })?;
+        let known = if planted!(OverlapRepeated) { 0 } else { known };
         let data = data.get(known as usize..).unwrap_or_default();
-        if data.len() as u32 > upload.len - received || !upload.blob.push(data) {
+        let is_too_long = data.len() as u32 > upload.len - received && !planted!(LengthForgotten);
+        if is_too_long || !upload.blob.push(data) {
             return Err(LinkError::TooLong);
         }
         Ok(Response::Received {
@@ -821,20 +833,23 @@ impl<'m> Desk<'_, 'm> {
         }
         self.refuse_on_trial()?;
         let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
-        if upload.received() != upload.len {
+        if upload.received() != upload.len && !planted!(IncompleteTaken) {
             return Err(LinkError::Incomplete {
                 received: upload.received(),
             });
         }
         let crc = upload.crc;
         let signed = upload.signed;
-        if signed.is_none() && self.keys.access(port.key_safe()) == Access::Locked {
+        if signed.is_none()
+            && !planted!(UnsignedTaken)
+            && self.keys.access(port.key_safe()) == Access::Locked
+        {
             return Err(LinkError::NotSigned);
         }
         let Some(Upload { blob, .. }) = self.upload.take() else {
             return Err(LinkError::NoUpload);
         };
-        if checksum(&blob) != crc {
+        if checksum(&blob) != crc && !planted!(WholeUnchecked) {
             self.keep(blob);
             return Err(LinkError::WrongChecksum);
         }

@@ -86,7 +86,7 @@ pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameErr
         .and_then(<[u8]>::split_last_chunk::<CRC_BYTES>)
         .filter(|(message, _)| !message.is_empty())
         .ok_or(FrameError::WrongChecksum)?;
-    if checksum(message) != u32::from_le_bytes(*crc) {
+    if checksum(message) != u32::from_le_bytes(*crc) && !planted!(FrameUnchecked) {
         return Err(FrameError::WrongChecksum);
     }
     match postcard::take_from_bytes(message) {
@@ -123,6 +123,9 @@ impl FrameReader {
     /// frames can be are passed over.
     pub fn push(&mut self, byte: u8) -> Option<&mut [u8]> {
         if byte == DELIMITER {
+            if planted!(OutOfStep) && self.overflow {
+                return None;
+            }
             let len = usize::from(core::mem::take(&mut self.len));
             if core::mem::take(&mut self.overflow) || len == 0 {
                 return None;
@@ -136,7 +139,7 @@ impl FrameReader {
                 *place = byte;
                 self.len += 1;
             }
-            None => self.overflow = true,
+            None => self.overflow = !planted!(OverlongTaken),
         }
         None
     }

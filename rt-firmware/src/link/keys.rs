@@ -131,7 +131,12 @@ impl Keys {
     ) -> Result<SignedUpload, LinkError> {
         let (key, _) = self.locked()?;
         let signature = signature_of(signature)?;
-        if counter <= self.counter {
+        let is_old = if planted!(CounterRepeated) {
+            counter < self.counter
+        } else {
+            counter <= self.counter
+        };
+        if is_old {
             return Err(LinkError::OldCounter { last: self.counter });
         }
         let counter_bytes = counter.to_le_bytes();
@@ -151,6 +156,9 @@ impl Keys {
         let (key, _) = self.locked()?;
         let signature = signature_of(signature)?;
         let nonce = self.nonce.take().ok_or(LinkError::NoChallenge)?;
+        if planted!(NonceKept) {
+            self.nonce = Some(nonce);
+        }
         let upload = upload.map_or(&NO_UPLOAD, |upload| &upload.signature);
         let message = access::command(&nonce, upload, request);
         self.check(safe, &key, &signature, &message)
@@ -219,7 +227,9 @@ impl Keys {
         if is_signed(key, signature, message) {
             return Ok(());
         }
-        self.closed_until_us = safe.now_us().saturating_add(PAUSE_AFTER_WRONG_US);
+        if !planted!(PauseForgotten) {
+            self.closed_until_us = safe.now_us().saturating_add(PAUSE_AFTER_WRONG_US);
+        }
         Err(LinkError::WrongSignature)
     }
 }

@@ -5,6 +5,20 @@
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
 //! sends [trace records](trace), a [recording](record) and log bytes as streams, where there is room between answers.
 
+/// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
+#[cfg(test)]
+macro_rules! planted {
+    ($bug:ident) => {
+        crate::link::planted::is_planted(crate::link::planted::Bug::$bug)
+    };
+}
+#[cfg(not(test))]
+macro_rules! planted {
+    ($bug:ident) => {
+        false
+    };
+}
+
 pub mod access;
 pub mod device;
 pub mod frame;
@@ -16,6 +30,8 @@ pub mod keys;
 pub(crate) mod keys;
 pub mod message;
 pub mod news;
+#[cfg(test)]
+pub(crate) mod planted;
 pub mod record;
 pub mod trace;
 pub mod trial;
