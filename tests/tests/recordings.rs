@@ -15,6 +15,7 @@ use esm_tests::random_machine::machine;
 use host_tools::compile::compile;
 use host_tools::recording::file::{self, FileEnd, FileError, Frame, Head};
 use host_tools::recording::player::{Player, Recording, RecordingError, ReplayError, replay};
+use host_tools::recording::walk::{Moment, Walk};
 use host_tools::recording::writer::RecordingWriter;
 use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
@@ -170,6 +171,89 @@ fn equal_runs_have_equal_recordings() {
     let recorded = &RUNS[5];
     assert_eq!(recorded.made().0, recorded.made().0);
     assert_ne!(RUNS[0].made().0, RUNS[2].made().0, "another seed");
+}
+
+/// All moments of a recording, forwards, which are those backwards.
+fn walked(what: &str, recording: &Recording) -> Vec<Moment> {
+    let (mut walk, ended) = Walk::new(recording, false);
+    assert!(ended.is_none(), "{what}: {ended:?}");
+    let mut moments = Vec::new();
+    while let Some(moment) = walk.forward() {
+        moments.push(moment.clone());
+    }
+    for expected in moments.iter().rev().skip(1) {
+        assert_eq!(walk.back(), Some(expected), "{what}");
+    }
+    assert_eq!(walk.back(), None, "{what}: before the first");
+    assert_eq!(walk.forward(), moments.first(), "{what}");
+    for taken in moments.iter().flat_map(|moment| &moment.taken) {
+        assert!(taken.holds, "{what}: {taken:?}");
+    }
+    moments
+}
+
+#[test]
+fn a_walk_tells_the_transitions_of_the_trace_with_guards_that_were_true() {
+    for recorded in &RUNS[5..8] {
+        let what = format!("{:?}", recorded.missions);
+        let (bytes, trace) = recorded.made();
+        let moments = walked(&what, &Recording::read(&bytes).unwrap());
+        let told = moments.iter().flat_map(|moment| {
+            moment.taken.iter().map(move |taken| {
+                let (from, to) = (taken.from.clone(), taken.to.clone());
+                (moment.step, u64::from(moment.micro), from, to)
+            })
+        });
+        let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+        let traced = trace.lines().filter_map(|line| {
+            let line: serde_json::Value = serde_json::from_str(line).unwrap();
+            let (step, micro) = (line["step"].as_u64()?, line["micro"].as_u64()?);
+            Some((step, micro, text(&line["from"]), text(&line["to"])))
+        });
+        assert_eq!(
+            told.collect::<Vec<_>>(),
+            traced.collect::<Vec<_>>(),
+            "{what}"
+        );
+        // Where the last macro step of a moment ends, the trace has the same states.
+        for moment in &moments {
+            let micro = format!(
+                "\"active\":{}",
+                serde_json::to_string(&moment.active).unwrap()
+            );
+            let step = format!("\"kind\":\"step\",\"step\":{},", moment.step);
+            let is_last = moments.iter().all(|other| {
+                (other.stretch, other.step) != (moment.stretch, moment.step)
+                    || other.micro <= moment.micro
+            });
+            let of_step = |line: &&str| line.contains(&step) && line.contains(&micro);
+            assert!(
+                !is_last || trace.lines().any(|line| of_step(&line)),
+                "{what}: {moment}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
+    let (bytes, _) = RUNS[0].made();
+    let recording = Recording::read(&bytes).unwrap();
+    let (mut walk, _) = Walk::new(&recording, false);
+    let told = walk.to_time(15_000_000).unwrap().to_string();
+    assert_eq!(
+        told,
+        "\
+16.120 s, patrol: macro step 806, micro step 0, on pulse
+  motion/Roam/steps/Ahead -> motion/Roam/steps/AvoidLeft
+    [.near and .left_freer]   .near = true, .left_freer = true
+    sets motion/Roam/steps/AvoidLeft.left
+  now sonars/Listen, position/Track, motion/Roam, motion/Roam/steps/AvoidLeft, motion/Roam/steps/AvoidLeft/steps/initial, wheels/Drive, safety/Watch, battery/Measure, diary/Pause
+"
+    );
+    assert_eq!(walk.to_step(102).unwrap().step, 102);
+    assert_eq!(walk.back().unwrap().step, 101);
+    assert_eq!(walk.to_time(99_000_000), None);
 }
 
 /// Bytes of a file of these frames.
@@ -439,6 +523,9 @@ fn random_machines_under_random_inputs_are_had_again() {
         while player.enter().unwrap().is_some() && player.machine().fault().is_none() {
             let _ = player.macro_step(&mut again);
         }
+        let moments = walked(&format!("seed {seed}"), &recording);
+        let told: usize = moments.iter().map(|moment| moment.taken.len()).sum();
+        assert_eq!(told as u64, taken.count, "seed {seed}");
         let machine = player.machine();
         assert_eq!(machine.progress(), robot.progress(), "seed {seed}");
         assert_eq!(machine.state_words(), robot.state_words(), "seed {seed}");

@@ -1,17 +1,19 @@
 //! `esm replay`: a recorded run once more, from what entered its interpreter.
 
-use std::io::Write;
+use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 
+use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::run::read_recording;
 use super::{difference, file};
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
+use crate::recording::walk::Walk;
 use crate::run::mission::hash_text;
 
 /// Runs what a recording holds once more, through the same interpreter, to the same trace
@@ -23,7 +25,8 @@ use crate::run::mission::hash_text;
 Examples:
   esm run missions/patrol.esm --record patrol.rec --trace patrol.jsonl --until '60 s'
   esm replay patrol.rec --trace again.jsonl
-  esm replay patrol.rec --expect patrol.jsonl")]
+  esm replay patrol.rec --expect patrol.jsonl
+  esm replay patrol.rec --step")]
 pub struct ReplayArgs {
     /// The recording
     #[arg(value_name = "REC")]
@@ -40,6 +43,11 @@ pub struct ReplayArgs {
     /// Goes on behind a gap, where the recording knows all of the machine again
     #[arg(long)]
     pub over_gaps: bool,
+
+    /// Walks through the run by commands on standard input: `n` next micro step with a transition, `b` back, `s STEP` to a macro step,
+    /// `t TIME` to a robot time, such as `t 2 s`, `q` ends
+    #[arg(long, conflicts_with_all = ["trace", "expect", "json"])]
+    pub step: bool,
 
     /// Prints one object as JSON
     #[arg(long)]
@@ -86,6 +94,9 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         file::keep_sources(output, &inputs)?;
     }
     let recording = read_recording(&args.recording)?;
+    if args.step {
+        return walk(&recording, args, console);
+    }
     let expected = args
         .expect
         .as_deref()
@@ -118,6 +129,60 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         compare(&expected, &trace, path, console)?;
     }
     Ok(())
+}
+
+/// Walks through a recording as standard input says.
+fn walk(
+    recording: &Recording,
+    args: &ReplayArgs,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let (mut walk, ended) = Walk::new(recording, args.over_gaps);
+    note_end(recording, &args.recording, console);
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let line = line.trim();
+        let (command, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let rest = rest.trim();
+        let (moment, edge) = match command {
+            "q" if rest.is_empty() => break,
+            "n" if rest.is_empty() => (walk.forward(), "end"),
+            "b" if rest.is_empty() => (walk.back(), "beginning"),
+            "s" | "t" => {
+                let place = match command {
+                    "s" => rest.parse().map_err(|_| format!("no macro step: `{rest}`")),
+                    _ => rest
+                        .parse::<Time>()
+                        .map(|time| time.us)
+                        .map_err(|error| error.to_string()),
+                };
+                match place {
+                    Ok(place) if command == "s" => (walk.to_step(place), "end"),
+                    Ok(place) => (walk.to_time(place), "end"),
+                    Err(error) => {
+                        console.note(&error);
+                        continue;
+                    }
+                }
+            }
+            _ => {
+                console.note(
+                    "commands: n next, b back, s STEP to a macro step, t TIME to a robot time, q ends",
+                );
+                continue;
+            }
+        };
+        let text = match moment {
+            Some(moment) => moment.to_string(),
+            None => format!("the {edge} of what can be replayed\n"),
+        };
+        console.text(&text)?;
+        console.flush()?;
+    }
+    match ended {
+        Some(error) => Err(CommandError::Input(error.into())),
+        None => Ok(()),
+    }
 }
 
 /// Says where the trace of the replay is not the one that was expected.

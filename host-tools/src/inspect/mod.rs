@@ -6,6 +6,7 @@
 pub mod changes;
 mod flags;
 mod guard;
+pub mod guards;
 mod names;
 pub mod refusal;
 mod source;

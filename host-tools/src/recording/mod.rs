@@ -6,6 +6,7 @@
 
 pub mod file;
 pub mod player;
+pub mod walk;
 pub mod writer;
 
 mod stretch;

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
-use esm_core::{Fault, Interpreter, Observer, TransitionTaken, Verified};
+use esm_core::{Fault, Interpreter, Observer, Progress, TransitionTaken, Verified};
 use thiserror::Error;
 
 use super::file::{self, FileEnd, FileError, Frame, Head, RunEnd};
@@ -109,6 +109,35 @@ impl Recording {
             .find(|mission| mission.verified.hash() == hash)
     }
 
+    /// The mission of a stretch, which is run behind that macro step.
+    ///
+    /// # Errors
+    /// [`ReplayError::NoMission`]; or [`ReplayError::Gap`], if that is not to be gone over.
+    pub(super) fn mission_of(
+        &self,
+        stretch: &Stretch,
+        over_gaps: bool,
+        last: Option<LastStep>,
+    ) -> Result<&RecordedMission, ReplayError> {
+        let hash = stretch.mission;
+        if stretch.after_gap
+            && !over_gaps
+            && let Some(last) = last
+        {
+            return Err(ReplayError::Gap {
+                hash: last.hash,
+                after: last.step,
+                after_us: last.at_us,
+                next_hash: hash,
+                next: match &stretch.beginning {
+                    Beginning::Anew => 0,
+                    Beginning::State(progress, _) => progress.steps,
+                },
+            });
+        }
+        self.mission(hash).ok_or(ReplayError::NoMission { hash })
+    }
+
     /// What the host board needs to have a simulated run again; `None` if the recording is of a real robot, or of a part of a run.
     pub fn entered(&self) -> Option<Entered> {
         let whole = self
@@ -141,6 +170,17 @@ impl RecordedMission {
             directory,
         })
     }
+}
+
+/// A macro step, where nothing may be known of what follows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LastStep {
+    /// Hash of its mission.
+    pub(super) hash: u32,
+    /// Its number.
+    pub(super) step: u64,
+    /// When it was, in microseconds since the first macro step of the first mission.
+    pub(super) at_us: u64,
 }
 
 /// What came of a replay.
@@ -218,6 +258,17 @@ pub struct Player<'s, 'm> {
     made: u64,
 }
 
+/// Where a player is in its stretch, and what its machine is there.
+#[derive(Clone, Debug)]
+pub struct Position {
+    /// Macro steps that were made.
+    made: u64,
+    /// Inputs that entered.
+    entered: usize,
+    progress: Progress,
+    words: Vec<u32>,
+}
+
 /// What entered before a macro step that was made again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Entries {
@@ -253,6 +304,42 @@ impl<'s, 'm> Player<'s, 'm> {
             inputs: stretch.inputs.iter(),
             made: 0,
         })
+    }
+
+    /// A machine where another player was in the same stretch. `arena` has as many words as the mission needs.
+    ///
+    /// # Errors
+    /// [`ReplayError::BadState`], of a position in another stretch.
+    pub fn at(
+        mission: &'s RecordedMission,
+        stretch: &'s Stretch,
+        position: &Position,
+        arena: &'m mut [u32],
+    ) -> Result<Self, ReplayError> {
+        let hash = stretch.mission;
+        let machine = esm_core::verify(mission.verified.bytes())
+            .ok()
+            .and_then(|verified| {
+                Interpreter::resume(verified, arena, &position.words, position.progress).ok()
+            });
+        let inputs = stretch.inputs.get(position.entered..);
+        let (machine, inputs) = machine.zip(inputs).ok_or(ReplayError::BadState { hash })?;
+        Ok(Player {
+            stretch,
+            machine,
+            inputs: inputs.iter(),
+            made: position.made,
+        })
+    }
+
+    /// Where it is, between two macro steps.
+    pub fn position(&self) -> Position {
+        Position {
+            made: self.made,
+            entered: self.stretch.inputs.len() - self.inputs.len(),
+            progress: self.machine.progress(),
+            words: self.machine.state_words().to_vec(),
+        }
     }
 
     /// The machine.
@@ -333,31 +420,16 @@ fn replay_stretches(
     mut out: impl Write,
     outcome: &mut Outcome,
 ) -> Result<(), ReplayError> {
-    let mut last: Option<(u32, u64, u64)> = None;
+    let mut last = None;
     for stretch in &recording.stretches {
         let hash = stretch.mission;
-        let next = match &stretch.beginning {
-            Beginning::Anew => 0,
-            Beginning::State(progress, _) => progress.steps,
-        };
-        if stretch.after_gap
-            && !over_gaps
-            && let Some((hash, after, after_us)) = last
-        {
-            return Err(ReplayError::Gap {
-                hash,
-                after,
-                after_us,
-                next_hash: stretch.mission,
-                next,
-            });
-        }
-        let mission = recording
-            .mission(hash)
-            .ok_or(ReplayError::NoMission { hash })?;
+        let mission = recording.mission_of(stretch, over_gaps, last)?;
         let ended = play(mission, stretch, &mut out, outcome)?;
-        let at_us = stretch.start_us + ended.t_us;
-        last = Some((hash, ended.step, at_us));
+        last = Some(LastStep {
+            hash,
+            step: ended.step,
+            at_us: stretch.start_us + ended.t_us,
+        });
         outcome.stretches += 1;
     }
     out.flush()?;
