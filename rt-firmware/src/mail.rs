@@ -10,6 +10,7 @@ use heapless::spsc::Queue;
 use crate::link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
 use crate::link::trial::FallBack;
 use crate::ports::Job;
+use crate::realtime::params::SavedParams;
 use esm_core::BlobBuffer;
 
 /// One letter or job at a time; a queue holds one less than its length.
@@ -62,6 +63,8 @@ pub enum Letter<'m> {
         mission: Verified<BlobBuffer<'m>>,
         /// How.
         swap: Swap,
+        /// What was saved of parameters, for this mission or another.
+        saved: SavedParams,
     },
     /// Real time: it runs.
     Swapped {
@@ -153,6 +156,8 @@ pub enum Letter<'m> {
         value: u32,
         /// Bits of the value that the mission gives it.
         of_mission: u32,
+        /// Bits of the value that was saved for it.
+        saved: Option<u32>,
     },
     /// Link: another value for this parameter.
     SetParam {
@@ -167,6 +172,20 @@ pub enum Letter<'m> {
     ParamSet {
         /// Bits of the value before.
         before: u32,
+    },
+    /// Link: what differs from the mission's values?
+    ReadChanged {
+        /// Hash of the mission that is meant.
+        mission: u32,
+    },
+    /// Real time: this.
+    Changed(SavedParams),
+    /// Link: this was saved.
+    Saved(SavedParams),
+    /// Real time: with that the mission starts from now on.
+    ParamsSaved {
+        /// How many values.
+        count: u8,
     },
     /// Real time: that cannot be done.
     Failed(LinkError),

@@ -32,6 +32,8 @@ pub struct Health {
     pub fell_back: Option<FallBack>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
+    /// Values of parameters that were saved for the mission.
+    pub saved_params: u8,
 }
 
 impl Health {
@@ -49,12 +51,16 @@ impl Health {
         trial: None,
         fell_back: None,
         changed_params: 0,
+        saved_params: 0,
     };
 }
 
 const WORDS: usize = 13;
-/// From this bit on the number of parameters that differ.
+/// From this bit on the number of parameters that differ, which is at most [`MAX_CHANGED`](crate::realtime::params::MAX_CHANGED) and takes four bits.
 const CHANGED_PARAMS_SHIFT: u32 = 8;
+/// From this bit on the number of those that were saved, which is no more.
+const SAVED_PARAMS_SHIFT: u32 = 12;
+const PARAMS_MASK: u32 = 0xF;
 const HAS_MISSION: u32 = 1 << 16;
 const BACKGROUND_BUSY: u32 = 1 << 17;
 const ON_TRIAL: u32 = 1 << 18;
@@ -136,7 +142,8 @@ impl SnapshotReader<'_> {
 
 fn pack(health: &Health) -> [u32; WORDS] {
     let mode = u32::from(health.mode.number());
-    let changed_params = u32::from(health.changed_params) << CHANGED_PARAMS_SHIFT;
+    let params = u32::from(health.changed_params) << CHANGED_PARAMS_SHIFT
+        | u32::from(health.saved_params) << SAVED_PARAMS_SHIFT;
     let mission = if health.mission.is_some() {
         HAS_MISSION
     } else {
@@ -159,7 +166,7 @@ fn pack(health: &Health) -> [u32; WORDS] {
         (HAS_FALLEN_BACK | reason, fell_back.mission)
     });
     [
-        mode | changed_params | mission | background | trial | fell_back,
+        mode | params | mission | background | trial | fell_back,
         health.mission.unwrap_or(0),
         health.steps as u32,
         (health.steps >> 32) as u32,
@@ -211,7 +218,8 @@ fn unpack(words: &[u32; WORDS]) -> Health {
             reason: FallBackReason::from_number((first >> FALL_BACK_SHIFT) as u8)
                 .unwrap_or(FallBackReason::Failed(SafeReason::Board)),
         }),
-        changed_params: (first >> CHANGED_PARAMS_SHIFT) as u8,
+        changed_params: (first >> CHANGED_PARAMS_SHIFT & PARAMS_MASK) as u8,
+        saved_params: (first >> SAVED_PARAMS_SHIFT & PARAMS_MASK) as u8,
     }
 }
 
@@ -266,7 +274,8 @@ mod tests {
                         mission,
                         reason: FallBackReason::Failed(SafeReason::Board),
                     }),
-                    changed_params: if background_busy { u8::MAX } else { 0 },
+                    changed_params: if background_busy { 8 } else { 0 },
+                    saved_params: if background_busy { 3 } else { 8 },
                 };
                 let mut snapshot = Snapshot::new();
                 let (mut writer, reader) = snapshot.split();

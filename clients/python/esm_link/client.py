@@ -146,6 +146,10 @@ class Client:
         """Gives a parameter of the running mission another value, by its bits. Returns the bits of the value before."""
         return self._command("set param", messages.ParamSet, messages.SET_PARAM, mission, index, value).before
 
+    def save_params(self, mission: int) -> int:
+        """Lets the robot keep the values that differ now, and start the mission with them from now on. Returns how many there are."""
+        return self._ask("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
+
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
 

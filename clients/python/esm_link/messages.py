@@ -8,8 +8,8 @@ PROTOCOL_VERSION = 3
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
-    PARAM, SET_PARAM, WATCH,
-) = range(26)  # fmt: skip
+    PARAM, SET_PARAM, WATCH, SAVE_PARAMS,
+) = range(27)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -224,17 +224,24 @@ class Status:
     changed_params: int
     record_dropped: int
     record_pending: bool
+    saved_params: int
 
 
 @dataclass
 class Param:
     value: int
     of_mission: int
+    saved: Optional[int]
 
 
 @dataclass
 class ParamSet:
     before: int
+
+
+@dataclass
+class ParamsSaved:
+    count: int
 
 
 @dataclass
@@ -451,9 +458,11 @@ def _answer(fields: Fields) -> object:
     if kind == 12:
         return Challenge(fields.take(16), fields.number(64), fields.take(32))
     if kind == 13:
-        return Param(fields.number(32), fields.number(32))
+        return Param(fields.number(32), fields.number(32), fields.option_u32())
     if kind == 14:
         return ParamSet(fields.number(32))
+    if kind == 15:
+        return ParamsSaved(fields.u8())
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -481,7 +490,10 @@ def _status(fields: Fields) -> Status:
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
     fell_back = _fell_back(fields)
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
-    return Status(mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, fields.u8(), fields.number(32), fields.boolean())
+    changed_params, record_dropped, record_pending, saved_params = fields.u8(), fields.number(32), fields.boolean(), fields.u8()
+    return Status(
+        mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, changed_params, record_dropped, record_pending, saved_params
+    )
 
 
 def _slot_state(fields: Fields) -> str:
@@ -520,6 +532,7 @@ def _error(fields: Fields) -> Error:
         29: "OtherMission",
         30: "ParamNoValue",
         33: "NotBuiltIn",
+        34: "NoStore",
     }
     if kind in plain:
         return Error(plain[kind], {})

@@ -1,4 +1,4 @@
-//! `esm param`: parameters of the mission that a robot runs, read and changed while it drives.
+//! `esm param`: parameters of the mission that a robot runs, read, changed and saved while it drives.
 
 use std::fmt::Write as _;
 
@@ -10,11 +10,13 @@ use serde::Serialize;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
+use crate::link_client::ParamBits;
 use crate::nearest::nearest;
 use crate::parameters::{Parameter, Value, parameters_of};
 use crate::reading::ReadError;
+use crate::run::mission::hash_text;
 
-/// Reads and changes parameters of the mission that a robot runs, while it drives
+/// Reads, changes and saves parameters of the mission that a robot runs, while it drives
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -23,7 +25,8 @@ use crate::reading::ReadError;
 Examples:
   esm param get --port /dev/ttyUSB0
   esm param get motion/Cruise.speed --port /dev/ttyUSB0
-  esm param set motion/Cruise.speed 0.3 --port /dev/ttyUSB0"
+  esm param set motion/Cruise.speed 0.3 --port /dev/ttyUSB0
+  esm param save --port /dev/ttyUSB0"
 )]
 pub struct ParamArgs {
     /// What to do.
@@ -40,9 +43,10 @@ pub struct ParamArgs {
 pub enum Action {
     Get(GetArgs),
     Set(SetArgs),
+    Save(SaveArgs),
 }
 
-/// Shows the values of parameters, and what the mission says where they differ
+/// Shows the values of parameters, and what the mission says and what was saved where they differ
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -64,8 +68,8 @@ pub struct GetArgs {
 
 /// Gives a parameter another value, from the next macro step on
 ///
-/// The value holds for all instances of the task state, until a mission starts or starts anew. The robot takes what is within the bounds that its
-/// firmware's task declares.
+/// The value holds for all instances of the task state, until a mission starts or starts anew, or beyond that if it is saved. The robot takes what is within
+/// the bounds that its firmware's task declares.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -89,6 +93,34 @@ pub struct SetArgs {
     pub json: bool,
 }
 
+/// Keeps the values that differ now in the robot's flash, for the mission that runs
+///
+/// Each time that this mission starts from now on, it starts with them. They take the place of what was saved before, for this mission or another. Where nothing
+/// differs, nothing is saved any more.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esm param save --port /dev/ttyUSB0
+  esm param save --port /dev/ttyUSB0 --json")]
+pub struct SaveArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
+
+    /// One JSON object, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What was saved, in the form of its JSON.
+#[derive(Debug, Serialize)]
+struct SaveReport {
+    /// Hash of the mission.
+    mission: String,
+    /// How many values.
+    saved: u8,
+}
+
 /// A parameter, in the form of its JSON. Values are numbers or booleans.
 #[derive(Debug, Serialize)]
 struct ParamReport<'a> {
@@ -101,6 +133,9 @@ struct ParamReport<'a> {
     /// The value that the mission gives it; `esm param get` says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     of_mission: Option<Value>,
+    /// The value that was saved for it, if one was; `esm param get` says it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    saved: Option<Value>,
     /// The value that it had before; `esm param set` says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     before: Option<Value>,
@@ -120,6 +155,7 @@ pub fn execute(args: &ParamArgs, console: &mut Console) -> Result<(), CommandErr
     match &args.action {
         Action::Get(args) => get(args, console),
         Action::Set(args) => set(args, console),
+        Action::Save(args) => save(args, console),
     }
 }
 
@@ -136,22 +172,43 @@ fn get(args: &GetArgs, console: &mut Console) -> Result<(), CommandError> {
     let width = width.unwrap_or_default();
     for parameter in wanted {
         let kind = parameter.kind;
-        let (value, of_mission) = robot.param(known.mission, parameter.index)?;
+        let ParamBits {
+            value,
+            of_mission,
+            saved,
+        } = robot.param(known.mission, parameter.index)?;
         if args.json {
             console.json_line(&ParamReport {
                 names: &parameter.names,
                 kind: kind.name(),
                 value: kind.value(value),
                 of_mission: Some(kind.value(of_mission)),
+                saved: saved.map(|saved| kind.value(saved)),
                 before: None,
             })?;
             continue;
         }
         let mut row = format!("{:<width$}  {}", parameter.name(), kind.value(value));
-        if value != of_mission {
-            // Writing to a string cannot fail.
-            let _ = write!(row, "  (the mission says {})", kind.value(of_mission));
-        }
+        // Writing to a string cannot fail.
+        let _ = match saved {
+            Some(saved) if saved == value => write!(
+                row,
+                "  (saved; the mission says {})",
+                kind.value(of_mission)
+            ),
+            Some(saved) => write!(
+                row,
+                "  (saved: {}; the mission says {})",
+                kind.value(saved),
+                kind.value(of_mission)
+            ),
+            None if value != of_mission => write!(
+                row,
+                "  (not saved; the mission says {})",
+                kind.value(of_mission)
+            ),
+            None => Ok(()),
+        };
         if let [_, others @ ..] = &parameter.names[..]
             && !others.is_empty()
         {
@@ -193,6 +250,7 @@ fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
             kind: kind.name(),
             value: kind.value(value),
             of_mission: None,
+            saved: None,
             before: Some(kind.value(before)),
         });
     }
@@ -202,6 +260,25 @@ fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
         kind.value(before),
         kind.value(value)
     ))
+}
+
+fn save(args: &SaveArgs, console: &mut Console) -> Result<(), CommandError> {
+    let (mut robot, info) = args.robot.connect()?;
+    let mission = info.mission.ok_or_else(|| {
+        CommandError::Input(anyhow!(
+            "the robot has no mission; `esm upload` gives it one"
+        ))
+    })?;
+    let saved = robot.save_params(mission)?;
+    let mission = hash_text(mission);
+    if args.json {
+        return console.json_line(&SaveReport { mission, saved });
+    }
+    console.text(&match saved {
+        0 => format!("nothing differs from mission {mission}: nothing is saved any more\n"),
+        1 => format!("1 value saved: mission {mission} starts with it\n"),
+        _ => format!("{saved} values saved: mission {mission} starts with them\n"),
+    })
 }
 
 impl Known {

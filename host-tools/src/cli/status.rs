@@ -56,6 +56,8 @@ pub struct StatusReport {
     pub kept: Option<KeptReport>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
+    /// Values of parameters that were saved for the mission.
+    pub saved_params: u8,
     /// Current local states, depth first.
     pub active: Vec<String>,
     /// Macro steps since the mission started.
@@ -309,6 +311,7 @@ impl StatusReport {
             fell_back: status.fell_back.map(FallBackReport::from),
             kept: status.kept.map(KeptReport::from),
             changed_params: status.changed_params,
+            saved_params: status.saved_params,
             active: reading.active,
             steps: status.steps,
             t_us: status.t_us,
@@ -349,12 +352,12 @@ impl fmt::Display for StatusReport {
             )?;
             row("current states", self.active.join(", "))?;
         }
-        if self.changed_params > 0 {
+        if self.changed_params > 0 || self.saved_params > 0 {
             row(
                 "parameters",
                 format!(
-                    "{} differ from the mission's: `esm param get`",
-                    self.changed_params
+                    "{} differ from the mission's, {} saved: `esm param get`",
+                    self.changed_params, self.saved_params
                 ),
             )?;
         }

@@ -51,7 +51,7 @@ pub const CAPACITIES: Capacities = Capacities {
     exclusive_groups: GROUPS as u16,
 };
 
-/// Bytes of its flash for missions.
+/// Bytes of its flash, for missions and records.
 const FLASH_BYTES: u32 = keep::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
 
 /// Room for the trace of many macro steps, should the reader be slow.

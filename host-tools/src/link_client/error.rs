@@ -150,9 +150,10 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoSuchIndex => "it has nothing of that number".into(),
         LinkError::Busy => "it still works on the request before".into(),
         LinkError::OnTrial => "a mission is on trial, and the one before is kept until then; `esm confirm` or `esm fallback` first".into(),
+        LinkError::NoStore => "it has no flash that it could keep this in; write it into the mission, and upload that".into(),
         LinkError::NotBuiltIn => "its firmware was built without this".into(),
         LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),
-        LinkError::FlashRefused => "its flash did not take the mission; what it ran before is what it starts with".into(),
+        LinkError::FlashRefused => "its flash did not take it; what was in it before is what it starts with".into(),
         LinkError::OtherMission => "another mission runs there by now; ask again".into(),
         LinkError::ParamNoValue => "that is no value of the parameter's type; NaN and infinity are no numbers there".into(),
         // The bits mean something to who knows the parameter's type.

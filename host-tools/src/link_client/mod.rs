@@ -80,6 +80,17 @@ pub struct Committed {
     pub carried: u16,
 }
 
+/// A parameter of the mission that runs, by the bits of its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ParamBits {
+    /// The value that it has now.
+    pub value: u32,
+    /// The value that the mission gives it.
+    pub of_mission: u32,
+    /// The value that was saved for it.
+    pub saved: Option<u32>,
+}
+
 /// What is current on a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CurrentStates {
@@ -425,14 +436,22 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("fall back", Request::FallBack { mission })
     }
 
-    /// The value of a parameter of the running mission, and the one that the mission gives it, by their bits; `param` is its index in the blob.
+    /// The value of a parameter of the running mission, the one that the mission gives it, and the one that was saved, by their bits; `param` is its index in the blob.
     ///
     /// # Errors
     /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs than the one of this hash.
-    pub fn param(&mut self, mission: u32, param: u16) -> Result<(u32, u32), ClientError> {
+    pub fn param(&mut self, mission: u32, param: u16) -> Result<ParamBits, ClientError> {
         let request = Request::Param { mission, param };
         self.ask("read the parameter", request, |response| match response {
-            Response::Param { value, of_mission } => Some((value, of_mission)),
+            Response::Param {
+                value,
+                of_mission,
+                saved,
+            } => Some(ParamBits {
+                value,
+                of_mission,
+                saved,
+            }),
             _ => None,
         })
     }
@@ -449,6 +468,19 @@ impl<L: ByteLink> LinkClient<L> {
         };
         self.ask("set the parameter", request, |response| match response {
             Response::ParamSet { before } => Some(before),
+            _ => None,
+        })
+    }
+
+    /// Lets the robot keep the values of parameters that differ now from those of the mission of this hash, and start it with them from now on. Answers how many
+    /// there are.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::NoStore`] by a robot that has no flash to keep them in, with [`LinkError::OnTrial`] while the mission is on trial.
+    pub fn save_params(&mut self, mission: u32) -> Result<u8, ClientError> {
+        let request = Request::SaveParams { mission };
+        self.ask("save parameters", request, |response| match response {
+            Response::ParamsSaved { count } => Some(count),
             _ => None,
         })
     }

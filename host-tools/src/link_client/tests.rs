@@ -314,7 +314,6 @@ fn nothing_runs_but_what_was_sent_however_bad_the_line() {
     }
 }
 
-/// The blob of a mission that ships.
 #[test]
 fn parameters_of_a_running_mission_change_within_what_its_task_declares() {
     const NAME: &str = "motion/Roam/steps/AvoidRight/steps/Retreat.speed_m_per_s";
@@ -327,16 +326,15 @@ fn parameters_of_a_running_mission_change_within_what_its_task_declares() {
     let speed = (parameters.iter()).find(|parameter| has_name(&parameter.names));
     let index = speed.unwrap().index;
     let bits = |value: f32| value.to_bits();
-    assert_eq!(
-        client.param(mission, index).unwrap(),
-        (bits(0.15), bits(0.15))
-    );
+    let of = |value| ParamBits {
+        value: bits(value),
+        of_mission: bits(0.15),
+        saved: None,
+    };
+    assert_eq!(client.param(mission, index).unwrap(), of(0.15));
     let before = client.set_param(mission, index, bits(0.2)).unwrap();
     assert_eq!(before, bits(0.15));
-    assert_eq!(
-        client.param(mission, index).unwrap(),
-        (bits(0.2), bits(0.15))
-    );
+    assert_eq!(client.param(mission, index).unwrap(), of(0.2));
     assert_eq!(client.status().unwrap().changed_params, 1);
     let outside = LinkError::ParamOutside {
         min: bits(0.0),
@@ -354,6 +352,7 @@ fn parameters_of_a_running_mission_change_within_what_its_task_declares() {
     assert_eq!(refused.refusal(), Some(LinkError::OtherMission));
 }
 
+/// The blob of a mission that ships.
 fn mission() -> Vec<u8> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/patrol.esm");
     let mut checked = crate::lang::load(&file).unwrap();

@@ -83,6 +83,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::FallBack { .. }
         | Request::Start
         | Request::SetParam { .. }
+        | Request::SaveParams { .. }
         | Request::InstallKey { .. }
         | Request::RemoveKey => Needs::Key,
     }

@@ -21,6 +21,7 @@ use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::check::check;
 use crate::mail::{Bytes, Freed, Letter};
 use crate::ports::Registry;
+use crate::realtime::params::SavedParams;
 use crate::recorder::RecordReader;
 use crate::ring::RingReader;
 use crate::runtime::About;
@@ -316,6 +317,21 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         let Some((seq, letter)) = self.desk.open_letter() else {
             return;
         };
+        if let Letter::Changed(saved) = *letter {
+            // The flash has it before the robot counts on it.
+            let kept = (port.keeper())
+                .ok_or(LinkError::NoStore)
+                .and_then(|keeper| keeper.save_params(&saved));
+            match kept {
+                Ok(()) => {
+                    *letter = Letter::Saved(saved);
+                    self.desk.letter = Some(letter);
+                    self.desk.post(seq);
+                    return;
+                }
+                Err(error) => *letter = Letter::Failed(error),
+            }
+        }
         let kept = keep_in_mind(letter, port.keeper());
         if let (true, Some((last, _))) = (self.awaited, self.last)
             && Some(last) == seq
@@ -414,6 +430,12 @@ fn keep_in_mind(
     }
 }
 
+/// What the board keeps of parameters.
+fn saved_params(port: &mut impl LinkPort) -> SavedParams {
+    let keeper = port.keeper();
+    keeper.map_or(SavedParams::NONE, |keeper| keeper.saved_params())
+}
+
 /// The answer that a letter brings.
 fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
     match letter {
@@ -435,10 +457,16 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
         }),
         Letter::Slot(counters) => Ok(Response::Slot(*counters)),
         Letter::Task(counters) => Ok(Response::TaskInstance(*counters)),
-        Letter::Param { value, of_mission } => Ok(Response::Param {
+        Letter::Param {
+            value,
+            of_mission,
+            saved,
+        } => Ok(Response::Param {
             value: *value,
             of_mission: *of_mission,
+            saved: *saved,
         }),
+        Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
         _ => Ok(Response::Done),
     }
@@ -529,6 +557,10 @@ impl<'m> Desk<'_, 'm> {
                     value,
                 },
             ),
+            Request::SaveParams { mission } => match port.keeper() {
+                Some(_) => self.ask(seq, Letter::ReadChanged { mission }),
+                None => Reaction::Answer(Err(LinkError::NoStore)),
+            },
             Request::Watch { news, period_ms } => {
                 self.watch = news.then(|| Watch::new(period_ms));
                 Reaction::Answer(Ok(Response::Done))
@@ -683,6 +715,7 @@ impl<'m> Desk<'_, 'm> {
             changed_params: health.changed_params,
             record_dropped: self.record.dropped(),
             record_pending: !(self.record.is_empty() && self.streams_are_sent),
+            saved_params: health.saved_params,
         }))
     }
 
@@ -871,6 +904,7 @@ impl<'m> Desk<'_, 'm> {
                 **letter = Letter::Swap {
                     mission: verified,
                     swap,
+                    saved: saved_params(port),
                 };
                 Ok(())
             }
@@ -934,7 +968,11 @@ impl<'m> Desk<'_, 'm> {
                     warm: false,
                     trial_ms,
                 };
-                **letter = Letter::Swap { mission, swap };
+                **letter = Letter::Swap {
+                    mission,
+                    swap,
+                    saved: saved_params(port),
+                };
                 self.post(None);
             }
             (Ok(mission), None) => self.keep(mission.into_bytes()),

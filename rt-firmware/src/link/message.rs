@@ -176,6 +176,12 @@ pub enum Request<'a> {
         /// A sample each so many milliseconds of the mission's time, at least [`SHORTEST_PERIOD_MS`](super::news::SHORTEST_PERIOD_MS); 0 for none.
         period_ms: u32,
     },
+    /// Keep the values that differ now from the mission's: with them it starts from now on. Where none differs, none is kept. Answer, when the flash has them:
+    /// [`Response::ParamsSaved`].
+    SaveParams {
+        /// Hash of the mission.
+        mission: u32,
+    },
 }
 
 /// How a mission takes over.
@@ -311,11 +317,18 @@ pub enum Response<'a> {
         value: u32,
         /// Bits of the value that the mission gives it.
         of_mission: u32,
+        /// Bits of the value that was [saved](Request::SaveParams) for it.
+        saved: Option<u32>,
     },
     /// To [`Request::SetParam`]: it is in force since the last macro step began.
     ParamSet {
         /// Bits of the value before.
         before: u32,
+    },
+    /// To [`Request::SaveParams`]: they are in the flash.
+    ParamsSaved {
+        /// How many.
+        count: u8,
     },
 }
 
@@ -583,6 +596,8 @@ pub enum LinkError {
     },
     /// This firmware was built without it.
     NotBuiltIn,
+    /// The robot has no flash that it could keep this in.
+    NoStore,
 }
 
 /// How the robot is.
@@ -624,6 +639,8 @@ pub struct Status {
     pub record_dropped: u32,
     /// Whether something that was recorded was not sent yet, or another stream's part stands before it.
     pub record_pending: bool,
+    /// Values of parameters that were [saved](Request::SaveParams) for the mission.
+    pub saved_params: u8,
 }
 
 /// What a robot is doing.
@@ -830,6 +847,7 @@ mod tests {
                 slots: [SlotState::NoRoom { len: u32::MAX }; 2],
             }),
             changed_params: u8::MAX,
+            saved_params: u8::MAX,
             record_dropped: u32::MAX,
             record_pending: true,
         };

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::message::{LinkError, SafeReason};
+use crate::realtime::params::SavedParams;
 use crate::store::keep::{Kept, Start};
 
 /// A mission that runs on trial.
@@ -81,6 +82,15 @@ pub trait MissionKeeper {
 
     /// Which mission runs, and why.
     fn kept(&self) -> Kept;
+
+    /// Keeps values of parameters, in place of those before, for whatever mission they were; none of [`SavedParams::NONE`]. Cut at any time, these are kept or those before.
+    ///
+    /// # Errors
+    /// What the host is to be told. Those before may have stayed.
+    fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError>;
+
+    /// The values that are kept.
+    fn saved_params(&mut self) -> SavedParams;
 }
 
 /// How long a mission that a robot starts with may run on trial, in milliseconds: one whose upload came to its end and whose trial did not begin before the

@@ -32,7 +32,7 @@ use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
 use crate::task::{Declaration, Direction, Step};
 use esm_core::BlobBuffer;
-use params::LiveParams;
+use params::{LiveParams, SavedParams};
 use slots::{SlotEntry, nanoseconds};
 use tasks::{NONE, TaskTable};
 use trace::{StepObserver, Trace};
@@ -179,6 +179,8 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
     params: LiveParams,
+    /// What the mission of this hash starts with.
+    saved: SavedParams,
     trial: Option<Trial<'m>>,
     trace: Trace<'m>,
     kept: Option<&'m Kept>,
@@ -280,6 +282,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             freed: parts.freed,
             waiting: None,
             params: LiveParams::NONE,
+            saved: SavedParams::NONE,
             trial: None,
             trace: parts.trace,
             kept: parts.kept,
@@ -1137,7 +1140,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 self.fall_back(FallBackReason::Asked, at);
                 Letter::Done
             }
-            Letter::Swap { mission, swap } => self.swap(mission, swap, at),
+            Letter::Swap {
+                mission,
+                swap,
+                saved,
+            } => {
+                self.saved = saved;
+                self.swap(mission, swap, at)
+            }
             _ => self.start_anew(at),
         };
         self.tell_health();
@@ -1361,6 +1371,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let longest = tables.slots().map(|slot| slot.period_us).max();
         self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
+        let saved = self.saved.of(mission);
+        params::restore(&mut self.params, saved, &tables, registry);
         self.health.mission = Some(mission);
         if self.mode != Mode::Stopped {
             self.mode = Mode::Running;
@@ -1424,6 +1436,18 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 }
                 Err(error) => Letter::Failed(error),
             },
+            &Letter::ReadChanged { mission } => match (&self.trial, self.mission_of(mission)) {
+                // So that what the mission before starts with is what was saved for it.
+                (Some(_), _) => Letter::Failed(LinkError::OnTrial),
+                (None, Ok(_)) => Letter::Changed(SavedParams::new(mission, self.params)),
+                (None, Err(error)) => Letter::Failed(error),
+            },
+            Letter::Saved(saved) => {
+                self.saved = *saved;
+                Letter::ParamsSaved {
+                    count: self.saved.len(),
+                }
+            }
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
                 (_, None) => {
@@ -1532,6 +1556,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     (Ok(_), Some(of_mission)) => Letter::Param {
                         value: self.params.get(param).unwrap_or(of_mission),
                         of_mission,
+                        saved: self.saved.of(mission).get(param),
                     },
                     (Ok(_), None) => Letter::Failed(LinkError::NoSuchIndex),
                     (Err(error), _) => Letter::Failed(error),
@@ -1556,6 +1581,11 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .map_or(0, |mission| mission.occurrences as u32);
         self.health.background_busy = self.executor.lent().is_some();
         self.health.changed_params = self.params.len();
+        let saved = self
+            .health
+            .mission
+            .map(|mission| self.saved.of(mission).len());
+        self.health.saved_params = saved.unwrap_or_default();
         const US_PER_MS: u32 = 1_000;
         self.health.trial = self.trial.as_ref().map(|trial| trial::Trial {
             // Divided as ticks are: a division of 64 bits would take a routine of its own.

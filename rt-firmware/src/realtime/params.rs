@@ -1,7 +1,7 @@
 //! Values of parameters that a host changed while the mission runs.
 //!
 //! The mission's own values stand in its blob, which nobody writes. Beside it is kept what differs: so a mission that starts, or starts anew, has the values of its
-//! blob again. A parameter belongs to a task state of a container, so that a value is that of all its instances at once.
+//! blob again, but for values that were saved for it. A parameter belongs to a task state of a container, so that a value is that of all its instances at once.
 
 use esm_core::tables::Tables;
 
@@ -16,6 +16,7 @@ pub const MAX_CHANGED: usize = 8;
 const FREE: u16 = u16::MAX;
 
 /// The parameters that differ from the mission's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct LiveParams {
     /// Which, by their indices in the blob.
     params: [u16; MAX_CHANGED],
@@ -80,6 +81,103 @@ impl LiveParams {
             {
                 *bits = *value;
             }
+        }
+    }
+}
+
+/// Values of parameters that were saved for a mission, which starts with them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SavedParams {
+    /// The mission's hash.
+    mission: u32,
+    values: LiveParams,
+}
+
+impl SavedParams {
+    /// Nothing was saved.
+    pub const NONE: SavedParams = SavedParams {
+        mission: 0,
+        values: LiveParams::NONE,
+    };
+    /// Bytes of as many values as there can be.
+    pub const MAX_BYTES: usize = HASH_BYTES + MAX_CHANGED * VALUE_BYTES;
+
+    /// What differs now from the values of the mission of this hash.
+    pub(crate) fn new(mission: u32, values: LiveParams) -> Self {
+        SavedParams { mission, values }
+    }
+
+    /// The values for the mission of this hash.
+    pub(crate) fn of(&self, mission: u32) -> &LiveParams {
+        match self.mission == mission {
+            true => &self.values,
+            false => &LiveParams::NONE,
+        }
+    }
+
+    /// How many there are.
+    pub(crate) fn len(&self) -> u8 {
+        self.values.len()
+    }
+
+    /// As bytes: the mission's hash, then of each value the parameter's index (two bytes) and its bits (four), all little endian. No bytes where there is no value.
+    pub fn put_into<'r>(&self, room: &'r mut [u8; Self::MAX_BYTES]) -> &'r [u8] {
+        let (hash, places) = room.split_at_mut(HASH_BYTES);
+        hash.copy_from_slice(&self.mission.to_le_bytes());
+        let (places, _) = places.as_chunks_mut::<VALUE_BYTES>();
+        let values = self.values.params.iter().zip(&self.values.values);
+        let mut len = 0;
+        for (place, (param, value)) in places
+            .iter_mut()
+            .zip(values.filter(|(param, _)| **param != FREE))
+        {
+            let [low, high] = param.to_le_bytes();
+            let [a, b, c, d] = value.to_le_bytes();
+            *place = [low, high, a, b, c, d];
+            len += VALUE_BYTES;
+        }
+        match len {
+            0 => &[],
+            len => room.get(..HASH_BYTES + len).unwrap_or_default(),
+        }
+    }
+
+    /// From [bytes](Self::put_into). What is not whole at their end is passed over.
+    pub fn from_bytes(bytes: &[u8]) -> Self {
+        let mut saved = Self::NONE;
+        let Some((hash, values)) = bytes.split_first_chunk() else {
+            return saved;
+        };
+        saved.mission = u32::from_le_bytes(*hash);
+        let places = (saved.values.params.iter_mut()).zip(&mut saved.values.values);
+        let (values, _) = values.as_chunks::<VALUE_BYTES>();
+        for ((param, value), [low, high, a, b, c, d]) in places.zip(values) {
+            *param = u16::from_le_bytes([*low, *high]);
+            *value = u32::from_le_bytes([*a, *b, *c, *d]);
+        }
+        saved
+    }
+}
+
+const HASH_BYTES: usize = size_of::<u32>();
+/// Index and bits.
+const VALUE_BYTES: usize = size_of::<u16>() + size_of::<u32>();
+
+/// Gives a mission that starts the values that were saved for it, as far as the firmware's tasks take them: it may be another firmware than the one that saved them.
+// Not inlined: it is seldom that there are some.
+#[inline(never)]
+pub(crate) fn restore(
+    params: &mut LiveParams,
+    saved: &LiveParams,
+    tables: &Tables<'_>,
+    registry: Registry<'_>,
+) {
+    for (param, value) in saved.params.iter().zip(&saved.values) {
+        if let Some(of_mission) = tables.param(usize::from(*param))
+            && declared(tables, registry, *param)
+                .is_some_and(|declared| check(declared, *value).is_ok())
+        {
+            params.set(*param, *value, of_mission);
         }
     }
 }

@@ -3,16 +3,20 @@
 use embedded_storage::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
 
-use super::records::Records;
+use super::records::{Found, Key, Records};
 use super::{
     AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, SlotState,
     Store, TrialError,
 };
 use crate::link::message::{Capacity, LinkError};
 use crate::link::trial::MissionKeeper;
+use crate::realtime::params::SavedParams;
 
 /// Room for records: what [`Keep::open`] is to be given.
 pub const RECORD_BYTES: usize = 512;
+
+/// The record of [`SavedParams`]; those before it are [those of the key](crate::link::key_safe::KeyRecord).
+const SAVED_PARAMS: Key = Key(4);
 
 /// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where `erase_bytes` are erased at once.
 pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
@@ -261,6 +265,22 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
 
     fn kept(&self) -> Kept {
         self.kept
+    }
+
+    fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError> {
+        // A new table in the place of a damaged one would have no key.
+        if self.records.found() == Found::Damage {
+            return Err(LinkError::FlashRefused);
+        }
+        let mut room = [0; SavedParams::MAX_BYTES];
+        let bytes = saved.put_into(&mut room);
+        let kept = self.records.put(SAVED_PARAMS, bytes);
+        kept.map_err(|_| LinkError::FlashRefused)
+    }
+
+    fn saved_params(&mut self) -> SavedParams {
+        let record = self.records.get(SAVED_PARAMS);
+        record.map_or(SavedParams::NONE, SavedParams::from_bytes)
     }
 }
 

@@ -88,6 +88,8 @@ mod power_cuts;
 pub mod records;
 #[cfg(test)]
 mod records_power_cuts;
+#[cfg(test)]
+mod saved_params;
 
 pub use layout::{
     ADVANCES, BLOCK_BYTES, CONFIRMATIONS, HEAD_BYTES, Layout, LayoutError, PROMOTIONS, Slot,

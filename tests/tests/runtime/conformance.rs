@@ -231,6 +231,12 @@ fn write_frames(text: &mut String) {
                 value: 0.3_f32.to_bits(),
             },
         ),
+        (
+            "request save params",
+            Request::SaveParams {
+                mission: 0x1234_abcd,
+            },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -282,10 +288,11 @@ fn write_frames(text: &mut String) {
             slots: [SlotState::NoRoom { len: 5000 }, SlotState::OnTrial],
         }),
         changed_params: 200,
+        saved_params: 201,
         record_dropped: 300,
         record_pending: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 46] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 49] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -411,8 +418,18 @@ fn write_frames(text: &mut String) {
             Ok(Response::Param {
                 value: 0.3_f32.to_bits(),
                 of_mission: 7,
+                saved: None,
             }),
         ),
+        (
+            "param saved",
+            Ok(Response::Param {
+                value: 1,
+                of_mission: 2,
+                saved: Some(300),
+            }),
+        ),
+        ("params saved", Ok(Response::ParamsSaved { count: 8 })),
         ("param set", Ok(Response::ParamSet { before: u32::MAX })),
         ("error malformed", Err(LinkError::Malformed)),
         ("error no upload", Err(LinkError::NoUpload)),
@@ -499,6 +516,7 @@ fn write_frames(text: &mut String) {
             Err(LinkError::TooManyParams { available: 8 }),
         ),
         ("error not built in", Err(LinkError::NotBuiltIn)),
+        ("error no store", Err(LinkError::NoStore)),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(

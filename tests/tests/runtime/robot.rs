@@ -14,6 +14,7 @@ use rt_firmware::link::message::{
 use rt_firmware::link::news::News;
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::realtime::params::SavedParams;
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{self, Kept, Start};
 use rt_firmware::tasks::SlotMonitor;
@@ -233,6 +234,10 @@ pub struct Memo {
     pub is_full: bool,
     /// What it was told.
     pub told: Vec<String>,
+    /// What it keeps of parameters.
+    pub saved: Option<SavedParams>,
+    /// Its flash takes nothing more.
+    pub is_worn: bool,
 }
 
 impl MissionKeeper for Memo {
@@ -263,6 +268,18 @@ impl MissionKeeper for Memo {
             runs: keep::Source::Nothing,
             slots: [SlotState::Empty; 2],
         }
+    }
+
+    fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError> {
+        if self.is_worn {
+            return Err(LinkError::FlashRefused);
+        }
+        self.saved = Some(*saved);
+        Ok(())
+    }
+
+    fn saved_params(&mut self) -> SavedParams {
+        self.saved.unwrap_or(SavedParams::NONE)
     }
 }
 
@@ -433,6 +450,10 @@ pub enum Answer {
     Param {
         value: u32,
         of_mission: u32,
+        saved: Option<u32>,
+    },
+    ParamsSaved {
+        count: u8,
     },
     ParamSet {
         before: u32,
@@ -520,9 +541,16 @@ impl Bench<'_, '_, '_> {
                             counter,
                             key,
                         },
-                        Response::Param { value, of_mission } => {
-                            Answer::Param { value, of_mission }
-                        }
+                        Response::Param {
+                            value,
+                            of_mission,
+                            saved,
+                        } => Answer::Param {
+                            value,
+                            of_mission,
+                            saved,
+                        },
+                        Response::ParamsSaved { count } => Answer::ParamsSaved { count },
                         Response::ParamSet { before } => Answer::ParamSet { before },
                     }),
                 )),

@@ -401,6 +401,7 @@ pub(super) mod tests {
                 changed_params: 0,
                 record_dropped: 0,
                 record_pending: false,
+                saved_params: 0,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]
