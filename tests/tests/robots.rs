@@ -141,6 +141,42 @@ fn a_mission_that_fails_its_trial_gives_way_to_the_one_before() {
     }
 }
 
+#[test]
+fn a_warm_swap_to_the_mission_with_another_parameter_misses_no_slot() {
+    let folder = tempfile::tempdir().unwrap();
+    let missions = esm_tests::command::root().join("missions");
+    std::fs::copy(missions.join("rover.esm"), folder.path().join("rover.esm")).unwrap();
+    let patrol = std::fs::read_to_string(missions.join("patrol.esm")).unwrap();
+    let changed = patrol.replace("angle_rad = 1.0", "angle_rad = 1.5");
+    assert_ne!(changed, patrol);
+    let path = folder.path().join("patrol.esm");
+    std::fs::write(&path, changed).unwrap();
+    let (there, back) = (path.to_str().unwrap(), "missions/patrol.esm");
+    for board in BOARDS {
+        let robot = Robot::start(board, None);
+        robot.esm(&["upload", back]).good();
+        robot.status_when("patrol", |status| status["t_us"].as_u64() > Some(1_500_000));
+        for file in [there, back, there] {
+            let told = robot.esm(&["upload", file, "--warm", "--json"]).good();
+            let told = told.json();
+            assert!(
+                told["carried_regions"].as_u64() > Some(0),
+                "{board}: {told:#}"
+            );
+            let anew = &told["carry_over"]["starts_anew"];
+            assert_eq!(anew, &serde_json::json!([]), "{board}: {told:#}");
+            assert_eq!(
+                told["slots_moved"],
+                serde_json::json!([]),
+                "{board}: {told:#}"
+            );
+            let status = robot.status();
+            assert_eq!(status["mode"], "running", "{board}: {status:#}");
+            assert_eq!(status["slots_missed"], 0, "{board}: {status:#}");
+        }
+    }
+}
+
 /// A mission that does nothing in these slots.
 fn idle_in(folder: &std::path::Path, name: &str, slots: &str) -> String {
     let path = folder.join(name);

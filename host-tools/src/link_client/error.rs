@@ -1,5 +1,6 @@
 //! What can go wrong between host and robot, in sentences that say what to do.
 
+use std::cmp::Ordering;
 use std::io;
 use std::time::Duration;
 
@@ -34,7 +35,12 @@ pub enum ClientError {
     /// The robot's firmware and this program do not speak the same.
     #[error(
         "the robot speaks version {robot} of the link, this program version {PROTOCOL_VERSION}; {}",
-        if *robot < PROTOCOL_VERSION { "flash a newer firmware" } else { "use a newer esm" }
+        match robot.cmp(&PROTOCOL_VERSION) {
+            Ordering::Less => "flash a newer firmware",
+            // Both are of a time before this version was released.
+            Ordering::Equal => "but not the same draft of it: build firmware and esm from the same source",
+            Ordering::Greater => "use a newer esm",
+        }
     )]
     OtherVersion {
         /// The robot's version.

@@ -169,8 +169,15 @@ fn a_robot_of_another_version_is_named_as_such() {
     let newer = |seq: u8, frame: &mut [u8]| {
         frame::encode(&(0u8, seq, 0u8, 0u8, 300u16, [0xffu8; 4]), frame)
     };
+    let draft = |seq: u8, frame: &mut [u8]| {
+        frame::encode(&(0u8, seq, 0u8, 0u8, PROTOCOL_VERSION, "draft"), frame)
+    };
     type Answer = fn(u8, &mut [u8]) -> Result<usize, FrameError>;
-    for (answer, version) in [(older as Answer, 2), (newer, 300)] {
+    for (answer, version, advice) in [
+        (older as Answer, 2, "flash a newer firmware"),
+        (draft, PROTOCOL_VERSION, "from the same source"),
+        (newer, 300, "use a newer esm"),
+    ] {
         let (near, mut far) = pipe::pair();
         let robot = std::thread::spawn(move || {
             let mut reader = FrameReader::new();
@@ -194,6 +201,7 @@ fn a_robot_of_another_version_is_named_as_such() {
             matches!(error, ClientError::OtherVersion { robot } if robot == version),
             "{error}"
         );
+        assert!(error.to_string().ends_with(advice), "{error}");
         assert!(started.elapsed() < Duration::from_secs(1));
         robot.join().unwrap();
     }
