@@ -110,6 +110,7 @@ impl Recorded {
         });
         let plan = Plan {
             flash: None,
+            key: None,
             board: Board::Host {
                 robot: host_board::rover,
             },
