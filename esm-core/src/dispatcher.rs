@@ -168,6 +168,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     ///
     /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the slot goes on with the one that
     /// `now_us` falls into. So one slot is handed out at most once a period, however late the caller is.
+    #[cfg_attr(small, inline(never))]
     pub fn take(&mut self, now_us: u64) -> Option<Occurrence> {
         if self.is_empty() {
             return None;
@@ -255,7 +256,9 @@ fn entrance(len: usize, key: Key) -> usize {
 /// than an hour, which happens once a mission at most, it is done bit by bit.
 #[inline(never)]
 fn periods_in(duration_us: u64, period_us: u32) -> u64 {
-    if let Ok(duration_us) = u32::try_from(duration_us) {
+    if !cfg!(small)
+        && let Ok(duration_us) = u32::try_from(duration_us)
+    {
         // Without a period nothing is divided: so there is no panic to link.
         return u64::from(duration_us.checked_div(period_us).unwrap_or(0));
     }
