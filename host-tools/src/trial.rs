@@ -60,7 +60,7 @@ pub fn watch<L: ByteLink>(robot: &mut LinkClient<L>, mission: u32) -> Result<Out
         if let Some(outcome) = known(&status, mission) {
             return Ok(outcome);
         }
-        let stopped = status.mode == Mode::Stopped;
+        let stopped = status.mode.is_latched();
         if stopped || (status.t_us >= HEALTHY_US && status.steps >= HEALTHY_STEPS) {
             match robot.confirm(mission) {
                 Ok(()) if stopped => return Ok(Outcome::ConfirmedUnseen),

@@ -398,6 +398,7 @@ impl Mode {
             Mode::Running => 1,
             Mode::Stopped => 2,
             Mode::Safe(reason) => 3 + reason.number(),
+            Mode::EmergencyStopped => u8::MAX,
         }
     }
 
@@ -407,6 +408,7 @@ impl Mode {
             0 => Mode::Empty,
             1 => Mode::Running,
             2 => Mode::Stopped,
+            u8::MAX => Mode::EmergencyStopped,
             safe => Mode::Safe(SafeReason::from_number(safe - 3)?),
         })
     }

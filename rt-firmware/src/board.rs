@@ -32,8 +32,15 @@ pub trait Board {
     /// a mission; the watchdog's time must be longer than that, and longer than the longest occurrence.
     fn feed_watchdog(&mut self) {}
 
+    /// Whether somebody presses the emergency stop: a button on a pin, if the board has one. Asked before each occurrence of a slot, and at least each 10 ms;
+    /// whoever lets go of it releases nothing.
+    #[inline(always)]
+    fn is_emergency_stop_pressed(&mut self) -> bool {
+        false
+    }
+
     /// Stops all that moves. Called when the robot stops, again in each occurrence of the interpreter's slot until it starts, and now
-    /// and then while there is no mission.
+    /// and then while there is no mission. After an emergency stop it comes before each [`begin_occurrence`](Self::begin_occurrence).
     fn motors_off(&mut self);
 }
 

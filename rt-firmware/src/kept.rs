@@ -1,4 +1,5 @@
-//! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how often it did so in a row, and the flight recorder.
+//! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how often it did so in a row, an emergency stop, and the
+//! flight recorder.
 //!
 //! A board has one [`Kept`], in a section of its own that nothing writes at the start. It calls [`Kept::begin`] first of all, which tells whether what
 //! stands there is its own, and gives it to the runtime in [`About`](crate::About). Whoever ends the firmware calls [`Kept::end`].
@@ -26,7 +27,11 @@ const _: () = assert!(HEALTHY_US > 2 * SLOT_0_BOUND_US as u64);
 pub const BAD_STARTS: u32 = 3;
 
 /// Says that what stands here was written by a firmware with this layout.
-const MARK: u32 = 0x6B65_7001;
+const MARK: u32 = 0x6B65_7002;
+/// No emergency stop is latched. Whatever else stands there is one: what a stray write leaves keeps the motors off.
+const RELEASED: u32 = 0x52D1_3A9C;
+/// Far from [`RELEASED`] in each byte.
+const LATCHED: u32 = !RELEASED;
 /// No task is executed.
 const NO_TASK: u32 = u32::MAX;
 
@@ -92,6 +97,8 @@ pub struct Kept {
     bad_starts: AtomicU32,
     /// Robot time, 48 bits and more, as of the last occurrence of the interpreter's slot.
     alive_us: [AtomicU32; 2],
+    /// [`RELEASED`], or an emergency stop is latched.
+    emergency_stop: AtomicU32,
     /// The flight recorder.
     pub black_box: BlackBox,
 }
@@ -113,6 +120,7 @@ impl Kept {
             silent: AtomicU32::new(0),
             bad_starts: AtomicU32::new(0),
             alive_us: [const { AtomicU32::new(0) }; 2],
+            emergency_stop: AtomicU32::new(0),
             black_box: BlackBox::new(),
         }
     }
@@ -136,6 +144,7 @@ impl Kept {
             self.black_box.resume();
         } else {
             self.black_box.clear();
+            self.set_emergency_stop(false);
         }
         if !has_news {
             // Nobody has said how far the run had come, but that stands here.
@@ -211,6 +220,17 @@ impl Kept {
     /// does not do so for ever.
     pub fn may_start_by_itself(&self) -> bool {
         self.bad_starts() < BAD_STARTS
+    }
+
+    /// Whether an emergency stop is latched. Told of memory that [`begin`](Self::begin) was called for.
+    pub fn is_emergency_stopped(&self) -> bool {
+        self.mark.load(Relaxed) == MARK && self.emergency_stop.load(Relaxed) != RELEASED
+    }
+
+    /// Latches an emergency stop, or releases it.
+    pub(crate) fn set_emergency_stop(&self, latched: bool) {
+        let word = if latched { LATCHED } else { RELEASED };
+        self.emergency_stop.store(word, Relaxed);
     }
 
     /// This one was silent for so long that the watchdog is fed no more.

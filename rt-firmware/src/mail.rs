@@ -101,6 +101,10 @@ pub enum Letter<'m> {
     Stop,
     /// Link: start anew.
     Start,
+    /// Link: end the emergency stop.
+    Release,
+    /// Real time: it has ended.
+    Released,
     /// Real time: it is done.
     Done,
     /// Link: bytes of the blob from here on.

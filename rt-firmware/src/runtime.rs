@@ -219,6 +219,8 @@ pub fn split<
     let (ended, from_background) = mail.from_background.split();
     let (freed, from_missions) = mail.freed.split();
     let trace_wanted = &memory.trace_wanted;
+    let is_stopped = about.kept.is_some_and(Kept::is_emergency_stopped);
+    *memory.signs.emergency_stop.get_mut() = is_stopped;
     let real_time = RealTime::new(Parts {
         executor,
         arenas: memory.arenas.each_mut().map(|arena| &mut arena[..]),

@@ -253,7 +253,12 @@ mod tests {
 
     #[test]
     fn a_snapshot_reads_back_as_it_was_written() {
-        let modes = [Mode::Empty, Mode::Running, Mode::Stopped];
+        let modes = [
+            Mode::Empty,
+            Mode::Running,
+            Mode::Stopped,
+            Mode::EmergencyStopped,
+        ];
         for mode in modes.into_iter().chain(SafeReason::ALL.map(Mode::Safe)) {
             for (mission, background_busy) in
                 [(None, true), (Some(0), false), (Some(u32::MAX), true)]

@@ -55,6 +55,8 @@ pub(crate) struct Signs {
     pub(crate) slot_0: AtomicBool,
     /// Requests that arrived whole; wraps.
     pub(crate) requests: AtomicU32,
+    /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone, which looks before each exchange with the body.
+    pub(crate) emergency_stop: AtomicBool,
 }
 
 impl Signs {
@@ -63,6 +65,7 @@ impl Signs {
             link: AtomicBool::new(false),
             slot_0: AtomicBool::new(false),
             requests: AtomicU32::new(0),
+            emergency_stop: AtomicBool::new(false),
         }
     }
 }

@@ -120,6 +120,14 @@ class Client:
     def stop(self) -> None:
         self._ask("stop", messages.Done, messages.STOP)
 
+    def emergency_stop(self) -> None:
+        """Motors off, over missions and resets, until `release`."""
+        self._ask("emergency stop", messages.Done, messages.EMERGENCY_STOP)
+
+    def release(self) -> None:
+        """Ends an emergency stop: the robot is stopped then, and `start` starts it."""
+        self._ask("release", messages.Done, messages.RELEASE)
+
     def start(self) -> None:
         self._command("start", messages.Done, messages.START)
 

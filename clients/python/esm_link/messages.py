@@ -8,8 +8,8 @@ PROTOCOL_VERSION = 3
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
-    PARAM, SET_PARAM, WATCH, SAVE_PARAMS,
-) = range(27)  # fmt: skip
+    PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
+) = range(29)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -474,7 +474,7 @@ def _record(record: bytes) -> Record:
 
 
 def _mode(fields: Fields) -> str:
-    mode = fields.one_of(("empty", "running", "stopped", "safe"))
+    mode = fields.one_of(("empty", "running", "stopped", "safe", "emergency stop"))
     return f"safe: {fields.one_of(SAFE_REASONS)}" if mode == "safe" else mode
 
 
@@ -533,6 +533,8 @@ def _error(fields: Fields) -> Error:
         30: "ParamNoValue",
         33: "NotBuiltIn",
         34: "NoStore",
+        35: "EmergencyStopped",
+        36: "StopNotKept",
     }
     if kind in plain:
         return Error(plain[kind], {})

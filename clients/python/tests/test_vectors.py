@@ -81,6 +81,8 @@ class Messages(unittest.TestCase):
             "request fall back": (messages.FALL_BACK, 0x1234ABCD),
             "request last words": (messages.LAST_WORDS,),
             "request watch": (messages.WATCH, True, 1000),
+            "request emergency stop": (messages.EMERGENCY_STOP,),
+            "request release": (messages.RELEASE,),
             "request black box from the oldest": (messages.BLACK_BOX, False),
             "request black box": (messages.BLACK_BOX, True, 70_000),
             "request challenge": (messages.CHALLENGE,),
@@ -130,6 +132,7 @@ class Messages(unittest.TestCase):
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
         news = self.read("news")
         self.assertEqual((news.seq, news.cause, news.mode, news.on_trial), (255, "trial", "running", True))
+        self.assertEqual(self.read("news of an emergency stop").mode, "emergency stop")
         self.assertEqual((news.fell_back.reason, news.t_us, news.spoiled_frames), ("failed: overruns", 2**40, 3))
         part = self.read("stream trace")
         self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))

@@ -98,6 +98,9 @@ fn told(news: &News) -> String {
         Mode::Empty => "no mission".to_owned(),
         Mode::Running => format!("{mission} runs{trial}"),
         Mode::Stopped => format!("stopped, its mission is {mission}{trial}"),
+        Mode::EmergencyStopped => {
+            format!("emergency stop, latched, its mission is {mission}{trial}")
+        }
         Mode::Safe(reason) => format!("safe state: {}", story::safe_reason(reason)),
     };
     let gave_up = match (news.cause, news.fell_back) {

@@ -1,4 +1,4 @@
-//! `esm start`: takes back `esm stop`.
+//! `esm start`: takes back `esm stop`, and with `--release` an emergency stop.
 
 use std::io::Write;
 
@@ -11,12 +11,17 @@ use super::robot::RobotArgs;
 /// Lets a robot that was stopped move again: its mission starts anew
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
-  esm start --port /dev/ttyUSB0")]
+Examples:
+  esm start --port /dev/ttyUSB0
+  esm start --release --port /dev/ttyUSB0   # after `esm stop --emergency`")]
 pub struct StartArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
     pub robot: RobotArgs,
+
+    /// Ends an emergency stop first
+    #[arg(long)]
+    pub release: bool,
 }
 
 /// Runs the command.
@@ -25,6 +30,9 @@ pub struct StartArgs {
 /// What kept it from ending well.
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
+    if args.release {
+        robot.release()?;
+    }
     robot.start()?;
     let told = match info.mission {
         Some(_) => "started: the mission runs from its beginning",

@@ -42,7 +42,7 @@ pub struct StatusReport {
     pub board: String,
     /// Name and version of the firmware.
     pub firmware: String,
-    /// `empty`, `running`, `stopped` or `safe`.
+    /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
@@ -292,6 +292,7 @@ pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
         Mode::Empty => ("empty", None),
         Mode::Running => ("running", None),
         Mode::Stopped => ("stopped", None),
+        Mode::EmergencyStopped => ("emergency stop", None),
         Mode::Safe(reason) => ("safe", Some(story::safe_reason(reason))),
     }
 }
@@ -336,6 +337,9 @@ impl fmt::Display for StatusReport {
         row("robot", format!("{} on {}", self.firmware, self.board))?;
         let mode = match self.safe_reason {
             Some(reason) => format!("safe, motors off: {reason}"),
+            None if self.mode == "emergency stop" => {
+                "emergency stop, latched: motors off until `esm start --release`".to_owned()
+            }
             None if self.mode == "stopped" => "stopped: motors off until `esm start`".to_owned(),
             None => self.mode.to_owned(),
         };

@@ -312,6 +312,9 @@ fn what_runs(status: &Status) -> String {
                 hash_text(mission)
             )
         }
+        (Mode::EmergencyStopped, _) => {
+            "an emergency stop is latched on the robot: `esm start --release`".to_owned()
+        }
         (Mode::Safe(reason), _) => {
             format!(
                 "the robot is in its safe state: {}",

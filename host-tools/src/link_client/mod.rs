@@ -212,6 +212,22 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("stop", Request::Stop)
     }
 
+    /// Emergency stop: motors off, latched over missions and resets until [`LinkClient::release`].
+    ///
+    /// # Errors
+    /// [`ClientError`]; with the refusal [`LinkError::StopNotKept`] the motors are off all the same.
+    pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
+        self.ask_to_do("emergency stop", Request::EmergencyStop)
+    }
+
+    /// Ends an emergency stop. The robot stands still until [`LinkClient::start`].
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn release(&mut self) -> Result<(), ClientError> {
+        self.ask_to_do("release", Request::Release)
+    }
+
     /// The mission starts anew.
     ///
     /// # Errors

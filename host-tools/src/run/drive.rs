@@ -731,6 +731,7 @@ fn is_about_the_mission(error: LinkError) -> bool {
 fn safe_mode(status: &Status) -> Option<String> {
     match status.mode {
         Mode::Safe(reason) => Some(safe_reason(reason).to_owned()),
+        Mode::EmergencyStopped => Some("an emergency stop is latched".to_owned()),
         Mode::Empty | Mode::Running | Mode::Stopped => None,
     }
 }

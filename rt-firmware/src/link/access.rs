@@ -1,7 +1,7 @@
 //! Who may ask for what: which requests need a key's signature, and what is signed. Both ends of a link follow it.
 //!
 //! A robot with a key carries out a request that changes something only if the key has signed it: those bytes, for this once
-//! ([`Request::Signed`]). What only reads is open to everyone, and so is [`Request::Stop`]: whoever sees a robot do harm may stop it.
+//! ([`Request::Signed`]). What only reads is open to everyone, and so are [`Request::Stop`] and [`Request::EmergencyStop`]: whoever sees a robot do harm may stop it.
 
 use serde::{Deserialize, Serialize};
 
@@ -77,11 +77,12 @@ pub fn needs(request: &Request<'_>) -> Needs {
         // They bring a signature, which is looked at.
         Request::Sign { .. } | Request::Signed { .. } => Needs::Nothing,
         // Standing still is safe.
-        Request::Stop => Needs::Nothing,
+        Request::Stop | Request::EmergencyStop => Needs::Nothing,
         Request::Commit(_)
         | Request::Confirm { .. }
         | Request::FallBack { .. }
         | Request::Start
+        | Request::Release
         | Request::SetParam { .. }
         | Request::SaveParams { .. }
         | Request::InstallKey { .. }

@@ -13,7 +13,7 @@ use super::key_safe::KeySafe;
 use super::keys::{Keys, SignedUpload};
 use super::message::{
     Capacities, Capacity, Channel, DeviceInfo, FromDevice, LastWords, LinkError, MAX_CHUNK,
-    MAX_PART, MAX_STREAM_BYTES, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
+    MAX_PART, MAX_STREAM_BYTES, Mode, PROTOCOL_VERSION, Request, Response, Status, Stream, Swap,
     ToDevice, Uploads,
 };
 use super::news::{News, Watch};
@@ -210,7 +210,14 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Starts the mission that the board's keeper has for the robot, if it has one. To be called once, before all else.
     ///
     /// A robot that was reset by a defect again and again, each time after no time, starts none: see [`Kept::may_start_by_itself`](crate::Kept::may_start_by_itself).
+    /// One whose board remembers an emergency stop starts it, too, and moves nothing.
     pub fn start(&mut self, port: &mut impl LinkPort) {
+        if port
+            .keeper()
+            .is_some_and(|keeper| keeper.is_emergency_stopped())
+        {
+            self.desk.latch_emergency_stop();
+        }
         if self
             .desk
             .about
@@ -426,6 +433,7 @@ fn keep_in_mind(
             keeper.trial_failed(mission);
             Ok(())
         }
+        Letter::Released => keeper.set_emergency_stop(false),
         _ => Ok(()),
     }
 }
@@ -531,6 +539,8 @@ impl<'m> Desk<'_, 'm> {
             }
             Request::Stop => self.ask(seq, Letter::Stop),
             Request::Start => self.ask(seq, Letter::Start),
+            Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
+            Request::Release => self.ask(seq, Letter::Release),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
             Request::ReadBlob { offset } => self.ask(seq, Letter::ReadBlob { offset }),
             Request::States { first } => self.ask(seq, Letter::ReadStates { first }),
@@ -583,6 +593,23 @@ impl<'m> Desk<'_, 'm> {
             // A signed request holds a plain one: `signed` gives nothing else out.
             Request::Signed { .. } => Reaction::Answer(Err(LinkError::Malformed)),
         }
+    }
+
+    /// Stops the robot, without the letter, which may be under way.
+    fn emergency_stop(&mut self, port: &mut impl LinkPort) -> Result<Response<'_>, LinkError> {
+        self.latch_emergency_stop();
+        if let Some(keeper) = port.keeper() {
+            keeper.set_emergency_stop(true)?;
+        }
+        Ok(Response::Done)
+    }
+
+    /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset.
+    fn latch_emergency_stop(&self) {
+        if let Some(kept) = self.about.kept {
+            kept.set_emergency_stop(true);
+        }
+        self.signs.emergency_stop.store(true, Ordering::Release);
     }
 
     /// The request that the key has signed.
@@ -696,8 +723,14 @@ impl<'m> Desk<'_, 'm> {
         kept: Option<Kept>,
     ) -> Result<Response<'_>, LinkError> {
         let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
+        // Latched is latched, also where the real-time side has had no occasion to say so.
+        let mode = if self.signs.emergency_stop.load(Ordering::Relaxed) {
+            Mode::EmergencyStopped
+        } else {
+            health.mode
+        };
         Ok(Response::Status(Status {
-            mode: health.mode,
+            mode,
             mission: health.mission,
             steps: health.steps,
             t_us: health.t_us,

@@ -182,6 +182,11 @@ pub enum Request<'a> {
         /// Hash of the mission.
         mission: u32,
     },
+    /// Emergency stop: motors off from the next exchange with the body on, over starts, other missions and resets, until [`Request::Release`]. Answer, when it is
+    /// latched: [`Response::Done`].
+    EmergencyStop,
+    /// Ends an emergency stop: the robot is [stopped](Mode::Stopped) then, and [`Request::Start`] starts it. Answer: [`Response::Done`], also where there was none.
+    Release,
 }
 
 /// How a mission takes over.
@@ -598,6 +603,10 @@ pub enum LinkError {
     NotBuiltIn,
     /// The robot has no flash that it could keep this in.
     NoStore,
+    /// An emergency stop is latched: [`Request::Release`] comes first.
+    EmergencyStopped,
+    /// An emergency stop is latched, or released, but the flash did not take it: a loss of power undoes it.
+    StopNotKept,
 }
 
 /// How the robot is.
@@ -654,6 +663,15 @@ pub enum Mode {
     Stopped,
     /// Something broke: motors are off until [`Request::Start`] or a new mission.
     Safe(SafeReason),
+    /// Somebody stopped it for an emergency: motors are off until [`Request::Release`], whatever comes.
+    EmergencyStopped,
+}
+
+impl Mode {
+    /// Whether it is latched: neither another mission nor a fault ends it.
+    pub fn is_latched(self) -> bool {
+        matches!(self, Mode::Stopped | Mode::EmergencyStopped)
+    }
 }
 
 /// Why a robot went to its safe state by itself.

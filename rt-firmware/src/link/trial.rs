@@ -91,6 +91,15 @@ pub trait MissionKeeper {
 
     /// The values that are kept.
     fn saved_params(&mut self) -> SavedParams;
+
+    /// Whether an emergency stop was latched last.
+    fn is_emergency_stopped(&self) -> bool;
+
+    /// An emergency stop is latched, or released. The host is told after this has come back.
+    ///
+    /// # Errors
+    /// What the host is to be told. Until the next loss of power it is so all the same.
+    fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError>;
 }
 
 /// How long a mission that a robot starts with may run on trial, in milliseconds: one whose upload came to its end and whose trial did not begin before the

@@ -5,7 +5,7 @@
 //! started. Where the first task was made ready (`Ready`), the slot-0 run is taken back after the tasks. Nothing here waits or locks.
 //!
 //! After a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
-//! is executed.
+//! is executed. After an emergency stop the motors are switched off before each exchange with the body besides, whoever else may have written them.
 
 pub mod params;
 pub(crate) mod slots;
@@ -310,7 +310,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         // Nothing comes before this: it is what the delay of a slot is made of.
         let now = board.now_low_ticks();
         let delay_ticks = now.wrapping_sub(self.ready.start_ticks);
-        if delay_ticks >= self.ready.window_ticks {
+        if delay_ticks >= self.ready.window_ticks || self.wants_emergency_stop(board) {
             return self.go_on(board, false);
         }
         let start = self.ready_start::<B>();
@@ -324,6 +324,34 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             Some(at_ticks) => at_ticks.get(),
             None => self.go_on(board, true),
         }
+    }
+
+    /// Whether somebody wants the robot to stop for an emergency, or wanted it and it is not released.
+    #[inline(always)]
+    fn wants_emergency_stop<B: Board>(&self, board: &mut B) -> bool {
+        self.signs.emergency_stop.load(Ordering::Relaxed) || board.is_emergency_stop_pressed()
+    }
+
+    /// Stops the robot for an emergency, until it is released.
+    #[cold]
+    #[inline(never)]
+    fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
+        self.signs.emergency_stop.store(true, Ordering::Relaxed);
+        if let Some(kept) = self.kept {
+            kept.set_emergency_stop(true);
+        }
+        self.set_stopped(Mode::EmergencyStopped, board);
+        self.tell_health();
+    }
+
+    /// Motors off, and so they stay.
+    #[inline(never)]
+    fn set_stopped<B: Board>(&mut self, mode: Mode, board: &mut B) {
+        self.ready = Ready::NOTHING;
+        self.mode = mode;
+        self.note(Event::Mode(mode));
+        self.trace.record(TraceRecord::MotorsOff { reason: None });
+        board.motors_off();
     }
 
     /// Executes the task that the executor has, and keeps which one that is for whoever ends the firmware meanwhile.
@@ -554,6 +582,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         loop {
             let now = board.now_ticks();
             self.looked_ticks = now as u32;
+            if self.wants_emergency_stop(board) && self.mode != Mode::EmergencyStopped {
+                self.stop_for_emergency(board);
+            }
             let Some(mission) = &mut self.mission else {
                 if self.waiting.is_some() {
                     let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
@@ -681,7 +712,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
         self.ready = Ready::NOTHING;
-        if self.mode != Mode::Stopped {
+        if !self.mode.is_latched() {
             self.mode = Mode::Safe(reason);
             self.note(Event::Mode(self.mode));
         }
@@ -787,6 +818,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             delay_ticks,
             B::TICKS_PER_US,
         );
+        if self.mode == Mode::EmergencyStopped {
+            board.motors_off();
+        }
         if let Err(reason) = board.begin_occurrence(&start)
             && self.mode == Mode::Running
         {
@@ -1194,6 +1228,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// Starts the present mission anew.
     #[inline(never)]
     fn start_anew(&mut self, at: Origin) -> Letter<'m> {
+        // It came while this waited.
+        if self.mode == Mode::EmergencyStopped {
+            return Letter::Failed(LinkError::EmergencyStopped);
+        }
         let Some((mission, running)) = self.end_mission() else {
             return Letter::Failed(LinkError::NoMission);
         };
@@ -1269,7 +1307,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             ..Health::EMPTY
         };
         self.max_delay_ticks = 0;
-        if self.mode != Mode::Stopped {
+        if !self.mode.is_latched() {
             self.mode = Mode::Empty;
         }
     }
@@ -1374,7 +1412,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let saved = self.saved.of(mission);
         params::restore(&mut self.params, saved, &tables, registry);
         self.health.mission = Some(mission);
-        if self.mode != Mode::Stopped {
+        if !self.mode.is_latched() {
             self.mode = Mode::Running;
         }
         let interpreter_slot = tables.interpreter_slot();
@@ -1450,6 +1488,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
+                (Mode::EmergencyStopped, _) => Letter::Failed(LinkError::EmergencyStopped),
                 (_, None) => {
                     self.mode = Mode::Empty;
                     Letter::Done
@@ -1459,12 +1498,24 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     return;
                 }
             },
+            // It has stopped for more than that.
+            Letter::Stop if self.mode == Mode::EmergencyStopped => Letter::Done,
             Letter::Stop => {
-                self.mode = Mode::Stopped;
-                self.note(Event::Mode(self.mode));
-                self.trace.record(TraceRecord::MotorsOff { reason: None });
-                board.motors_off();
+                self.set_stopped(Mode::Stopped, board);
                 Letter::Done
+            }
+            Letter::Release if board.is_emergency_stop_pressed() => {
+                Letter::Failed(LinkError::EmergencyStopped)
+            }
+            Letter::Release => {
+                self.signs.emergency_stop.store(false, Ordering::Relaxed);
+                if let Some(kept) = self.kept {
+                    kept.set_emergency_stop(false);
+                }
+                if self.mode == Mode::EmergencyStopped {
+                    self.set_stopped(Mode::Stopped, board);
+                }
+                Letter::Released
             }
             question => self.answer(question, B::TICKS_PER_US),
         };

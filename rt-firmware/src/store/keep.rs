@@ -282,6 +282,19 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
         let record = self.records.get(SAVED_PARAMS);
         record.map_or(SavedParams::NONE, SavedParams::from_bytes)
     }
+
+    fn is_emergency_stopped(&self) -> bool {
+        self.records.get(Key::EMERGENCY_STOP).is_some()
+    }
+
+    fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
+        // A new table in the place of a damaged one would have no key.
+        if self.records.found() == Found::Damage {
+            return Err(LinkError::StopNotKept);
+        }
+        let value: &[u8] = if latched { &[1] } else { &[] };
+        (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotKept)
+    }
 }
 
 impl From<KeepError> for LinkError {

@@ -67,6 +67,11 @@ const HEAD_BYTES: usize = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Key(pub u8);
 
+impl Key {
+    /// Says, with any value, that an emergency stop is latched.
+    pub(crate) const EMERGENCY_STOP: Key = Key(5);
+}
+
 impl From<KeyRecord> for Key {
     fn from(record: KeyRecord) -> Self {
         Key(match record {

@@ -237,6 +237,8 @@ fn write_frames(text: &mut String) {
                 mission: 0x1234_abcd,
             },
         ),
+        ("request emergency stop", Request::EmergencyStop),
+        ("request release", Request::Release),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -292,7 +294,7 @@ fn write_frames(text: &mut String) {
         record_dropped: 300,
         record_pending: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 49] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 51] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -517,6 +519,8 @@ fn write_frames(text: &mut String) {
         ),
         ("error not built in", Err(LinkError::NotBuiltIn)),
         ("error no store", Err(LinkError::NoStore)),
+        ("error emergency stopped", Err(LinkError::EmergencyStopped)),
+        ("error stop not kept", Err(LinkError::StopNotKept)),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(
@@ -569,6 +573,16 @@ fn write_frames(text: &mut String) {
         spoiled_frames: 3,
     };
     write_frame(text, "news", &FromDevice::News(news));
+    let stopped = News {
+        cause: Cause::Mode,
+        mode: Mode::EmergencyStopped,
+        ..news
+    };
+    write_frame(
+        text,
+        "news of an emergency stop",
+        &FromDevice::News(stopped),
+    );
     // The beginning that never changes, and what only a later version knows.
     write_frame(
         text,

@@ -284,6 +284,12 @@ fn a_signature_is_good_for_one_request_once() {
         assert_eq!(robot.ask(signed), Ok(Answer::Done));
         assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
         assert_eq!(robot.ask(signed), Err(LinkError::NoChallenge), "replayed");
+        // Everyone may stop it, and only the key ends that.
+        assert_eq!(robot.ask(Request::EmergencyStop), Ok(Answer::Done));
+        assert_eq!(robot.ask(Request::Release), Err(LinkError::NeedsKey));
+        assert_eq!(robot.status().mode, Mode::EmergencyStopped);
+        let released = ask_signed(robot, &key(1), &NO_UPLOAD, Request::Release);
+        assert_eq!(released, Ok(Answer::Done));
         assert_eq!(robot.status().mode, Mode::Stopped);
     });
 }

@@ -168,8 +168,12 @@ pub struct ToyBoard<'w> {
     pub fed: u32,
     /// Occurrences so far.
     pub occurrences: Vec<OccurrenceStart>,
+    /// How often the motors had been stopped when each exchange with the body began.
+    pub off_at_exchanges: Vec<u32>,
     /// What the body says from now on.
     pub body: Result<(), SafeReason>,
+    /// Whether the button of the emergency stop is pressed.
+    pub is_pressed: bool,
     /// The first look at the clock shows a time that is nowhere near, so that what was made ready is not found to be due.
     looks_away: bool,
 }
@@ -194,11 +198,16 @@ impl Board for ToyBoard<'_> {
 
     fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
         self.occurrences.push(*occurrence);
+        self.off_at_exchanges.push(self.motors_off);
         self.body
     }
 
     fn feed_watchdog(&mut self) {
         self.fed += 1;
+    }
+
+    fn is_emergency_stop_pressed(&mut self) -> bool {
+        self.is_pressed
     }
 
     fn motors_off(&mut self) {
@@ -238,6 +247,8 @@ pub struct Memo {
     pub saved: Option<SavedParams>,
     /// Its flash takes nothing more.
     pub is_worn: bool,
+    /// It remembers an emergency stop.
+    pub is_emergency_stopped: bool,
 }
 
 impl MissionKeeper for Memo {
@@ -280,6 +291,18 @@ impl MissionKeeper for Memo {
 
     fn saved_params(&mut self) -> SavedParams {
         self.saved.unwrap_or(SavedParams::NONE)
+    }
+
+    fn is_emergency_stopped(&self) -> bool {
+        self.is_emergency_stopped
+    }
+
+    fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
+        if self.is_full {
+            return Err(LinkError::StopNotKept);
+        }
+        self.is_emergency_stopped = latched;
+        Ok(())
     }
 }
 
@@ -412,7 +435,9 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
             motors_off: 0,
             fed: 0,
             occurrences: vec![],
+            off_at_exchanges: vec![],
             body: Ok(()),
+            is_pressed: false,
             looks_away: false,
         },
         real_time,

@@ -1,0 +1,195 @@
+//! The emergency stop: what it stops, what does not end it, and what does.
+
+use rt_firmware::About;
+use rt_firmware::black_box::{Event, RECORD_BYTES, Record};
+use rt_firmware::kept::{Ending, Kept};
+use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason};
+
+use super::counting;
+use super::robot::{Answer, Bench, with_robot, with_robot_that_is};
+
+/// A robot that counts, and has done so for a while.
+fn with_counting_robot(test: impl Fn(&mut Bench<'_, '_, '_>)) {
+    for uses_what_is_ready in [true, false] {
+        with_robot(|robot| {
+            robot.uses_what_is_ready = uses_what_is_ready;
+            robot.start(&counting(1_000).blob());
+            robot.run_us(33_000);
+            assert_ne!(robot.world.said(), [""; 0]);
+            test(robot);
+        });
+    }
+}
+
+/// Lets the robot run: nothing moves, and the motors are switched off anew before each exchange with the body.
+fn assert_stands_still(robot: &mut Bench<'_, '_, '_>) {
+    robot.board.off_at_exchanges.clear();
+    let mut before = robot.board.motors_off;
+    robot.run_us(50_000);
+    for off in std::mem::take(&mut robot.board.off_at_exchanges) {
+        assert!(off > before, "an exchange without motors off");
+        before = off;
+    }
+    assert_eq!(robot.world.said(), [""; 0]);
+    assert_eq!(robot.status().mode, Mode::EmergencyStopped);
+}
+
+#[test]
+fn an_emergency_stop_switches_the_motors_off_before_the_next_exchange_of_any_slot() {
+    with_counting_robot(|robot| {
+        robot.board.motors_off = 0;
+        let frame = robot.frame(Request::EmergencyStop);
+        robot.wire.to_robot.extend(frame);
+        // The link's turn alone: the timer's interrupt is still to come, and it is not one of the interpreter's slot.
+        let answers = robot.exchange();
+        assert_eq!(answers, [(robot.last_number(), Ok(Answer::Done))]);
+        assert_eq!(robot.status().mode, Mode::EmergencyStopped);
+        assert_stands_still(robot);
+    });
+}
+
+#[test]
+fn neither_a_start_nor_a_stop_nor_a_fault_nor_a_mission_ends_an_emergency_stop() {
+    with_counting_robot(|robot| {
+        assert_eq!(robot.ask(Request::EmergencyStop), Ok(Answer::Done));
+        assert_stands_still(robot);
+        let refused = Err(LinkError::EmergencyStopped);
+        assert_eq!(robot.ask(Request::Start), refused);
+        assert_stands_still(robot);
+        assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
+        assert_eq!(robot.ask(Request::Start), refused);
+        assert_stands_still(robot);
+        robot.board.body = Err(SafeReason::BodyLost);
+        assert_stands_still(robot);
+        robot.board.body = Ok(());
+        (robot.real_time).fail_safe(&mut robot.board, SafeReason::Board);
+        assert_stands_still(robot);
+        robot.start(&counting(7).blob());
+        assert_stands_still(robot);
+        robot.try_out(&counting(8).blob(), 20);
+        assert_stands_still(robot);
+        assert!(robot.status().fell_back.is_some());
+        assert_eq!(robot.ask(Request::Start), refused);
+        assert_eq!(robot.ask(Request::Release), Ok(Answer::Done));
+        robot.run_us(50_000);
+        assert_eq!(robot.world.said(), [""; 0], "released is not started");
+        assert_eq!(robot.status().mode, Mode::Stopped);
+        assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+        robot.run_us(50_000);
+        assert_ne!(robot.world.said(), [""; 0]);
+        assert_eq!(robot.status().mode, Mode::Running);
+        // Where there is nothing to release, nothing changes.
+        assert_eq!(robot.ask(Request::Release), Ok(Answer::Done));
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn an_emergency_stop_does_not_wait_for_the_request_before_and_a_start_that_waits_does_not_come_through()
+ {
+    with_counting_robot(|robot| {
+        robot.ask(Request::Stop).unwrap();
+        // Until the last slot before the interpreter's is behind it: the start waits for that.
+        robot.run_us(13_000 - robot.world.now_us() % 10_000);
+        robot.world.said();
+        let start = robot.frame(Request::Start);
+        robot.wire.to_robot.extend(start);
+        assert_eq!(robot.exchange(), []);
+        robot.timer();
+        assert_eq!(robot.exchange(), [], "the start waits");
+        let stop = robot.frame(Request::EmergencyStop);
+        robot.wire.to_robot.extend(stop);
+        let answers = robot.exchange();
+        assert_eq!(answers, [(robot.last_number(), Ok(Answer::Done))]);
+        assert_stands_still(robot);
+    });
+}
+
+/// A robot that starts, with what was kept of its runs before.
+fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+    let about = About {
+        reset: kept.begin(None),
+        kept: Some(kept),
+        ..About::new("toy 0.1", "bench")
+    };
+    with_robot_that_is(about, test);
+}
+
+#[test]
+fn an_emergency_stop_survives_resets_and_is_in_the_flight_recorder() {
+    let kept = Kept::new();
+    with_kept(&kept, |robot| {
+        robot.start(&counting(99).blob());
+        let frame = robot.frame(Request::EmergencyStop);
+        robot.wire.to_robot.extend(frame);
+        // The reset comes before the slots have seen it.
+        assert_eq!(robot.exchange().len(), 1);
+    });
+    for _ in 0..2 {
+        kept.end(&Ending::Watchdog);
+        with_kept(&kept, |robot| {
+            robot.world.said();
+            assert_eq!(robot.status().mode, Mode::EmergencyStopped);
+            robot.start(&counting(99).blob());
+            assert_stands_still(robot);
+            assert_eq!(robot.ask(Request::Start), Err(LinkError::EmergencyStopped));
+            let Ok(Answer::Bytes(_, bytes)) = robot.ask(Request::BlackBox { from: None }) else {
+                panic!("the robot tells what it holds");
+            };
+            let (page, _) = bytes.as_chunks::<RECORD_BYTES>();
+            let noted = (page.iter().filter_map(Record::from_bytes))
+                .any(|record| record.event == Event::Mode(Mode::EmergencyStopped));
+            assert!(noted);
+        });
+    }
+    with_kept(&kept, |robot| {
+        robot.ask(Request::Release).unwrap();
+    });
+    with_kept(&kept, |robot| {
+        robot.start(&counting(99).blob());
+        assert_eq!(robot.status().mode, Mode::Running);
+    });
+}
+
+#[test]
+fn who_keeps_missions_keeps_an_emergency_stop_before_the_host_is_told() {
+    with_robot(|robot| {
+        robot.wire.memory.is_there = true;
+        robot.ask(Request::EmergencyStop).unwrap();
+        assert!(robot.wire.memory.is_emergency_stopped);
+        robot.ask(Request::Release).unwrap();
+        assert!(!robot.wire.memory.is_emergency_stopped);
+        // Who cannot says so, and stops all the same.
+        robot.wire.memory.is_full = true;
+        let stopped = robot.ask(Request::EmergencyStop);
+        assert_eq!(stopped, Err(LinkError::StopNotKept));
+        assert_eq!(robot.status().mode, Mode::EmergencyStopped);
+    });
+    // The power was lost meanwhile.
+    with_robot(|robot| {
+        robot.wire.memory.is_there = true;
+        robot.wire.memory.is_emergency_stopped = true;
+        robot.link.start(&mut robot.wire);
+        robot.start(&counting(99).blob());
+        assert_stands_still(robot);
+    });
+}
+
+#[test]
+fn a_button_that_was_pressed_for_a_moment_latches_and_one_that_is_pressed_is_not_released() {
+    with_counting_robot(|robot| {
+        robot.board.is_pressed = true;
+        robot.timer();
+        assert_eq!(
+            robot.ask(Request::Release),
+            Err(LinkError::EmergencyStopped)
+        );
+        robot.board.is_pressed = false;
+        robot.world.said();
+        assert_stands_still(robot);
+        assert_eq!(robot.ask(Request::Release), Ok(Answer::Done));
+        assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+        robot.run_us(20_000);
+        assert_ne!(robot.world.said(), [""; 0]);
+    });
+}
