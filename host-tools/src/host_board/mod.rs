@@ -52,7 +52,7 @@ pub const CAPACITIES: Capacities = Capacities {
 };
 
 /// Bytes of its flash, for missions and records.
-const FLASH_BYTES: u32 = keep::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
+pub const FLASH_BYTES: u32 = keep::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
 
 /// Room for the trace of many macro steps, should the reader be slow.
 const TRACE_BYTES: usize = 256 * 1024;

@@ -8,6 +8,7 @@ use crate::host_board::{self, HostBoard};
 use crate::keys::SigningKey;
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
+use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant};
 use crate::serial::noise::{Noise, Noisy};
 use crate::serial::pipe::{self, PipeEnd};
@@ -358,6 +359,68 @@ fn parameters_of_a_running_mission_change_within_what_its_task_declares() {
     }
     let refused = client.set_param(!mission, index, bits(0.1)).unwrap_err();
     assert_eq!(refused.refusal(), Some(LinkError::OtherMission));
+}
+
+#[test]
+fn parameters_that_were_saved_are_there_after_the_power_was_off() {
+    const NAME: &str = "motion/Roam/steps/AvoidRight/steps/Retreat.speed_m_per_s";
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("robot.flash");
+    // With its flash in a file, which is all that a loss of power leaves.
+    let power_on = || {
+        let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+        let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+        let flash = Flash::open(&file, host_board::FLASH_BYTES).unwrap();
+        let plant = PlantSide::new(plant, Pace::new(false), None).with_flash(Some(flash));
+        HostBoard::start(host_board::rover, plant, None).unwrap()
+    };
+    let bits = |value: f32| value.to_bits();
+    let of = |value, saved: Option<f32>| ParamBits {
+        value: bits(value),
+        of_mission: bits(0.15),
+        saved: saved.map(bits),
+    };
+    let patrol = mission();
+    let index = {
+        let (_board, line) = power_on();
+        let (mut client, _) = LinkClient::connect(line).unwrap();
+        let mission = client.upload(&patrol, &mut |_| ()).unwrap();
+        let blob = esm_core::verify(client.running_blob().unwrap()).unwrap();
+        let parameters = crate::parameters::parameters_of(&blob).unwrap();
+        let has_name = |names: &[String]| names.iter().any(|name| name == NAME);
+        let speed = (parameters.iter()).find(|parameter| has_name(&parameter.names));
+        let index = speed.unwrap().index;
+        client.set_param(mission, index, bits(0.2)).unwrap();
+        assert_eq!(client.save_params(mission).unwrap(), 1);
+        client.set_param(mission, index, bits(0.25)).unwrap();
+        assert_eq!(client.param(mission, index).unwrap(), of(0.25, Some(0.2)));
+        index
+    };
+    {
+        let (_board, line) = power_on();
+        let (mut client, _) = LinkClient::connect(line).unwrap();
+        let mission = started(&mut client);
+        assert_eq!(client.param(mission, index).unwrap(), of(0.2, Some(0.2)));
+        let status = client.status().unwrap();
+        assert_eq!((status.changed_params, status.saved_params), (1, 1));
+        client.set_param(mission, index, bits(0.15)).unwrap();
+        assert_eq!(client.save_params(mission).unwrap(), 0);
+    }
+    let (_board, line) = power_on();
+    let (mut client, _) = LinkClient::connect(line).unwrap();
+    let mission = started(&mut client);
+    assert_eq!(client.param(mission, index).unwrap(), of(0.15, None));
+}
+
+/// The mission that a robot started with, as soon as it runs: at the first occurrence of a slot.
+fn started<L: ByteLink>(client: &mut LinkClient<L>) -> u32 {
+    let begun = Instant::now();
+    loop {
+        if let Some(mission) = client.status().unwrap().mission {
+            return mission;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(5), "it never starts");
+    }
 }
 
 /// The blob of a mission that ships.
