@@ -266,6 +266,62 @@ fn check<R: Reads<B>, B: Deref<Target = [u8]>>(
 }
 
 #[test]
+fn states_and_regions_go_on_in_whatever_order_they_are_declared() {
+    let region = |name: &str, states: &[&str], initial: &str| {
+        let states: String = states.iter().map(|it| format!("state {it}; ")).collect();
+        format!("region {name} {{ {states} initial -> {initial}; }} ")
+    };
+    let build = |regions: String| {
+        let text = format!(
+            "interpreter slot 1; slot 1 period 20 ms duration 2 ms; machine M {{ {regions} }}"
+        );
+        subject::build(&text).unwrap().blob
+    };
+    let orders: [&[&str]; 5] = [
+        &["A", "B", "C"],
+        &["C", "B", "A"],
+        &["B", "C", "A"],
+        &["New", "A", "Newer", "C", "B"],
+        &["B", "A", "New", "C"],
+    ];
+    for current in ["A", "B", "C"] {
+        let here = region("r", &["A", "B", "C"], current) + &region("q", &["B", "A", "C"], "A");
+        let blob = build(here);
+        for order in orders {
+            let other = ["A", "B", "C"]
+                .into_iter()
+                .find(|it| *it != current)
+                .unwrap();
+            let (r, q) = (region("r", order, other), region("q", order, "C"));
+            for regions in [
+                format!("{r}{q}"),
+                format!("{q}{}{r}", region("p", &["A"], "A")),
+            ] {
+                let (mut a, mut b) = (Vec::new(), Vec::new());
+                let there = build(regions.clone());
+                let (mut old, mut new) = (machine(&blob, &mut a), machine(&there, &mut b));
+                step(&mut old);
+                let taken = new.take_over(&old, &mut ());
+                assert_eq!(taken.regions, 2, "{current} to {regions}");
+                let names = Directory::of(&new.tables()).unwrap();
+                let path_of = |region: usize| {
+                    let id = names.state_at(region, new.current(region)).unwrap();
+                    names.state(id).unwrap().path.clone()
+                };
+                for found in names.regions() {
+                    let expected = match &*found.path {
+                        "r" => format!("r/{current}"),
+                        "q" => "q/A".to_owned(),
+                        _ => continue,
+                    };
+                    assert_eq!(path_of(found.index), expected, "{regions}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn a_swap_to_another_machine_carries_over_what_has_the_same_path_and_kind() {
     let first = environment::number("ESM_SEED", 1);
     let machines = environment::number("ESM_MACHINES", DEFAULT_MACHINES);

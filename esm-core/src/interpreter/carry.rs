@@ -5,6 +5,7 @@
 //! those of the new machine from its first macro step on. `docs/src/semantics.md` says it for people.
 //!
 //! **Bounds.** No recursion, no memory but the arena's. Each region instance is looked up once, and its states one by one, so that time is at most proportional to state instances times names.
+//! Names are looked for where the one before was found, so that between machines that differ little it is proportional to the names of the region instances.
 
 use core::ops::Deref;
 
@@ -102,6 +103,11 @@ impl<'a> Place<'a> {
         Some(self.tables.region(region)?.first_state..end)
     }
 
+    /// The first region template of the container that the place stands in.
+    fn first_in_container(&self) -> Option<usize> {
+        Some(self.tables.container(self.container)?.first_region)
+    }
+
     /// Goes to the region of a state, and gives the state's name: none for `initial` and `final`.
     fn name_of(&mut self, state: usize) -> Option<Option<&'a [u8]>> {
         self.go_to(self.tables.region_of_state(state))?;
@@ -119,43 +125,71 @@ fn skip(names: &mut Names<'_>, count: usize) {
     }
 }
 
-/// The state of a region over there that a state here goes on as; both places go to their regions.
-fn counterpart(
-    here: &mut Place<'_>,
-    state: usize,
-    there: &mut Place<'_>,
-    region: usize,
-) -> Option<usize> {
-    let name = here.name_of(state)?;
-    there.go_to(region)?;
-    let states = there.states_of(region)?;
-    let found = match (name, here.tables.state(state)?.kind) {
-        (None, StateKind::Initial) => states.start,
-        (None, _) => states.end - 1,
-        (Some(name), _) => {
-            let named = states.len().saturating_sub(2);
-            let at = there.states.clone().take(named).position(|it| it == name)?;
-            states.start + 1 + at
-        }
-    };
-    is_same_kind(&here.tables, state, &there.tables, found).then_some(found)
+/// The states of one region, looked for by their names. Whoever asks in their order finds each at once: a search goes on behind what was found last, once round.
+struct Search<'a> {
+    /// From `initial` to `final`, which have no names.
+    states: core::ops::Range<usize>,
+    names: Names<'a>,
+    /// Number of the named state that is looked at next, and the names from its own on.
+    next: usize,
+    rest: Names<'a>,
 }
 
-fn is_same_kind(here: &Tables<'_>, state: usize, there: &Tables<'_>, other: usize) -> bool {
-    let (Some(State { kind: a, .. }), Some(State { kind: b, .. })) =
-        (here.state(state), there.state(other))
-    else {
-        return false;
-    };
-    match (a, b) {
-        (StateKind::Task { real_time: a, .. }, StateKind::Task { real_time: b, .. }) => {
+impl<'a> Search<'a> {
+    /// In the region that a place stands at.
+    fn at(place: &Place<'a>) -> Option<Self> {
+        Some(Search {
+            states: place.states_of(place.region)?,
+            names: place.states.clone(),
+            next: 0,
+            rest: place.states.clone(),
+        })
+    }
+
+    fn named(&mut self, name: &[u8]) -> Option<usize> {
+        let count = self.states.len().saturating_sub(2);
+        for _ in 0..count {
+            if self.next == count {
+                self.next = 0;
+                self.rest = self.names.clone();
+            }
+            let found = self.rest.next()?;
+            self.next += 1;
+            if found == name {
+                return Some(self.states.start + self.next);
+            }
+        }
+        None
+    }
+}
+
+/// A state goes on as this one over there: its task instances here and there, counted from the first of the container instance, if they are of a task.
+/// None if the states are of different kinds.
+fn same_kind(
+    (here, state): (&Tables<'_>, usize),
+    (there, other): (&Tables<'_>, usize),
+) -> Option<Option<(usize, usize)>> {
+    match (here.state(state)?.kind, there.state(other)?.kind) {
+        (
+            StateKind::Task {
+                real_time: a,
+                task_offset: task,
+                ..
+            },
+            StateKind::Task {
+                real_time: b,
+                task_offset: other_task,
+                ..
+            },
+        ) => {
             let signature = |tables: &Tables<'_>, state| {
                 let task_state = tables.task_state(tables.task_state_at(state)?)?;
                 Some(tables.task(task_state.task)?.signature_hash)
             };
-            a == b && signature(here, state) == signature(there, other)
+            let same = a == b && signature(here, state) == signature(there, other);
+            same.then_some(Some((task, other_task)))
         }
-        (a, b) => core::mem::discriminant(&a) == core::mem::discriminant(&b),
+        (a, b) => (core::mem::discriminant(&a) == core::mem::discriminant(&b)).then_some(None),
     }
 }
 
@@ -197,19 +231,36 @@ impl<'h, 't> Pairs<'h, 't> {
         let other = there.instance(other?)?;
         let template = here.region_of_state(here.region_instance(region)?.initial);
         self.here.go_to(template)?;
-        let mut candidate = other.first_region;
         let first = there.container(other.container)?.first_region;
+        // As a rule the region is the same one of its container.
+        let before = template.checked_sub(self.here.first_in_container()?)?;
+        if let Some(same) = self.named_alike(other.container, first + before) {
+            let mut candidate = other.first_region;
+            for _ in first..same {
+                candidate = there.region_instance(candidate)?.next;
+            }
+            return Some(candidate);
+        }
+        let mut candidate = other.first_region;
         for template in first.. {
             if there.region(template)?.container != other.container {
                 return None;
             }
-            self.there.go_to(template)?;
-            if self.there.name == self.here.name {
+            if self.named_alike(other.container, template).is_some() {
                 return Some(candidate);
             }
             candidate = there.region_instance(candidate)?.next;
         }
         None
+    }
+
+    /// This region template over there, to which the place there goes, if it is in the container and has the name of the region that the place here stands at.
+    fn named_alike(&mut self, container: usize, template: usize) -> Option<usize> {
+        if self.there.tables.region(template)?.container != container {
+            return None;
+        }
+        self.there.go_to(template)?;
+        (self.there.name == self.here.name).then_some(template)
     }
 
     /// The container instance with the path of this one.
@@ -222,12 +273,9 @@ impl<'h, 't> Pairs<'h, 't> {
         let there = self.there.tables;
         let around = there.region_instance(pair as usize)?;
         let template = there.region_of_state(around.initial);
-        let other = counterpart(
-            &mut self.around_here,
-            superstate,
-            &mut self.around_there,
-            template,
-        )?;
+        let name = self.around_here.name_of(superstate)?;
+        self.around_there.go_to(template)?;
+        let other = Search::at(&self.around_there)?.named(name?)?;
         match there.state(other)?.kind {
             StateKind::Super { instance_offset } => Some(around.instance + instance_offset),
             _ => None,
@@ -276,27 +324,35 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             };
             R::store(self.arena, entered, region, pair as u32);
             let current = before.is_region_active(pair).then(|| before.current(pair));
-            let template = pairs.there.region;
-            let Some(states) = pairs.here.states_of(pairs.here.region) else {
+            let states = pairs.here.states_of(pairs.here.region);
+            let (Some(states), Some(mut search)) = (states, Search::at(&pairs.there)) else {
                 continue;
             };
+            let mut names = pairs.here.states.clone();
+            let (initial, last) = (states.start, states.end.saturating_sub(1));
             for state in states {
-                let Some(other) = counterpart(&mut pairs.here, state, &mut pairs.there, template)
-                else {
-                    continue;
+                // Only what has a name can be of another kind over there.
+                let other = if state == initial {
+                    search.states.start
+                } else if state == last {
+                    search.states.end.saturating_sub(1)
+                } else {
+                    let other = names.next().and_then(|name| search.named(name));
+                    let Some((other, of_task)) = other.and_then(|other| {
+                        Some((other, same_kind((&here, state), (&there, other))?))
+                    }) else {
+                        continue;
+                    };
+                    if let Some((task, other_task)) = of_task {
+                        tasks.pair(
+                            (&here, instances.0.first_task + task),
+                            (&there, instances.1.first_task + other_task),
+                        );
+                    }
+                    other
                 };
                 if current == Some(other) {
                     R::store_half(self.arena, current_states, region, state as u16);
-                }
-                let offset = |tables: &Tables<'_>, state| match tables.state(state)?.kind {
-                    StateKind::Task { task_offset, .. } => Some(task_offset),
-                    _ => None,
-                };
-                if let (Some(task), Some(other)) = (offset(&here, state), offset(&there, other)) {
-                    tasks.pair(
-                        (&here, instances.0.first_task + task),
-                        (&there, instances.1.first_task + other),
-                    );
                 }
             }
         }
