@@ -312,6 +312,9 @@ pub fn link(bytes: &[u8]) {
         (firmware.as_str(), usize::from(chunk_bytes)),
         ("lamps", MAX_CHUNK)
     );
+    let done = |response: Response<'_>| matches!(response, Response::Done).then_some(());
+    // What was suffered may have been an emergency stop, which lasts until it is released.
+    subject.ask(Request::Release, done);
     let received = |response: Response<'_>| match response {
         Response::Received { len } => Some(len as usize),
         _ => None,
@@ -334,9 +337,7 @@ pub fn link(bytes: &[u8]) {
             _ => None,
         },
     );
-    subject.ask(Request::Start, |response| {
-        matches!(response, Response::Done).then_some(())
-    });
+    subject.ask(Request::Start, done);
     let status = subject.ask(Request::Status, |response| match response {
         Response::Status(status) => Some(status),
         _ => None,
