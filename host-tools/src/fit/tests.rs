@@ -449,7 +449,7 @@ fn a_macro_step_that_can_take_longer_than_its_slot_is_an_error_where_the_interpr
                 "{found:?}"
             );
             assert!(
-                hint.contains("most of it takes ") && hint.contains("a/S -> a/S"),
+                hint.contains("most of it takes ") && hint.contains("b/initial -> b/S"),
                 "{hint}"
             );
         }

@@ -438,7 +438,7 @@ mod tests {
             "  + r/C",
             "  - old/X",
             "  + r: B -> C [exit]",
-            "  ~ r/B.pitch: 440.0 -> 880.0",
+            "  ~ r/B.pitch: 440 -> 880",
         ] {
             assert!(
                 text.lines().any(|line| line == expected),
