@@ -4,7 +4,7 @@
 //! no more than a chunk, and memory holds the moments of one.
 //!
 //! The interpreter tells which transitions it took, in order. What flags were when a guard was evaluated follows from what they were before the macro step and from what the transitions before
-//! it in the same macro step did: see [`Retold`].
+//! it in the same macro step did: see `Retold`.
 
 use std::fmt;
 use std::sync::Arc;
