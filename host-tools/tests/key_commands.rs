@@ -241,8 +241,10 @@ fn a_panic_with_a_key_at_hand_says_nothing_of_it() {
         let key = SigningKey::read(Path::new(&path)).unwrap();
         let message = [&b"message"[..]];
         let signature = key.sign(&message);
-        // All that is at hand is printed.
-        panic!("{:?}", (&key, signature.len()));
+        panic!(
+            "all that is at hand is printed: {:?}",
+            (&key, signature.len())
+        );
     }
     let home = tempfile::tempdir().unwrap();
     let path = home.path().join("a.key");
