@@ -20,10 +20,11 @@ const SETTINGS: [(&str, &str); 10] = [
 ];
 
 /// What cargo says of the features that take memory: a build without any of them is lean.
-const FEATURES: [&str; 3] = [
+const FEATURES: [&str; 4] = [
     "CARGO_FEATURE_RECORD",
     "CARGO_FEATURE_STORE",
     "CARGO_FEATURE_BLACK_BOX",
+    "CARGO_FEATURE_WARM",
 ];
 
 fn main() {

@@ -253,22 +253,22 @@ fn entrance(len: usize, key: Key) -> usize {
 }
 
 /// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one in a library routine of a kilobyte: after more
-/// than an hour, which happens once a mission at most, it is done bit by bit.
+/// than an hour, which happens at most once a slot where a mission takes over, it is done bit by bit.
 #[inline(never)]
-fn periods_in(duration_us: u64, period_us: u32) -> u64 {
-    if !cfg!(small)
-        && let Ok(duration_us) = u32::try_from(duration_us)
-    {
+pub(crate) fn periods_in(duration_us: u64, period_us: u32) -> u64 {
+    if let Ok(duration_us) = u32::try_from(duration_us) {
         // Without a period nothing is divided: so there is no panic to link.
         return u64::from(duration_us.checked_div(period_us).unwrap_or(0));
     }
     // Bits of the duration go out at the top, and those of the result come in below.
-    let (mut rest_us, mut periods) = (0, duration_us);
+    let (mut rest_us, mut periods) = (0_u32, duration_us);
     for _ in 0..u64::BITS {
-        rest_us = rest_us << 1 | periods >> (u64::BITS - 1);
+        let is_above = rest_us > u32::MAX / 2;
+        rest_us = rest_us << 1 | (periods >> (u64::BITS - 1)) as u32;
         periods <<= 1;
-        if rest_us >= u64::from(period_us) {
-            rest_us -= u64::from(period_us);
+        // The bit that went out at the top of the rest is made up for by the subtraction.
+        if is_above || rest_us >= period_us {
+            rest_us = rest_us.wrapping_sub(period_us);
             periods |= 1;
         }
     }

@@ -211,6 +211,16 @@ macro_rules! sections {
         impl Section {
             /// All sections in their order.
             pub const ALL: [Self; [$(Self::$variant),*].len()] = [$(Self::$variant),*];
+
+            /// The section with a number; the first if there is none.
+            // Spelt out it is no code but the comparison, where a table would have to be looked up.
+            #[inline(always)]
+            pub(crate) fn with_number(number: u8) -> Self {
+                match number {
+                    $( number if number == Self::$variant as u8 => Self::$variant, )*
+                    _ => Self::Mission,
+                }
+            }
         }
 
         /// What postcard encodes between [`MAGIC`] and the CRC. Compilers write it; [`crate::verify()`] reads the same bytes without serde, which
@@ -297,18 +307,18 @@ const CRC_OF_HALF_BYTE: [u32; 16] = {
     table
 };
 
-/// Reads a postcard varint of at most 32 bits; returns it and what follows.
-pub(crate) fn read_varint(bytes: &[u8]) -> Option<(u32, &[u8])> {
+/// Reads a postcard varint of at most 32 bits, and moves behind it.
+#[inline]
+pub(crate) fn read_varint(bytes: &[u8], at: &mut usize) -> Option<u32> {
     const VALUE_BITS: u32 = 7;
     let mut value = 0;
-    let mut rest = bytes;
     let mut shift = 0;
     while shift < u32::BITS {
-        let (byte, tail) = rest.split_first()?;
-        rest = tail;
+        let byte = *bytes.get(*at)?;
+        *at += 1;
         value |= u32::from(byte & 0x7F) << shift;
         if byte & 0x80 == 0 {
-            return Some((value, rest));
+            return Some(value);
         }
         shift += VALUE_BITS;
     }

@@ -9,22 +9,26 @@
 //! wakes its region each time.
 //!
 //! **Timers.** The time of a macro step is its number times the period, so timers count macro steps. How many pass before some timer may have run out is kept; it may be too few, never too
-//! many. The macro step behind them wakes whoever is due and finds the next.
+//! many. The macro step behind them begins with setting the flags of those that have, wakes whom that concerns, and finds the next. Who is left before its turn in this macro step takes its
+//! flag with it: so this is no other than each one's being set when its region is looked at.
 //!
 //! **Places.** The tables are read at bytes of the blob, by [reads](crate::reads) that need not check them again. That every loop ends is what [`verify`](crate::verify()) proved.
 
 mod carry;
+mod clock;
 mod progress;
 
 use core::ops::{Deref, Range};
+
+use clock::Clock;
 
 pub use carry::{TakenOver, TaskPairs};
 pub use progress::{MAX_STEPS, Progress, ResumeError};
 
 use crate::format::{self, Section};
 use crate::layout::{
-    Field, channel, code, container, instance, mask, region_instance, state, task_instance,
-    transition,
+    Field, channel, code, container, instance, mission, region_instance, slot, state,
+    task_instance, transition,
 };
 use crate::reads::access::Access;
 use crate::reads::{Checked, DefaultReads, Reads, WINDOW_BITS};
@@ -119,7 +123,11 @@ pub struct StepSummary {
 ///
 /// The current states come first, two a word, the one of the lower region instance in the low half.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(small, repr(C))]
 pub(crate) struct ArenaLayout {
+    /// Numbers of region instances and of task instances.
+    regions: usize,
+    tasks: usize,
     /// For each 32 region instances a word that says who is active, and one that says who is awake.
     active: usize,
     /// All flags, the first in the lowest bit.
@@ -131,30 +139,34 @@ pub(crate) struct ArenaLayout {
     /// The channels of events that wait, two a word.
     queue: usize,
     end: usize,
-    /// Numbers of region instances and of task instances.
-    regions: usize,
-    tasks: usize,
 }
 
 impl ArenaLayout {
     pub(crate) fn of(tables: &Tables<'_>) -> Self {
-        let regions = tables.region_instance_count();
-        let tasks = tables.task_instance_count();
+        Self::new(
+            tables.region_instance_count(),
+            tables.task_instance_count(),
+            tables.flag_count(),
+            tables.queue_capacity(),
+        )
+    }
+
+    fn new(regions: usize, tasks: usize, flag_count: usize, queue_capacity: usize) -> Self {
         let active = regions.div_ceil(2);
-        let flags = active + 2 * regions.div_ceil(WORD_BITS);
-        let enabled = flags + tables.flag_count().div_ceil(WORD_BITS);
-        let entered = enabled + tasks.div_ceil(WORD_BITS);
+        let flags = active + 2 * words_for(regions);
+        let enabled = flags + words_for(flag_count);
+        let entered = enabled + words_for(tasks);
         let queue = entered + regions;
-        let end = queue + queue_places(tables).div_ceil(2);
+        let end = queue + queue_words(queue_capacity);
         Self {
+            regions,
+            tasks,
             active,
             flags,
             enabled,
             entered,
             queue,
             end,
-            regions,
-            tasks,
         }
     }
 
@@ -163,31 +175,11 @@ impl ArenaLayout {
     }
 }
 
-/// Where the tables begin that are read most.
-#[derive(Clone, Copy, Debug)]
-struct Starts<P> {
-    states: P,
-    transitions: P,
-    instances: P,
-    region_instances: P,
-    channels: P,
-    listeners: P,
-    task_instances: P,
-}
+/// Where the tables begin that are read.
+type Starts<P> = [P; Section::TaskInstances as usize + 1];
 
-impl<P> Starts<P> {
-    fn of<R: Access<Place = P>>(tables: &Tables<'_>) -> Self {
-        let start = |section| R::place(tables.bytes(), tables.start(section));
-        Self {
-            states: start(Section::States),
-            transitions: start(Section::Transitions),
-            instances: start(Section::Instances),
-            region_instances: start(Section::RegionInstances),
-            channels: start(Section::Channels),
-            listeners: start(Section::Listeners),
-            task_instances: start(Section::TaskInstances),
-        }
-    }
+fn starts_of<R: Access>(tables: &Tables<'_>) -> Starts<R::Place> {
+    core::array::from_fn(|section| R::place(tables.bytes(), tables.start_at(section)))
 }
 
 /// Where the parts of the arena begin that are used most.
@@ -215,9 +207,16 @@ impl<P> Parts<P> {
     }
 }
 
-/// Places of the event queue: a power of two, so that going round is cheap.
-fn queue_places(tables: &Tables<'_>) -> usize {
-    tables.queue_capacity().next_power_of_two()
+/// Words that have so many bits. There are less than a carry would take, which a division that rounds up would have to think of.
+fn words_for(bits: usize) -> usize {
+    (bits + (WORD_BITS - 1)) >> WORD_BITS.trailing_zeros()
+}
+
+/// Words of the event queue, of two places each: a power of two, so that going round is cheap.
+fn queue_words(capacity: usize) -> usize {
+    // One place has a word of its own, as two have.
+    let last = capacity.wrapping_sub(1) | 1;
+    (usize::MAX / 2 + 1) >> last.leading_zeros()
 }
 
 /// A machine that runs. `R` says how it reads its tables: see [`Reads`].
@@ -226,25 +225,22 @@ fn queue_places(tables: &Tables<'_>) -> usize {
 #[cfg_attr(small, repr(C))]
 pub struct Interpreter<'m, B, R: Access = DefaultReads> {
     parts: Parts<R::Part>,
-    starts: Starts<R::Place>,
     period_us: u32,
-    /// Macro steps until a timer may have run out, that one included. A machine that was stopped has none left but the next.
-    steps_left: u32,
-    /// Macro steps that will have begun then, or been skipped.
-    due: u64,
     /// Events that were put into the queue in this macro step, and taken out: the second is the number of the micro step. The queue is a ring, as long as a power of
     /// two: the low bits say the place.
     queued: u32,
     taken: u32,
     queue_mask: u32,
     queue_capacity: u32,
-    arena: &'m mut [u32],
+    fault: Option<Fault>,
+    clock: Clock,
     layout: ArenaLayout,
+    starts: Starts<R::Place>,
+    arena: &'m mut [u32],
     verified: Verified<B>,
     /// What the next macro step does, and what it does once some region is awake.
     next_step: Step,
     visit: Step,
-    fault: Option<Fault>,
 }
 
 /// Whether it is compiled for size: one way for all, where there are shorter ones for what is frequent. See the build script.
@@ -262,6 +258,16 @@ enum Step {
 }
 
 const WORD_BITS: usize = u32::BITS as usize;
+/// Where the two words of 32 region instances are: who is active, and who is awake.
+const ACTIVE: usize = 0;
+const AWAKE: usize = 1;
+
+/// What is written of a region instance: in which of the two words, and twice the bit.
+type Mark = usize;
+const SET_INACTIVE: Mark = ACTIVE;
+const SET_ASLEEP: Mark = AWAKE;
+const SET_ACTIVE: Mark = ACTIVE | 2;
+const SET_AWAKE: Mark = AWAKE | 2;
 const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 /// The first region instance of a word.
 const FIRST: u32 = 1 << (u32::BITS - 1);
@@ -272,25 +278,6 @@ fn from_place(region: usize) -> u32 {
     u32::MAX >> (region % WORD_BITS)
 }
 
-/// The region instances of a word of 32 that are not before `region`.
-#[inline]
-fn not_before(region: usize, word: usize) -> u32 {
-    match region.saturating_sub(WORD_BITS * word) {
-        offset @ 0..WORD_BITS => u32::MAX >> offset,
-        _ => 0,
-    }
-}
-
-/// The words that some region instances have bits in, each with their bits there.
-#[inline]
-fn words_of(regions: Range<usize>) -> impl Iterator<Item = (usize, u32)> {
-    let words = regions.start / WORD_BITS..regions.end.div_ceil(WORD_BITS);
-    words.map(move |word| {
-        let those = not_before(regions.start, word) & !not_before(regions.end, word);
-        (word, those)
-    })
-}
-
 /// Where the visit of a micro step goes on after a transition of one region instance.
 ///
 /// Most change only what the region instance itself is in, and the visit goes on as it was: that is 0. Where who is active or awake changed, it is the next region instance that
@@ -298,6 +285,30 @@ fn words_of(regions: Range<usize>) -> impl Iterator<Item = (usize, u32)> {
 type Resume = usize;
 const ON: Resume = 0;
 const NOT_TAKEN: Resume = usize::MAX;
+
+/// A timer that runs.
+struct Timer {
+    /// The flag of its state.
+    flag: usize,
+    /// Macro steps since its state was entered.
+    age: u32,
+    /// The highest age at which it has not run out.
+    limit: u32,
+}
+
+/// Stands for no region instance.
+const NOBODY: usize = usize::MAX;
+
+/// Who is still to be shown an event.
+struct Listening<P> {
+    /// Those of a word of region instances.
+    visit: u32,
+    word: usize,
+    /// Words of the row from this one on.
+    words: usize,
+    /// This word of the row.
+    row: P,
+}
 
 /// A region instance that is visited.
 #[derive(Clone, Copy)]
@@ -350,7 +361,7 @@ impl<const REVERSED: bool> Window<REVERSED> {
 fn is_bit_right(flags: u32, guard: usize) -> bool {
     let window = flags & ((1 << format::WINDOW_FLAGS) - 1);
     let if_clear = usize::from(format::GUARD_IF_CLEAR);
-    (window >> (guard % if_clear) & 1 != 0) == (guard < if_clear)
+    ((window >> (guard % if_clear)) as usize ^ (guard / if_clear)) & 1 != 0
 }
 
 impl<'m, B> Interpreter<'m, B>
@@ -380,58 +391,68 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         clippy::result_large_err,
         reason = "gives the blob back, and there is no heap to box it on"
     )]
-    #[cfg_attr(small, inline(never))]
     pub fn with_reads(
         verified: Verified<B>,
         arena: &'m mut [u32],
     ) -> Result<Self, ArenaTooSmall<'m, B>> {
         let tables = verified.tables();
-        let layout = ArenaLayout::of(&tables);
-        let queue_capacity = tables.queue_capacity() as u32;
-        // Where there is one place only, the word has a second one.
-        let queue_mask = (2 * (layout.end - layout.queue) - 1) as u32;
-        let period_us = tables
-            .slot(tables.interpreter_slot())
-            .map_or(0, |slot| slot.period_us);
+        let mission = R::place(tables.bytes(), tables.start_at(Section::Mission as usize));
+        let number = |field: Field| -> usize {
+            R::half(tables.bytes(), R::ahead(mission, field.offset())).into()
+        };
+        let queue_capacity = number(mission::QUEUE);
+        let interpreter_slot = number(mission::INTERPRETER_SLOT);
+        let layout = ArenaLayout::new(
+            tables.region_instance_count(),
+            tables.task_instance_count(),
+            number(mission::FLAGS),
+            queue_capacity,
+        );
         let needed_words = layout.words();
-        let Some(used) = arena.get_mut(..needed_words) else {
-            return Err(ArenaTooSmall {
+        // The result is made where it will stand.
+        let mut made = if needed_words <= arena.len() {
+            Ok(Self {
+                parts: Parts::of::<R>(arena, &layout),
+                period_us: 0,
+                queued: 0,
+                taken: 0,
+                // Where there is one place only, the word has a second one.
+                queue_mask: (2 * (layout.end - layout.queue) - 1) as u32,
+                queue_capacity: queue_capacity as u32,
+                fault: None,
+                clock: Clock::at(0, u32::MAX),
+                layout,
+                starts: starts_of::<R>(&tables),
+                arena,
+                verified,
+                next_step: Step::Rest,
+                visit: if !SMALL && layout.regions <= WORD_BITS {
+                    Step::Near
+                } else {
+                    Step::Far
+                },
+            })
+        } else {
+            Err(ArenaTooSmall {
                 verified,
                 arena,
                 needed_words,
-            });
+            })
         };
-        used.fill(0);
-        let parts = Parts::of::<R>(used, &layout);
-        let starts = Starts::of::<R>(&tables);
-        let mut machine = Self {
-            verified,
-            arena,
-            layout,
-            starts,
-            parts,
-            period_us,
-            steps_left: u32::MAX,
-            due: u32::MAX.into(),
-            queued: 0,
-            taken: 0,
-            queue_mask,
-            queue_capacity,
-            next_step: Step::Rest,
-            visit: if !SMALL && layout.regions <= WORD_BITS {
-                Step::Near
-            } else {
-                Step::Far
-            },
-            fault: None,
-        };
-        for region in 0..layout.regions {
-            let record = machine.record(Section::RegionInstances, region);
-            let initial = machine.field(record, region_instance::INITIAL);
-            machine.set_current(region, initial);
+        if let Ok(machine) = &mut made {
+            let slot = machine.record(Section::Slots, interpreter_slot);
+            machine.period_us = machine.word_of(R::ahead(slot, slot::PERIOD.offset()));
+            if let Some(used) = machine.arena.get_mut(..needed_words) {
+                used.fill(0);
+            }
+            for region in 0..layout.regions {
+                let record = machine.record(Section::RegionInstances, region);
+                let initial = machine.field(record, region_instance::INITIAL);
+                machine.set_current(region, initial);
+            }
+            machine.start_regions(0, layout.regions);
         }
-        machine.start_regions(0, layout.regions);
-        Ok(machine)
+        made
     }
 
     /// The same machine with another time between its macro steps than the period of the interpreter's slot, as a simulation may
@@ -443,12 +464,9 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 
     /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
     pub fn skip(&mut self, missed: u32) {
-        if missed < self.steps_left {
-            self.steps_left -= missed;
-        } else {
+        if !self.clock.skip(missed) {
             self.age_timers(missed);
-            self.due = self.begun() + u64::from(missed) + 1;
-            self.steps_left = 1;
+            self.clock = Clock::at(self.clock.begun() + u64::from(missed), 1);
         }
     }
 
@@ -459,9 +477,8 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     #[cfg_attr(not(small), inline(always))]
     #[cfg_attr(small, inline(never))]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
-        self.steps_left -= 1;
-        let step = self.begun() - 1;
-        if self.steps_left == 0 {
+        let step = self.clock.begin();
+        if self.clock.steps_left() == 0 {
             self.run_timers()?;
         }
         let mut summary = StepSummary {
@@ -641,7 +658,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
 
     /// Whether the next macro step looks at all timers: for those who count what a macro step does.
     pub fn looks_at_timers(&self) -> bool {
-        self.steps_left == 1 && self.fault.is_none()
+        self.clock.steps_left() == 1 && self.fault.is_none()
     }
 
     /// Whether a state of a region instance is current, and all superstates around it are.
@@ -658,7 +675,9 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
 
     /// Whether a task instance is enabled.
     pub fn is_enabled(&self, task_instance: usize) -> bool {
-        bit(self.enabled_words(), task_instance)
+        let place = task_instance / WORD_BITS;
+        let word = Checked::load(self.arena, self.layout.enabled, place);
+        task_instance < self.layout.tasks && word >> (task_instance % WORD_BITS) & 1 != 0
     }
 
     /// The enable bits of all task instances, the first in the lowest bit of the first word.
@@ -723,20 +742,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Where a record begins.
     #[inline(always)]
     fn record(&self, section: Section, index: usize) -> R::Place {
-        let start = match section {
-            Section::States => self.starts.states,
-            Section::Transitions => self.starts.transitions,
-            Section::Instances => self.starts.instances,
-            Section::RegionInstances => self.starts.region_instances,
-            Section::Channels => self.starts.channels,
-            Section::Listeners => self.starts.listeners,
-            Section::TaskInstances => self.starts.task_instances,
-            _ => {
-                let tables = self.verified.tables();
-                R::place(tables.bytes(), tables.start(section))
-            }
-        };
-        R::ahead(start, record_bytes(section) * index)
+        R::ahead(self.starts[section as usize], record_bytes(section) * index)
     }
 
     /// A field of a record.
@@ -783,29 +789,28 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Who is active of a word of region instances.
     #[inline(always)]
     fn active(&self, word: usize) -> u32 {
-        self.load(self.parts.active, 2 * word)
+        self.load(self.parts.active, 2 * word + ACTIVE)
     }
 
     #[cfg_attr(not(small), inline(always))]
-    #[cfg_attr(small, inline(never))]
     fn is_active_at(&self, region: usize) -> bool {
         self.active(region / WORD_BITS) & bit_of(region) != 0
     }
 
     #[inline(always)]
     fn set_active(&mut self, word: usize, active: u32) {
-        self.store(self.parts.active, 2 * word, active);
+        self.store(self.parts.active, 2 * word + ACTIVE, active);
     }
 
     /// Who is awake of a word of region instances.
     #[inline(always)]
     fn awake(&self, word: usize) -> u32 {
-        self.load(self.parts.active, 2 * word + 1)
+        self.load(self.parts.active, 2 * word + AWAKE)
     }
 
     #[inline(always)]
     fn set_awake(&mut self, word: usize, awake: u32) {
-        self.store(self.parts.active, 2 * word + 1, awake);
+        self.store(self.parts.active, 2 * word + AWAKE, awake);
     }
 
     /// The next region instance that is not inside this one.
@@ -816,8 +821,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 
     /// The first own flag of a state in a region instance.
-    #[cfg_attr(not(small), inline(always))]
-    #[cfg_attr(small, inline(never))]
+    #[inline(always)]
     fn first_flag(&self, region: usize, state: R::Place) -> usize {
         let region = self.record(Section::RegionInstances, region);
         self.field(region, region_instance::FIRST_FLAG) + self.field(state, state::FIRST_FLAG)
@@ -845,18 +849,34 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         word & bit != 0
     }
 
-    /// Writes one of the two bits of a region instance: that in the first word of its two, or in the second.
-    #[cfg_attr(small, inline(never))]
-    fn mark(&mut self, region: usize, second: bool, value: bool) {
-        let words = 2 * (region / WORD_BITS) + usize::from(second);
-        let bit = (WORD_BITS - 1) - region % WORD_BITS;
-        self.write_bit(self.parts.active, WORD_BITS * words + bit, value);
+    /// Makes a [`Mark`] at some region instances.
+    #[inline(never)]
+    fn mark_all(&mut self, regions: Range<usize>, mark: Mark) {
+        let Range { start: mut at, end } = regions;
+        let (which, value) = (mark & 1, 0u32.wrapping_sub(mark as u32 >> 1));
+        while at < end {
+            let place = 2 * (at / WORD_BITS) + which;
+            let mut those = from_place(at);
+            at |= WORD_BITS - 1;
+            if end <= at {
+                those &= !from_place(end);
+            }
+            at += 1;
+            let word = self.load(self.parts.active, place);
+            self.store(self.parts.active, place, word ^ (word ^ value) & those);
+        }
+    }
+
+    /// The same at one region instance.
+    #[inline(always)]
+    fn mark(&mut self, region: usize, mark: Mark) {
+        self.mark_all(region..region + 1, mark);
     }
 
     #[inline(always)]
     fn wake(&mut self, region: usize) {
         if SMALL {
-            return self.mark(region, true, true);
+            return self.mark(region, SET_AWAKE);
         }
         let word = region / WORD_BITS;
         self.set_awake(word, self.awake(word) | bit_of(region));
@@ -969,17 +989,36 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         }
     }
 
-    /// The first transition on an event whose guard is true, out of the current state of a region instance. After a pulse that sleeps, if its guards allow.
+    /// The first transition on an event, the pulse among them, whose guard is true, out of the current state of a region instance. After the pulse that sleeps, if its guards allow;
+    /// [`Self::make_current`] wakes it.
+    #[inline(always)]
     fn find(&mut self, event: u16, here: Here<R::Place>) -> Option<R::Place> {
         let Here { region, current } = here;
+        let mut first = self.field(current, state::FIRST_TRANSITION);
+        let mut end = self.field(current, state::FIRST_EVENT_TRANSITION);
         if event == format::PULSE {
             self.put_to_sleep(region);
-            return Some(self.find_on_pulse(here)?.0);
+        } else {
+            if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
+                return None;
+            }
+            first = end;
+            // `final` has no transitions, so a state that has some is not the last.
+            let after = R::ahead(current, record_bytes(Section::States));
+            end = self.field(after, state::FIRST_TRANSITION);
         }
-        if self.events(current) >> (u32::from(event) % u32::BITS) & 1 == 0 {
-            return None;
+        let mut at = self.record(Section::Transitions, first);
+        let end = self.record(Section::Transitions, end);
+        while at != end {
+            // Without the mark, which is in the highest bit.
+            let differs = self.field(at, transition::EVENT) as u16 ^ event;
+            if differs << 1 == 0 && self.is_true(self.field(at, transition::GUARD), region, current)
+            {
+                return Some(at);
+            }
+            at = R::ahead(at, TRANSITION_BYTES);
         }
-        Some(self.find_on_event(event, here)?.0)
+        None
     }
 
     /// The same in any machine.
@@ -1051,62 +1090,106 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         observer: &mut O,
     ) -> bool {
         let sent = self.record(Section::Channels, sent);
-        let mut words = self.field(sent, channel::REGION_WORDS);
+        let words = self.field(sent, channel::REGION_WORDS);
         if words == 0 {
             return true;
         }
         let event = self.field(sent, channel::EVENT) as u16;
         let waits = 1 << (u32::from(event) % u32::BITS);
         let row = self.field(sent, channel::FIRST_ROW_WORD);
-        let mut row = self.record(Section::Listeners, row);
-        let mut word = if NEAR {
-            words = 1;
+        let row = self.record(Section::Listeners, row);
+        let word = if NEAR {
             0
         } else {
             self.field(sent, channel::FIRST_REGION_WORD)
         };
-        let mut visit = self.active(word) & self.word_of(row);
+        let mut left = Listening {
+            visit: self.active(word) & self.word_of(row),
+            word,
+            words,
+            row,
+        };
         loop {
-            while visit != 0 {
-                let offset = visit.leading_zeros();
-                visit &= !(FIRST >> offset);
-                let mut here = self.here(word, offset);
+            let here = if NEAR {
+                if left.visit == 0 {
+                    return true;
+                }
+                let offset = left.visit.leading_zeros();
+                left.visit &= !(FIRST >> offset);
+                let here = self.here(0, offset);
                 if self.events(here.current) & waits == 0 {
-                    // Where there are many, most do not wait: so there is a loop for them alone.
-                    if NEAR || !self.skip_idle(&mut visit, word, waits, &mut here) {
-                        continue;
-                    }
-                }
-                let Some((at, is_plain)) = self.find_on_event(event, here) else {
-                    continue;
-                };
-                *changed = true;
-                if is_plain {
-                    self.take_plain(here, at);
-                    self.tell(here, at, observer);
                     continue;
                 }
-                let behind = self.take_any(here.region, at, observer);
-                if behind == NOT_TAKEN {
-                    return false;
+                here
+            } else {
+                let region = self.next_waiting(&mut left, waits);
+                if region == NOBODY {
+                    return true;
                 }
+                Here {
+                    region,
+                    current: self.current_record(region),
+                }
+            };
+            let Some((at, is_plain)) = self.find_on_event(event, here) else {
+                continue;
+            };
+            *changed = true;
+            if is_plain {
+                self.take_plain(here, at);
                 self.tell(here, at, observer);
-                if behind != ON {
-                    let ahead = behind / WORD_BITS - word;
-                    if ahead >= words {
-                        return true;
-                    }
-                    if !NEAR {
-                        words -= ahead;
-                        word += ahead;
-                        row = R::ahead(row, record_bytes(Section::Listeners) * ahead);
-                    }
-                    visit = self.active(word) & self.word_of(row) & from_place(behind);
+                continue;
+            }
+            let behind = self.take_any(here.region, at, observer);
+            if behind == NOT_TAKEN {
+                return false;
+            }
+            self.tell(here, at, observer);
+            if behind != ON {
+                let ahead = behind / WORD_BITS - left.word;
+                if ahead >= if NEAR { 1 } else { left.words } {
+                    return true;
+                }
+                if !NEAR {
+                    left.words -= ahead;
+                    left.word += ahead;
+                    left.row = R::ahead(left.row, record_bytes(Section::Listeners) * ahead);
+                }
+                left.visit = self.active(left.word) & self.word_of(left.row) & from_place(behind);
+            }
+        }
+    }
+
+    /// The next region instance that listens and whose current state waits for one of these events, in any word, or [`NOBODY`]. Apart from what is done with it, so that all that this goes
+    /// over words and region instances with is at hand.
+    #[inline(never)]
+    fn next_waiting(&self, left: &mut Listening<R::Place>, waits: u32) -> usize {
+        let Listening {
+            mut visit,
+            mut word,
+            mut words,
+            mut row,
+        } = *left;
+        loop {
+            let states = R::further(self.parts.current, word * (WORD_BITS / 2));
+            while visit != 0 {
+                let offset = visit.leading_zeros() as usize;
+                visit &= !(FIRST >> offset);
+                let current = R::load_half(self.arena, states, offset);
+                let current = self.record(Section::States, current.into());
+                if self.events(current) & waits != 0 {
+                    *left = Listening {
+                        visit,
+                        word,
+                        words,
+                        row,
+                    };
+                    return WORD_BITS * word + offset;
                 }
             }
             words -= 1;
-            if NEAR || words == 0 {
-                return true;
+            if words == 0 {
+                return NOBODY;
             }
             word += 1;
             row = R::ahead(row, record_bytes(Section::Listeners));
@@ -1121,28 +1204,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.disable_real_time(0..self.layout.tasks, observer);
         self.fault = Some(fault);
         self.taken = self.queued;
-        self.look_at_timers_in(1);
+        self.clock.look_in(1);
         fault
-    }
-
-    /// Goes on to the next of the region instances in `visit` whose current state waits for one of these events, if there is one; it and those before it are taken out.
-    #[inline(always)]
-    fn skip_idle(
-        &self,
-        visit: &mut u32,
-        word: usize,
-        waits: u32,
-        here: &mut Here<R::Place>,
-    ) -> bool {
-        while *visit != 0 {
-            let offset = visit.leading_zeros();
-            *here = self.here(word, offset);
-            *visit &= !(FIRST >> offset);
-            if self.events(here.current) & waits != 0 {
-                return true;
-            }
-        }
-        false
     }
 
     /// The region instance at a place of a word.
@@ -1178,18 +1241,16 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn find_on_pulse(&mut self, here: Here<R::Place>) -> Option<(R::Place, usize)> {
         let Here { region, current } = here;
-        let mut row = self.field(current, state::B);
-        if self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0 {
-            self.run_timer(region);
-            row = 0;
-        }
         let first = self.field(current, state::FIRST_TRANSITION);
         let end = self.field(current, state::FIRST_EVENT_TRANSITION);
         let mut at = self.record(Section::Transitions, first);
         let end = self.record(Section::Transitions, end);
         let flags = self.first_flag(region, current);
         let window: Window = Window::of(R::window(self.arena, self.parts.flags, flags));
-        if row != 0 {
+        let row = self.field(current, state::B);
+        let has_timeout =
+            self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
+        if row != 0 && !has_timeout {
             let guard = self.field(at, transition::GUARD);
             if let Some(first) = window.first_of::<R>(guard, row) {
                 return Some((R::ahead(at, TRANSITION_BYTES * first), flags));
@@ -1251,7 +1312,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[inline(always)]
     fn put_to_sleep(&mut self, region: usize) {
         if SMALL {
-            return self.mark(region, true, false);
+            return self.mark(region, SET_ASLEEP);
         }
         let word = region / WORD_BITS;
         self.set_awake(word, self.awake(word) & !bit_of(region));
@@ -1262,16 +1323,24 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[cfg_attr(small, inline(never))]
     fn make_current(&mut self, region: usize, target: usize) {
         self.set_current(region, target);
-        if self.events(self.record(Section::States, target)) & 1 != 0 {
+        let events = self.events(self.record(Section::States, target)) as usize;
+        if SMALL {
+            // Whoever woke it before, there is nothing else to do on the pulse.
+            return self.mark(region, SET_ASLEEP | (events & 1) << 1);
+        }
+        if events & 1 != 0 {
             self.wake(region);
         }
     }
 
     /// A guard of any form.
-    #[inline(never)]
+    #[cfg_attr(not(small), inline(never))]
+    #[cfg_attr(small, inline(always))]
     fn is_true(&mut self, guard: usize, region: usize, current: R::Place) -> bool {
-        let flags = self.first_flag(region, current);
-        let flags = R::window(self.arena, self.parts.flags, flags);
+        let here = self.record(Section::RegionInstances, region);
+        let first_flag = self.field(here, region_instance::FIRST_FLAG);
+        let own = first_flag + self.field(current, state::FIRST_FLAG);
+        let flags = R::window(self.arena, self.parts.flags, own);
         if guard < usize::from(format::GUARD_PROGRAM) {
             if SMALL {
                 return is_bit_right(flags, guard);
@@ -1281,33 +1350,33 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         }
         if guard >= usize::from(format::GUARD_MASK) {
             let at = self.record(Section::Code, guard % usize::from(format::GUARD_MASK));
-            let differ = flags as usize ^ self.field(at, mask::VALUE);
-            return differ & self.field(at, mask::MASK) == 0;
+            let (mask, value) = halves(self.word_of(at));
+            return (flags as u16 ^ value) & mask == 0;
         }
-        let here = self.record(Section::RegionInstances, region);
-        let first_flag = self.field(here, region_instance::FIRST_FLAG);
         let mut at = self.record(Section::Code, guard - usize::from(format::GUARD_PROGRAM));
         loop {
             let control = self.field(at, code::CONTROL) as u16;
             let operation = control >> format::CODE_OPERATION_SHIFT;
             let is_set = match operation {
+                format::CODE_END => return true,
                 format::CODE_JUMP_IF_CLEAR | format::CODE_JUMP_IF_SET => {
                     self.flag_at(first_flag + self.field(at, code::OPERAND))
                 }
-                format::CODE_JUMP_IF_IDLE_INSIDE | format::CODE_JUMP_IF_BUSY_INSIDE => {
+                // Those that ask for what is busy inside: others are not in guards.
+                _ => {
                     // Tasks get busy without waking anyone but their own region.
                     self.wake(region);
                     self.is_busy_within(region)
                 }
-                _ => return true,
             };
             // Those that jump if it is set have even numbers.
-            let jumps = is_set == operation.is_multiple_of(2);
-            let ahead = match (jumps, usize::from(control & format::CODE_LOW_MASK)) {
-                (false, _) => 1,
-                (true, 0) => return false,
-                (true, jump) => jump,
-            };
+            let mut ahead = 1;
+            if (operation ^ u16::from(is_set)) & 1 != 0 {
+                ahead = usize::from(control & format::CODE_LOW_MASK);
+                if ahead == 0 {
+                    return false;
+                }
+            }
             at = R::ahead(at, record_bytes(Section::Code) * ahead);
         }
     }
@@ -1384,13 +1453,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let first_flag = self.first_flag(region, entered);
         self.reset_flags(first_flag, shape & format::STATE_FLAGS_MASK);
         let action = self.field(transition, transition::ACTION) as u16;
-        if action & format::ACTION_SEND != 0 {
+        if !SMALL && action & format::ACTION_SEND != 0 {
             let first_channel = self.field(instance, instance::FIRST_CHANNEL);
             if !self.send_apart(first_channel + usize::from(action & !format::ACTION_SEND)) {
                 return NOT_TAKEN;
             }
         } else if action != format::ACTION_NONE {
-            match self.act(usize::from(action - format::ACTION_ROW), here, entered) {
+            match self.act(action, here, entered) {
                 Some(wide) => is_wide |= wide,
                 None => return NOT_TAKEN,
             }
@@ -1430,23 +1499,31 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         if is_wide { self.next(region) } else { ON }
     }
 
-    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`. Says whether it woke anyone; none if
-    /// the queue had no room for an event.
+    /// Carries out a row of actions of a transition in the region instance with the record `here` to the state with the record `entered`; compiled for size, also a single `send`. Says
+    /// whether it woke anyone; none if the queue had no room for an event.
     #[inline(never)]
-    fn act(&mut self, first: usize, here: R::Place, entered: R::Place) -> Option<bool> {
+    fn act(&mut self, action: u16, here: R::Place, entered: R::Place) -> Option<bool> {
         let mut is_wide = false;
         let first_flag = self.field(here, region_instance::FIRST_FLAG);
         let own = self.field(entered, state::FIRST_FLAG);
         let own_flags = self.field(entered, state::SHAPE) & usize::from(format::STATE_FLAGS_MASK);
         let instance_index = self.field(here, region_instance::INSTANCE);
+        let is_row = !SMALL || action & format::ACTION_SEND == 0;
+        let first = usize::from(action.wrapping_sub(format::ACTION_ROW));
         let mut at = self.record(Section::Code, first);
         loop {
-            let control = self.field(at, code::CONTROL) as u16;
-            let operand = self.field(at, code::OPERAND);
+            let mut operand = usize::from(action & !format::ACTION_SEND);
+            // What a row of one `send` ends with.
+            let mut control = format::CODE_SEND << format::CODE_OPERATION_SHIFT | 1;
+            if is_row {
+                operand = self.field(at, code::OPERAND);
+                control = self.field(at, code::CONTROL) as u16;
+            }
             let operation = control >> format::CODE_OPERATION_SHIFT;
             if operation == format::CODE_SEND {
                 let instance = self.record(Section::Instances, instance_index);
-                if !self.send_apart(self.field(instance, instance::FIRST_CHANNEL) + operand) {
+                let channel = self.field(instance, instance::FIRST_CHANNEL) + operand;
+                if !self.send_apart(channel) {
                     return None;
                 }
             } else {
@@ -1454,7 +1531,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 // Own flags of the state that is entered are looked at by nobody else.
                 if operand.wrapping_sub(own) >= own_flags {
                     self.wake_instance(instance_index);
-                    is_wide = true;
+                    is_wide = !SMALL;
                 }
             }
             if control & format::CODE_LOW_MASK != 0 {
@@ -1517,16 +1594,16 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.wake_all(around..end);
     }
 
-    #[inline(never)]
+    #[cfg_attr(not(small), inline(never))]
     fn wake_all(&mut self, regions: Range<usize>) {
-        for (word, those) in words_of(regions) {
-            self.set_awake(word, self.awake(word) | those);
+        self.mark_all(regions, SET_AWAKE);
+        if !SMALL {
+            self.next_step = self.visit;
         }
-        self.next_step = self.visit;
     }
 
     /// Ends what is inside the superstate of a region instance, a container instance.
-    #[inline(never)]
+    #[cfg_attr(not(small), inline(never))]
     fn leave_regions<O: Observer>(&mut self, region: usize, inside: usize, observer: &mut O) {
         let instance = self.record(Section::Instances, inside);
         let content = self.field(instance, instance::CONTAINER);
@@ -1534,9 +1611,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let first_task = self.field(instance, instance::FIRST_TASK);
         let tasks = self.field(content, container::TASK_SPAN);
         self.disable_real_time(first_task..first_task + tasks, observer);
-        for (word, those) in words_of(region + 1..self.next(region)) {
-            self.set_active(word, self.active(word) & !those);
-        }
+        self.mark_all(region + 1..self.next(region), SET_INACTIVE);
     }
 
     /// Starts the region instances of a container instance, of which the first is `first`, and all are before `end`.
@@ -1547,13 +1622,13 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
             let record = self.record(Section::RegionInstances, at);
             let initial = self.field(record, region_instance::INITIAL);
             if SMALL {
-                self.mark(at, false, true);
+                self.mark(at, SET_ACTIVE);
             } else {
                 let word = at / WORD_BITS;
                 self.set_active(word, self.active(word) | bit_of(at));
+                // It may have been woken when it was not active.
+                self.put_to_sleep(at);
             }
-            // It may have been woken when it was not active.
-            self.put_to_sleep(at);
             self.make_current(at, initial);
             at = self.field(record, region_instance::NEXT);
         }
@@ -1573,28 +1648,11 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     }
 }
 
-/// Timers, and the number of macro steps.
+/// Timers.
 ///
 /// A state's age is the number of macro steps since the one in which it was entered. Until its timeout flag is set, it is at most one above the highest at which the state is
 /// not overdue, which fits in 32 bits. Macro steps that are skipped are added by [`Self::age_timers`].
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Macro steps that began, or were skipped.
-    #[inline(always)]
-    fn begun(&self) -> u64 {
-        self.due - u64::from(self.steps_left)
-    }
-
-    /// The low bits of the number of the last macro step that began.
-    fn now(&self) -> u32 {
-        (self.begun() as u32).wrapping_sub(1)
-    }
-
-    /// Looks at the timers in the macro step that comes so many after the last that began.
-    fn look_at_timers_in(&mut self, steps: u32) {
-        self.due = self.begun() + u64::from(steps);
-        self.steps_left = steps;
-    }
-
     /// The highest age at which a state is not overdue.
     fn limit(&self, state: R::Place) -> u32 {
         let timer = self.record(Section::Timers, self.field(state, state::B));
@@ -1606,59 +1664,54 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 
     #[inline(never)]
     fn start_timer(&mut self, region: usize, entered: R::Place) {
-        self.store(self.parts.entered, region, self.now());
-        let steps = self.steps_left.min(self.limit(entered) + 1);
-        self.look_at_timers_in(steps);
+        self.store(self.parts.entered, region, self.clock.now());
+        let steps = self.clock.steps_left().min(self.limit(entered) + 1);
+        self.clock.look_in(steps);
     }
 
-    /// The timeout flag of a state in a region instance.
-    fn timeout_flag(&self, region: usize, state: R::Place) -> usize {
-        let kind = self.field(state, state::SHAPE) as u16 >> format::STATE_KIND_SHIFT;
-        let of_simple = kind == format::STATE_SIMPLE;
-        self.first_flag(region, state) + if of_simple { 0 } else { format::FLAG_TIMEOUT }
-    }
-
-    /// The record of a region instance's current state, if that is active and its timer runs, and after how many macro steps it is overdue; 0 if it is.
-    fn timed(&self, region: usize) -> Option<(R::Place, u32)> {
-        let active = self.is_active_at(region);
+    /// The timer of the current state of a region instance, if that is active and its timer runs.
+    #[cfg_attr(not(small), inline(always))]
+    fn timer(&self, region: usize) -> Option<Timer> {
         let current = self.current_record(region);
-        let timed = self.field(current, state::SHAPE) & usize::from(format::STATE_HAS_TIMEOUT) != 0;
-        if !active || !timed || self.flag_at(self.timeout_flag(region, current)) {
+        let shape = self.field(current, state::SHAPE) as u16;
+        if shape & format::STATE_HAS_TIMEOUT == 0 || !self.is_active_at(region) {
             return None;
         }
-        let age = self
-            .now()
-            .wrapping_sub(self.load(self.parts.entered, region));
-        Some((current, (self.limit(current) + 1).saturating_sub(age)))
+        let of_simple = shape >> format::STATE_KIND_SHIFT == format::STATE_SIMPLE;
+        let own = self.first_flag(region, current);
+        let flag = own + if of_simple { 0 } else { format::FLAG_TIMEOUT };
+        let entered = self.load(self.parts.entered, region);
+        (!self.flag_at(flag)).then(|| Timer {
+            flag,
+            age: self.clock.now().wrapping_sub(entered),
+            limit: self.limit(current),
+        })
     }
 
-    /// Sets the timeout flag of the current state of a region instance if that has been so for longer than its limit.
+    /// Sets the flag of each timer that has run out, and wakes its region instance, with all inside, for whom that is a flag of their instance; finds out when the next may be. A
+    /// machine that was stopped has its last macro step again and again, so that no other has to look for its fault.
     #[cold]
-    #[inline(never)]
-    fn run_timer(&mut self, region: usize) {
-        if let Some((current, 0)) = self.timed(region) {
-            self.set_flag_to(self.timeout_flag(region, current), true);
-        }
-    }
-
-    /// Wakes who is overdue, with all inside, for whom that is a flag of their instance; finds out when the next may be. A machine that was stopped has its last macro step
-    /// again and again, so that no other has to look for its fault.
-    #[cold]
-    #[inline(never)]
+    #[cfg_attr(not(small), inline(never))]
+    #[cfg_attr(small, inline(always))]
     fn run_timers(&mut self) -> Result<(), Fault> {
         if let Some(fault) = self.fault {
-            self.look_at_timers_in(1);
+            self.clock.look_in(1);
             return Err(fault);
         }
         let mut steps = u32::MAX;
         for region in 0..self.layout.regions {
-            match self.timed(region) {
-                Some((_, 0)) => self.wake_all(region..self.next(region)),
-                Some((_, left)) => steps = steps.min(left),
-                None => {}
+            let Some(timer) = self.timer(region) else {
+                continue;
+            };
+            match timer.limit.checked_sub(timer.age) {
+                Some(left) => steps = steps.min(left + 1),
+                None => {
+                    self.set_flag_to(timer.flag, true);
+                    self.wake_all(region..self.next(region));
+                }
             }
         }
-        self.look_at_timers_in(steps);
+        self.clock.look_in(steps);
         Ok(())
     }
 
@@ -1666,16 +1719,21 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     #[cold]
     #[inline(never)]
     fn age_timers(&mut self, missed: u32) {
-        let next = (self.begun() as u32).wrapping_add(missed);
+        let next = (self.clock.begun() as u32).wrapping_add(missed);
         for region in 0..self.layout.regions {
-            if let Some((current, left)) = self.timed(region)
-                && left.saturating_sub(1) <= missed
+            if let Some(Timer { age, limit, .. }) = self.timer(region)
+                && limit.saturating_sub(age) <= missed
             {
-                let entered = next.wrapping_sub(self.limit(current) + 1);
+                let entered = next.wrapping_sub(limit + 1);
                 self.store(self.parts.entered, region, entered);
             }
         }
     }
+}
+
+/// The low and the high half of a word.
+fn halves(word: u32) -> (u16, u16) {
+    (word as u16, (word >> 16) as u16)
 }
 
 /// The bit of a region instance in its word.

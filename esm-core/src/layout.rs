@@ -18,6 +18,11 @@ impl Field {
         Self((section as u16) << Self::NUMBER_BITS)
     }
 
+    /// The field behind, which must be in the same record.
+    pub(crate) fn next(self) -> Self {
+        Self(self.0 + 1)
+    }
+
     /// The section, as an index into [`Section::ALL`].
     pub(crate) fn section(self) -> usize {
         usize::from(self.0 >> Self::NUMBER_BITS)

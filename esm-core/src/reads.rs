@@ -91,6 +91,8 @@ pub(crate) mod access {
 
         /// The part that begins with a word.
         fn part(arena: &mut [u32], word: usize) -> Self::Part;
+        /// The part that begins so many words further on.
+        fn further(part: Self::Part, words: usize) -> Self::Part;
         /// A word of the arena.
         fn load(arena: &[u32], part: Self::Part, index: usize) -> u32;
         /// Writes a word of the arena.
@@ -148,6 +150,11 @@ impl access::Access for Checked {
     #[inline(always)]
     fn part(_: &mut [u32], word: usize) -> usize {
         word
+    }
+
+    #[inline(always)]
+    fn further(part: usize, words: usize) -> usize {
+        part + words
     }
 
     #[inline(always)]
@@ -291,6 +298,11 @@ mod unchecked {
         #[inline(always)]
         fn part(arena: &mut [u32], word: usize) -> Word {
             Word(arena.as_mut_ptr().wrapping_add(word).addr())
+        }
+
+        #[inline(always)]
+        fn further(Word(part): Word, words: usize) -> Word {
+            Word(part + 4 * words)
         }
 
         #[inline(always)]

@@ -6,13 +6,13 @@
 
 use crate::format::{self, Section};
 use crate::layout::{
-    Field, channel, connection, container, instance, listener, mission, region, region_instance,
-    slot, state, task, task_instance, task_state, timer, transition,
+    Field, channel, code, connection, container, instance, listener, mask, mission, region,
+    region_instance, slot, state, task, task_instance, task_state, timer, transition,
 };
 use crate::verify::Cause;
-use Cause::{Index, Kind, Order, Overlap, Range, Template};
+use Cause::{Direction, Index, Kind, Order, Overlap, Range, Template};
 use Section::{
-    Channels, Connections, Containers, Instances, Listeners, Mission, Nets, Params,
+    Channels, Code, Connections, Containers, Instances, Listeners, Mission, Names, Nets, Params,
     RegionInstances, Regions, Signatures, Slots, States, TaskInstances, TaskStates, Tasks, Timers,
     Transitions,
 };
@@ -69,8 +69,10 @@ const OF_REGION: Value = OF_CONTAINER + 8;
 const OF_NEXT_REGION: Value = OF_REGION + 2;
 /// That of the state under test.
 const OF_STATE: Value = OF_NEXT_REGION + 2;
-const SEEN: Value = OF_STATE + 8;
-const COUNT: Value = SEEN + Section::ALL.len() as Value;
+/// How many records of each section were come to.
+pub(crate) const SEEN: Value = OF_STATE + 8;
+/// How many there are.
+pub(crate) const COUNT: Value = SEEN + Section::ALL.len() as Value;
 
 values! {
     /** Always 1. */ ONE = COUNT + Section::ALL.len() as Value;
@@ -84,7 +86,8 @@ values! {
     /** Always the most state instances. */ MAX_STATE_INSTANCES after NONE,
     /** Always the longest time. */ MAX_TIME after MAX_STATE_INSTANCES,
     /** Always the first action that sends. */ ACTION_SEND after MAX_TIME,
-    /** Always the first guard that is a program. */ GUARD_PROGRAM after ACTION_SEND,
+    /** Always the last action that is none or a row. */ ACTION_LAST_ROW after ACTION_SEND,
+    /** Always the first guard that is a program. */ GUARD_PROGRAM after ACTION_LAST_ROW,
     /** Number of exclusive groups. */ GROUPS after GUARD_PROGRAM,
     /** State instances that were come to. */ STATE_INSTANCES after GROUPS,
     /** The region template under test, and then the one behind. */ TEMPLATE after STATE_INSTANCES,
@@ -126,13 +129,49 @@ const END_WORD: Value = A;
 /// One past the last word of its row.
 const END_ROW: Value = B;
 
+// Transitions are tested when all else of their state is, and code is read when the states that it speaks of were: the same holds of these.
+
+/// Always the first guard that is a mask.
+const GUARD_MASK: Value = ACTION_SEND;
+/// Always the last guard that is none.
+const GUARD_LAST_PROGRAM: Value = ACTION_LAST_ROW;
+/// Always one past the operations of programs of states that are no superstates.
+const END_OF_TESTS: Value = KIND_TASK;
+/// Always one past those of superstates, and the first that is an action, which is `send`.
+const CODE_SEND: Value = KIND_SUPER;
+const _: () = assert!(
+    format::GUARD_MASK == format::ACTION_SEND
+        && format::CODE_JUMP_IF_IDLE_INSIDE == format::STATE_TASK
+        && format::CODE_SEND == format::STATE_SUPER
+);
+/// Whether the transition must have the plain mark, 0 or 1.
+const IS_PLAIN: Value = A;
+/// Flags of the state that guards have short forms for.
+const WINDOW: Value = RIGHT;
+/// Operation of the code under test.
+const OPERATION: Value = HERE + 2;
+/// The rest of its control word.
+const LOW: Value = OPERATION + 1;
+/// The first operation that may stand there.
+const FIRST_OPERATION: Value = LOW + 1;
+/// One past the last.
+const END_OPERATION: Value = FIRST_OPERATION + 1;
+/// The first flag at the head of the instance's block that it may name.
+const FIRST_OF_HEAD: Value = END_OPERATION + 1;
+/// The farthest that a jump led to.
+const FARTHEST: Value = FIRST_OF_HEAD + 1;
+/// The first flag of the state that it may name.
+const FIRST_OWN: Value = FARTHEST + 1;
+/// One past the last.
+const END_OWN: Value = FIRST_OWN + 1;
+
 /// Records of a section that were come to: what comes next begins there.
-pub(crate) const fn seen(section: Section) -> Value {
+const fn seen(section: Section) -> Value {
     SEEN + section as Value
 }
 
 /// Records of a section.
-pub(crate) const fn count(section: Section) -> Value {
+const fn count(section: Section) -> Value {
     COUNT + section as Value
 }
 
@@ -195,8 +234,8 @@ struct Rule {
 pub(crate) mod rule {
     /// The list ends.
     pub(crate) const END: u8 = 0;
-    /// Does what no line can say, and ends the list: checks the plain mark of the transition, its guard and its actions.
-    pub(crate) const STEP: u8 = END | 1 << CAUSE_SHIFT;
+    /// Clears the bits in `left` that are clear in `a`. It needs no cause, and so it is told by where others have theirs.
+    pub(crate) const AND: u8 = END | 1 << CAUSE_SHIFT;
     /// Right if `left` is the sum of `a` and `b`.
     pub(crate) const IS: u8 = 1;
     /// Right if it is below it.
@@ -217,7 +256,7 @@ pub(crate) mod rule {
     pub(crate) const NUMBER: u8 = 9;
     /// Reads the record `a` of the section `left` to the values from `b` on.
     pub(crate) const READ: u8 = 10;
-    /// Passes over the next `b` bytes, but not if `left` is `a`.
+    /// Passes over as many bytes as `b` says, and where that is 0 those in the bits from [`PASSED_SHIFT`] on; but not if `left` is `a`.
     pub(crate) const GIVEN: u8 = 11;
     /// The same, but not if `left` is below `a`.
     pub(crate) const GIVEN_BELOW: u8 = 12;
@@ -229,6 +268,9 @@ pub(crate) mod rule {
     pub(crate) const ADD: u8 = 15;
 
     pub(crate) const CAUSE_SHIFT: u32 = 4;
+    pub(crate) const PASSED_SHIFT: u32 = CAUSE_SHIFT;
+    /// The most bytes that those bits can say.
+    pub(crate) const MAX_PASSED: usize = (u8::MAX >> PASSED_SHIFT) as usize;
     /// The bits that tell what a line does.
     pub(crate) const WHAT_MASK: u8 = (1 << CAUSE_SHIFT) - 1;
 }
@@ -291,6 +333,10 @@ const fn bit(left: Value, number: Value) -> Rule {
     line(rule::BIT, left, number, ZERO)
 }
 
+const fn and(left: Value, mask: Value) -> Rule {
+    line(rule::AND, left, mask, ZERO)
+}
+
 const fn number(left: Value, number: u16) -> Rule {
     let [low, high] = number.to_le_bytes();
     line(rule::NUMBER, left, low, high)
@@ -320,9 +366,6 @@ const fn apply_given(left: Value, right: Value, list: List) -> Rule {
     line(rule::APPLY, left, right, list as u8)
 }
 
-/// What no line can say: the plain mark of the transition, its guard and actions.
-const CHECK_TRANSITION: Rule = line(rule::STEP, ZERO, ZERO, 0);
-
 /// Lists of rules. A list applies only such as stand behind it, so the depth to which they apply one another is bounded.
 #[derive(Clone, Copy)]
 #[repr(u8)]
@@ -344,10 +387,11 @@ pub(crate) enum List {
     TemplateState,
     Transition,
     PulseTransition,
+    Code,
 }
 
 /// The lists in the order of [`List`].
-const LISTS: [&[Rule]; 17] = [
+const LISTS: [&[Rule]; 18] = [
     MISSION,
     SLOT,
     EARLIER_SLOT,
@@ -365,13 +409,14 @@ const LISTS: [&[Rule]; 17] = [
     TEMPLATE_STATE,
     TRANSITION,
     PULSE_TRANSITION,
+    CODE,
 ];
 
 /// A list begins at a multiple of this, so that one byte can say where.
-pub(crate) const LIST_ALIGNMENT: usize = 4;
+pub(crate) const LIST_ALIGNMENT: usize = 5;
 
-/// All lists as the verifier reads them. A line is what it does, `left`, `a` and `b`, a byte each; `b` is left out where it is 0, and the highest bit of `left` says that it is not. So a list
-/// applies another one by where that begins, in units of [`LIST_ALIGNMENT`], and lines that may be passed over are counted in bytes.
+/// All lists as the verifier reads them. A line is what it does, `left`, `a` and `b`, a byte each; `b` is left out where it is 0, and the highest bit of `left` says that it is not. A list
+/// applies another one by where that begins, in units of [`LIST_ALIGNMENT`]. Lines that may be passed over are counted in bytes, and where those are few they stand with what the line does.
 pub(crate) const PACKED: [u8; PACKED_BYTES] = {
     let mut packed = [0; PACKED_BYTES];
     let mut list = 0;
@@ -382,9 +427,16 @@ pub(crate) const PACKED: [u8; PACKED_BYTES] = {
         while at < rules.len() {
             let Rule { what, left, a, b } = rules[at];
             assert!(left & LONG == 0, "a value");
-            let b = match what {
+            let passed = passed_bytes(rules, at);
+            let what = match passed <= rule::MAX_PASSED {
+                true => what | (passed as u8) << rule::PASSED_SHIFT,
+                false => what,
+            };
+            let b = match what & rule::WHAT_MASK {
+                rule::GIVEN | rule::GIVEN_BELOW if passed <= rule::MAX_PASSED => 0,
                 rule::GIVEN | rule::GIVEN_BELOW => {
-                    bytes_of(rules, at + 1, at + 1 + b as usize) as u8
+                    assert!(passed <= u8::MAX as usize, "a byte says how many");
+                    passed as u8
                 }
                 rule::WHILE | rule::APPLY => {
                     assert!(b as usize > list, "lists apply later ones");
@@ -436,10 +488,26 @@ const fn bytes_of(rules: &[Rule], from: usize, to: usize) -> usize {
     let mut bytes = 0;
     let mut at = from;
     while at < to {
-        bytes += SHORT_BYTES + (rules[at].b != 0) as usize;
+        let is_long = match rules[at].what {
+            rule::GIVEN | rule::GIVEN_BELOW => passed_bytes(rules, at) > rule::MAX_PASSED,
+            _ => rules[at].b != 0,
+        };
+        bytes += SHORT_BYTES + is_long as usize;
         at += 1;
     }
     bytes
+}
+
+/// Bytes of the lines that a line may pass over.
+const fn passed_bytes(rules: &[Rule], at: usize) -> usize {
+    match rules[at] {
+        Rule {
+            what: rule::GIVEN | rule::GIVEN_BELOW,
+            b: lines,
+            ..
+        } => bytes_of(rules, at + 1, at + 1 + lines as usize),
+        _ => 0,
+    }
 }
 
 /// The mission, and then all tables that are walked through.
@@ -453,6 +521,7 @@ const MISSION: &[Rule] = &[
     number(KIND_SUPER, format::STATE_SUPER),
     number(NONE, format::NONE),
     number(ACTION_SEND, format::ACTION_SEND),
+    number(ACTION_LAST_ROW, format::ACTION_SEND - 1),
     number(GUARD_PROGRAM, format::GUARD_PROGRAM),
     // There is one. Its queue holds an event at least, and the interpreter has its slot.
     read(Mission, ONE, HERE),
@@ -490,6 +559,13 @@ const MISSION: &[Rule] = &[
     while_below(NUMBER, count(TaskInstances), List::TaskInstance),
     let_be(NUMBER, ZERO),
     while_below(NUMBER, count(Connections), List::Connection),
+    // Of these each was under test, or any number may be.
+    let_be(seen(Mission), ONE),
+    let_be(seen(Slots), count(Slots)),
+    let_be(seen(Listeners), count(Listeners)),
+    let_be(seen(Tasks), count(Tasks)),
+    let_be(seen(Nets), count(Nets)),
+    let_be(seen(Names), count(Names)),
 ];
 
 /// A word of a row is for 2 to the power of this many region instances.
@@ -809,8 +885,11 @@ const TEMPLATE_STATE: &[Rule] = &[
     is(of_state(state::B), B, Order),
 ];
 
-/// The next transition.
+/// The next transition. In its guard and its actions a flag is one at the head of the block of its instance or one of the state's own: for the guard of the state that is left, for actions of
+/// the one that is entered. What is not for actions to write stands first in both.
 const TRANSITION: &[Rule] = &[
+    read(Transitions, seen(Transitions), OF_TRANSITION),
+    read(States, of_transition(transition::TARGET), HERE),
     read(Transitions, seen(Transitions), OF_TRANSITION),
     add(seen(Transitions), ONE),
     split(
@@ -820,6 +899,13 @@ const TRANSITION: &[Rule] = &[
         format::TRANSITION_IS_PLAIN.trailing_zeros() as u8,
     ),
     bit(EVENTS_SEEN, EVENT),
+    // From a pseudo-state or a simple state to a simple state without flags, without actions.
+    let_be(IS_PLAIN, ZERO),
+    given_below(KIND, KIND_TASK, 4),
+    number(SCRATCH, format::STATE_SIMPLE << format::STATE_KIND_SHIFT),
+    given(here(state::SHAPE), SCRATCH, 2),
+    given(of_transition(transition::ACTION), ZERO, 1),
+    let_be(IS_PLAIN, ONE),
     apply_given(EVENT, ZERO, List::PulseTransition),
     // They are sorted, and so the pulse comes first.
     at_most(LAST_EVENT, EVENT, Order),
@@ -839,11 +925,122 @@ const TRANSITION: &[Rule] = &[
         of_container(container::CHANNELS),
         Index,
     ),
-    CHECK_TRANSITION,
+    is(MARK, IS_PLAIN, Kind),
+    // A guard that is a bit: one of the window.
+    let_be(WINDOW, FLAGS),
+    number(SCRATCH, format::WINDOW_FLAGS),
+    given_below(SCRATCH, WINDOW, 1),
+    let_be(WINDOW, SCRATCH),
+    split(
+        SCRATCH,
+        BELOW_SCRATCH,
+        of_transition(transition::GUARD),
+        format::GUARD_IF_CLEAR.trailing_zeros() as u8,
+    ),
+    number(SCRATCH, format::GUARD_TRUE),
+    given_below(of_transition(transition::GUARD), SCRATCH, 1),
+    below(BELOW_SCRATCH, WINDOW, Index),
+    // A program: it begins with the next record, and ends behind all its jumps.
+    given_below(SCRATCH, of_transition(transition::GUARD), 13),
+    given_below(of_transition(transition::GUARD), GUARD_MASK, 12),
+    read(Code, seen(Code), HERE),
+    is_sum(
+        of_transition(transition::GUARD),
+        seen(Code),
+        GUARD_PROGRAM,
+        Order,
+    ),
+    let_be(FIRST_OPERATION, ZERO),
+    let_be(END_OPERATION, END_OF_TESTS),
+    given(KIND, KIND_SUPER, 1),
+    let_be(END_OPERATION, CODE_SEND),
+    let_be(FIRST_OF_HEAD, ZERO),
+    let_be(FIRST_OWN, FIRST_FLAG),
+    let_sum(END_OWN, FIRST_FLAG, FLAGS),
+    let_be(FARTHEST, ZERO),
+    let_be(OPERATION, ONE),
+    while_below(ZERO, OPERATION, List::Code),
+    // A mask: the next record has two bits at least, of the window, and no others in its value.
+    given_below(GUARD_LAST_PROGRAM, of_transition(transition::GUARD), 12),
+    read(Code, seen(Code), HERE),
+    is_sum(
+        of_transition(transition::GUARD),
+        seen(Code),
+        GUARD_MASK,
+        Order,
+    ),
+    add(seen(Code), ONE),
+    let_be(SCRATCH, ZERO),
+    bit(SCRATCH, WINDOW),
+    below(here(mask::MASK), SCRATCH, Index),
+    let_be(SCRATCH, here(mask::VALUE)),
+    and(SCRATCH, here(mask::MASK)),
+    is(SCRATCH, here(mask::VALUE), Index),
+    subtract(SCRATCH, here(mask::MASK), ONE),
+    and(SCRATCH, here(mask::MASK)),
+    below(ZERO, SCRATCH, Index),
+    // A row of actions: it begins with the next record.
+    given_below(ZERO, of_transition(transition::ACTION), 12),
+    given_below(of_transition(transition::ACTION), ACTION_SEND, 11),
+    read(States, of_transition(transition::TARGET), HERE),
+    split(
+        SCRATCH,
+        BELOW_SCRATCH,
+        here(state::SHAPE),
+        format::STATE_HAS_TIMEOUT.trailing_zeros() as u8,
+    ),
+    let_sum(FIRST_OWN, here(state::FIRST_FLAG), OWN_FLAGS),
+    let_sum(END_OWN, here(state::FIRST_FLAG), BELOW_SCRATCH),
+    read(Code, seen(Code), HERE),
+    is_sum(of_transition(transition::ACTION), seen(Code), ONE, Order),
+    let_be(FIRST_OPERATION, CODE_SEND),
+    let_be(END_OPERATION, NONE),
+    let_be(FIRST_OF_HEAD, OWN_FLAGS),
+    let_be(LOW, ZERO),
+    while_below(LOW, ONE, List::Code),
 ];
 
-/// A transition on the pulse: its guard may be the next of the row, which begins with the first of the state.
+/// The next record of a program or a row.
+const CODE: &[Rule] = &[
+    read(Code, seen(Code), HERE),
+    split(
+        OPERATION,
+        LOW,
+        here(code::CONTROL),
+        format::CODE_OPERATION_SHIFT as u8,
+    ),
+    at_most(FIRST_OPERATION, OPERATION, Kind),
+    below(OPERATION, END_OPERATION, Kind),
+    // What it names is a flag or, to send, a channel.
+    let_be(SCRATCH, FIRST_OWN),
+    let_be(BELOW_SCRATCH, END_OWN),
+    given_below(here(code::OPERAND), HEAD, 2),
+    let_be(SCRATCH, FIRST_OF_HEAD),
+    let_be(BELOW_SCRATCH, HEAD),
+    given(OPERATION, CODE_SEND, 2),
+    let_be(SCRATCH, ZERO),
+    let_be(BELOW_SCRATCH, of_container(container::CHANNELS)),
+    at_most(SCRATCH, here(code::OPERAND), Index),
+    below(here(code::OPERAND), BELOW_SCRATCH, Index),
+    // No jump leads past the end of a program.
+    given(OPERATION, ZERO, 1),
+    at_most(FARTHEST, seen(Code), Direction),
+    let_sum(SCRATCH, seen(Code), LOW),
+    given_below(FARTHEST, SCRATCH, 1),
+    let_be(FARTHEST, SCRATCH),
+    add(seen(Code), ONE),
+];
+
+/// A transition on the pulse.
 const PULSE_TRANSITION: &[Rule] = &[
+    // From a real-time task state without timeout and with few flags to itself, with a single `send`.
+    given(KIND, KIND_TASK, 5),
+    given(of_transition(transition::TARGET), STATE, 4),
+    number(SCRATCH, format::PLAIN_FLAGS + 1),
+    given_below(WITHOUT_KIND, SCRATCH, 2),
+    given_below(ACTION_LAST_ROW, of_transition(transition::ACTION), 1),
+    let_be(IS_PLAIN, ONE),
+    // Its guard may be the next of the row, which begins with the first of the state.
     let_sum(SCRATCH, ROW, of_state(state::FIRST_TRANSITION)),
     given(ROW, ZERO, 1),
     let_be(ROW_GUARD, of_transition(transition::GUARD)),

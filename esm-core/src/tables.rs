@@ -287,7 +287,7 @@ const RECORD_BYTES: [u8; Section::ALL.len()] = [
 
 /// Bytes of a record of a section.
 #[inline(always)]
-pub(crate) const fn record_bytes(section: Section) -> usize {
+pub const fn record_bytes(section: Section) -> usize {
     RECORD_BYTES[section as usize] as usize
 }
 
@@ -587,31 +587,33 @@ impl<'a> Tables<'a> {
 
     /// The byte of the blob at which a section begins.
     #[inline(always)]
-    pub(crate) fn start(&self, section: Section) -> usize {
-        self.sections[section as usize].0 as usize
+    pub(crate) fn start_at(&self, section: usize) -> usize {
+        self.sections
+            .get(section)
+            .map_or(0, |(start, _)| *start as usize)
     }
 
     /// The bytes of a section.
     #[inline(always)]
     pub(crate) fn section(&self, section: Section) -> &'a [u8] {
-        self.section_at(section as usize)
+        self.bytes_from(Field::first_at(section as u8), 0)
     }
 
-    #[inline(always)]
-    fn section_at(&self, section: usize) -> &'a [u8] {
-        self.section_from(section, 0)
-    }
-
-    /// The bytes of a section behind the first `skipped`.
+    /// The bytes of a section from a field of a record on; none where there is no such record.
     // Inlined, it would be the largest part of the verifier.
     #[inline(never)]
-    fn section_from(&self, section: usize, skipped: usize) -> &'a [u8] {
-        let Some(&(start, records)) = self.sections.get(section) else {
+    fn bytes_from(&self, field: Field, index: usize) -> &'a [u8] {
+        let section = field.section();
+        let (Some(&(start, records)), Some(&record_bytes)) =
+            (self.sections.get(section), RECORD_BYTES.get(section))
+        else {
             return &[];
         };
-        let end = start as usize + records as usize * usize::from(RECORD_BYTES[section]);
-        // Where more is skipped than there is, this begins behind its end, and nothing is left.
-        let from = start as usize + skipped;
+        let record_bytes = usize::from(record_bytes);
+        let start = start as usize;
+        // Where more is passed over than there is, this begins behind its end, and nothing is left.
+        let from = start + index * record_bytes + field.offset();
+        let end = start + records as usize * record_bytes;
         self.bytes.get(from..end).unwrap_or(&[])
     }
 
@@ -634,19 +636,17 @@ impl<'a> Tables<'a> {
         records as usize
     }
 
-    /// The 16-bit words of a table, from one of a record on.
-    #[inline(never)]
-    pub(crate) fn words_from(&self, field: Field, index: usize) -> &'a [[u8; 2]] {
-        let section = field.section();
-        let record_bytes = RECORD_BYTES.get(section).copied().unwrap_or(0);
-        let skipped = index * usize::from(record_bytes) + field.offset();
-        self.section_from(section, skipped).as_chunks().0
+    /// Number of records of the section with this number; 0 if there is none.
+    #[inline(always)]
+    pub(crate) fn count_at(&self, section: u8) -> u32 {
+        let found = self.sections.get(usize::from(section));
+        found.map_or(0, |(_, records)| *records)
     }
 
     /// A 16-bit field of a record; outside the table the number that stands for none.
     #[inline(never)]
     pub(crate) fn word(&self, field: Field, index: usize) -> usize {
-        let word = self.words_from(field, index).first();
+        let word = self.bytes_from(field, index).first_chunk();
         usize::from(word.map_or(format::NONE, |word| u16::from_le_bytes(*word)))
     }
 
@@ -1136,8 +1136,9 @@ impl<'a> Iterator for Names<'a> {
     type Item = &'a [u8];
 
     fn next(&mut self) -> Option<&'a [u8]> {
-        let (length, rest) = format::read_varint(self.rest)?;
-        let (name, rest) = rest.split_at_checked(length as usize)?;
+        let mut at = 0;
+        let length = format::read_varint(self.rest, &mut at)?;
+        let (name, rest) = self.rest.get(at..)?.split_at_checked(length as usize)?;
         self.rest = rest;
         Some(name)
     }

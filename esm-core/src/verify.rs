@@ -46,7 +46,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::format::{self, Section};
 use crate::interpreter::ArenaLayout;
-use crate::layout::{Field, code, container, mask, state, transition};
+use crate::layout::Field;
 use crate::rules::{self, List, Value, rule};
 use crate::tables::{self, Tables};
 
@@ -105,18 +105,23 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// All causes in the order of their numbers.
-    const ALL: [Self; 9] = [
-        Self::Index,
-        Self::Order,
-        Self::Range,
-        Self::Kind,
-        Self::Direction,
-        Self::Template,
-        Self::Text,
-        Self::Type,
-        Self::Overlap,
-    ];
+    /// The cause with a number.
+    // Spelt out it is no code at all, where a table would have to be looked up.
+    #[inline(always)]
+    fn with_number(number: u8) -> Option<Self> {
+        Some(match number {
+            1 => Self::Index,
+            2 => Self::Order,
+            3 => Self::Range,
+            4 => Self::Kind,
+            5 => Self::Direction,
+            6 => Self::Template,
+            7 => Self::Text,
+            8 => Self::Type,
+            9 => Self::Overlap,
+            _ => return None,
+        })
+    }
 }
 
 /// Where the sections of a blob are, and what was worked out on the way.
@@ -204,25 +209,28 @@ impl Layout {
         let (body, crc) = bytes
             .split_last_chunk::<{ format::CRC_BYTES }>()
             .ok_or(Refusal::Cut)?;
-        let mut rest = body.get(format::MAGIC.len()..).ok_or(Refusal::Cut)?;
         let stored = u32::from_le_bytes(*crc);
         let computed = format::crc32(body);
         if stored != computed {
             return Err(Refusal::Checksum { stored, computed });
         }
         self.crc = stored;
+        let mut at = format::MAGIC.len();
         for (section, place) in self.sections.iter_mut().enumerate() {
-            let (length, content) = format::read_varint(rest).ok_or(Refusal::Cut)?;
-            rest = content.get(length as usize..).ok_or(Refusal::Cut)?;
+            let length = format::read_varint(body, &mut at).ok_or(Refusal::Cut)?;
             let record_bytes = tables::record_bytes_at(section);
             let records = length / record_bytes;
-            *place = ((body.len() - content.len()) as u32, records);
+            *place = (at as u32, records);
+            if body.len().wrapping_sub(at) < length as usize {
+                return Err(Refusal::Cut);
+            }
+            at += length as usize;
             let too_many = record_bytes > 1 && records >= u32::from(format::NONE);
             if records * record_bytes != length || too_many {
-                return Err(Refusal::SectionLength(section_at(section)));
+                return Err(Refusal::SectionLength(Section::with_number(section as u8)));
             }
         }
-        if !rest.is_empty() {
+        if at != body.len() {
             return Err(Refusal::TrailingBytes);
         }
         Ok(())
@@ -241,27 +249,20 @@ fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
         tables: layout.tables(bytes),
     };
     pass.check();
-    match Cause::ALL.get(usize::from(pass.wrong).wrapping_sub(1)) {
+    match Cause::with_number(pass.wrong) {
         Some(cause) => Err(Refusal::Record {
-            section: section_at(usize::from(pass.section)),
+            section: Section::with_number(pass.section),
             index: pass.index as u16,
-            cause: *cause,
+            cause,
         }),
         None => Ok(()),
     }
 }
 
-/// The section with a number.
-#[inline(always)]
-fn section_at(number: usize) -> Section {
-    Section::ALL
-        .get(number)
-        .copied()
-        .unwrap_or(Section::Mission)
-}
-
 /// The pass. The record under test is the one that was read last. After the first thing that is wrong nothing is read, and the pass goes on as far as the next
 /// loop: so most checks need no way out.
+// In this order the values are at its own address, which is what most lines need.
+#[repr(C)]
 struct Pass<'a> {
     /// What the [rules] speak of.
     values: [u32; rules::VALUES],
@@ -274,8 +275,8 @@ struct Pass<'a> {
 
 impl Pass<'_> {
     fn check(&mut self) {
-        for section in &Section::ALL {
-            self.set(rules::count(*section), self.count(*section));
+        for section in 0..Section::ALL.len() as u8 {
+            self.set(rules::COUNT + section, self.tables.count_at(section));
         }
         self.set(
             rules::MAX_STATE_INSTANCES,
@@ -283,12 +284,15 @@ impl Pass<'_> {
         );
         self.set(rules::MAX_TIME, format::MAX_TIME_US);
         self.apply(List::Mission as u8);
-        self.ends();
-    }
-
-    #[inline(always)]
-    fn count(&self, section: Section) -> u32 {
-        self.tables.count(section) as u32
+        // Nothing is missing or left over.
+        for section in 0..Section::ALL.len() as u8 {
+            let seen = self.get(rules::SEEN + section);
+            if self.wrong == 0 && seen != self.get(rules::COUNT + section) {
+                self.section = section;
+                self.index = seen;
+                self.wrong = Cause::Order as u8;
+            }
+        }
     }
 
     #[inline(always)]
@@ -314,16 +318,18 @@ impl Pass<'_> {
             // The byte behind a short line is the next one's.
             let to = left % rules::LONG;
             let b = b * is_long;
+            let passed_over = usize::from(what >> rule::PASSED_SHIFT) + usize::from(b);
             let left = self.get(to);
             let first = self.get(a);
             let second = self.get(b);
             let sum = first.wrapping_add(second);
             let is_kept = match what & rule::WHAT_MASK {
                 rule::END => {
-                    if what == rule::STEP {
-                        self.transition();
+                    if what != rule::AND {
+                        return;
                     }
-                    return;
+                    self.set(to, left & first);
+                    true
                 }
                 rule::IS => left == sum,
                 rule::BELOW => left < sum,
@@ -344,12 +350,12 @@ impl Pass<'_> {
                         rule::READ => self.read(to, first, b),
                         rule::GIVEN => {
                             if left != first {
-                                at += usize::from(b);
+                                at += passed_over;
                             }
                         }
                         rule::GIVEN_BELOW => {
                             if left >= first {
-                                at += usize::from(b);
+                                at += passed_over;
                             }
                         }
                         rule::WHILE => {
@@ -388,157 +394,17 @@ impl Pass<'_> {
         }
         self.section = section;
         self.index = index;
-        let found = self
-            .tables
-            .words_from(Field::first_at(section), index as usize);
+        let mut field = Field::first_at(section);
         let is_wide = WIDE.wrapping_shr(u32::from(section)) & 1;
         for number in 0..tables::record_words(section) {
-            let word = found
-                .get(usize::from(number))
-                .map_or(format::NONE, |word| u16::from_le_bytes(*word));
-            let mut word = u32::from(word);
+            let mut word = self.tables.word(field, index as usize) as u32;
+            field = field.next();
             let mut place = to + number;
             if u32::from(number) & is_wide != 0 {
                 place -= 1;
                 word = word << u16::BITS | self.get(place);
             }
             self.set(place, word);
-        }
-    }
-
-    /// Puts the next record of code under test.
-    #[inline(never)]
-    fn next_code(&mut self) {
-        let next = self.get(rules::seen(Section::Code));
-        self.set(rules::seen(Section::Code), next + 1);
-        self.read(Section::Code as u8, next, rules::HERE);
-    }
-
-    /// A field of the record that was read to [`rules::HERE`].
-    #[inline(always)]
-    fn here(&self, field: Field) -> u32 {
-        self.get(rules::HERE + field.number() as Value)
-    }
-
-    #[inline(always)]
-    fn ensure(&mut self, holds: bool, cause: Cause) {
-        if !holds {
-            self.refuse(cause);
-        }
-    }
-
-    #[inline(never)]
-    fn refuse(&mut self, cause: Cause) {
-        if self.wrong == 0 {
-            self.wrong = cause as u8;
-        }
-    }
-
-    /// Checks the plain mark, the guard and the actions of the transition.
-    // Apart, so that lists that apply one another take little of the stack.
-    #[inline(never)]
-    fn transition(&mut self) {
-        let kind = self.get(rules::KIND) as u16;
-        let target = self.get(rules::of_transition(transition::TARGET));
-        let guard = self.get(rules::of_transition(transition::GUARD)) as u16;
-        let action = self.get(rules::of_transition(transition::ACTION)) as u16;
-        let target_shape = self.tables.word(state::SHAPE, target as usize) as u16;
-        let is_plain = kind <= format::STATE_SIMPLE
-            && target_shape == format::STATE_SIMPLE << format::STATE_KIND_SHIFT
-            && action == format::ACTION_NONE;
-        let is_marked = self.get(rules::MARK) != 0;
-        let flags = self.get(rules::FLAGS);
-        let is_again = kind == format::STATE_TASK
-            && self.get(rules::TIMED) == 0
-            && flags <= u32::from(format::PLAIN_FLAGS)
-            && self.get(rules::EVENT) == u32::from(format::PULSE)
-            && target == self.get(rules::STATE)
-            && action >= format::ACTION_SEND;
-        self.ensure(is_marked == (is_plain || is_again), Cause::Kind);
-        // Flags that guards have short forms for.
-        let window = flags.min(u32::from(format::WINDOW_FLAGS));
-        if guard < format::GUARD_PROGRAM {
-            let right =
-                guard == format::GUARD_TRUE || u32::from(guard % format::GUARD_IF_CLEAR) < window;
-            self.ensure(right, Cause::Index);
-        } else if guard < format::GUARD_MASK {
-            let operations = if kind == format::STATE_SUPER {
-                0b11111
-            } else {
-                0b111
-            };
-            let first = guard - format::GUARD_PROGRAM;
-            self.code(first, self.get(rules::STATE), operations);
-        } else {
-            self.next_code();
-            let in_order = self.index == u32::from(guard - format::GUARD_MASK);
-            self.ensure(in_order, Cause::Order);
-            let (mask, value) = (self.here(mask::MASK), self.here(mask::VALUE));
-            let right =
-                mask >> window == 0 && value & !mask == 0 && mask & mask.wrapping_sub(1) != 0;
-            self.ensure(right, Cause::Index);
-        }
-        if action != format::ACTION_NONE && action < format::ACTION_SEND {
-            self.code(action - format::ACTION_ROW, target, 0b1110_0000);
-        }
-    }
-
-    /// Checks a program of tests, or a row of actions.
-    #[inline(never)]
-    fn code(&mut self, first: u16, state: u32, operations: u32) {
-        self.read(Section::States as u8, state, rules::HERE);
-        let first_flag = self.here(state::FIRST_FLAG);
-        let flags = self.here(state::SHAPE) & u32::from(format::STATE_FLAGS_MASK);
-        let mut at = u32::from(first);
-        let mut farthest = 0;
-        loop {
-            self.next_code();
-            self.ensure(self.index == at, Cause::Order);
-            let operand = self.here(code::OPERAND);
-            let control = self.here(code::CONTROL);
-            let low = control & u32::from(format::CODE_LOW_MASK);
-            let operation = control as u16 >> format::CODE_OPERATION_SHIFT;
-            self.ensure(operations >> operation & 1 != 0, Cause::Kind);
-            let right = if operation == format::CODE_SEND {
-                operand < self.get(rules::of_container(container::CHANNELS))
-            } else {
-                // What is not for actions to write stands first in the block of an instance as in that of a state.
-                let from = u32::from(operation > format::CODE_SEND)
-                    * format::CONTAINER_CONTROL_FLAGS as u32;
-                operand.wrapping_sub(from) < self.get(rules::HEAD) - from
-                    || operand.wrapping_sub(first_flag + from) < flags.saturating_sub(from)
-            };
-            self.ensure(right, Cause::Index);
-            let is_end = if operation < format::CODE_SEND {
-                operation == format::CODE_END
-            } else {
-                low != 0
-            };
-            if is_end || self.wrong != 0 {
-                self.ensure(farthest <= at, Cause::Direction);
-                return;
-            }
-            farthest = farthest.max(at + low);
-            at += 1;
-        }
-    }
-
-    /// Nothing is missing or left over.
-    fn ends(&mut self) {
-        /// Sections of which each record is under test, or any number may be.
-        const FREE: usize = 1 << Section::Mission as u8
-            | 1 << Section::Slots as u8
-            | 1 << Section::Listeners as u8
-            | 1 << Section::Tasks as u8
-            | 1 << Section::Nets as u8
-            | 1 << Section::Names as u8;
-        for section in &Section::ALL {
-            let seen = self.get(rules::seen(*section));
-            if FREE >> *section as u8 & 1 == 0 && self.wrong == 0 {
-                self.section = *section as u8;
-                self.index = seen;
-                self.ensure(seen == self.count(*section), Cause::Order);
-            }
         }
     }
 }

@@ -1,5 +1,8 @@
 //! What the real-time side asks of a board.
 
+use embedded_hal::digital::InputPin;
+
+use crate::drivers::StopButton;
 use crate::link::message::SafeReason;
 
 /// A board's time, body and watchdog, as the slot timer's interrupt reaches them.
@@ -32,8 +35,8 @@ pub trait Board {
     /// a mission; the watchdog's time must be longer than that, and longer than the longest occurrence.
     fn feed_watchdog(&mut self) {}
 
-    /// Whether somebody presses the emergency stop: a button on a pin, if the board has one. Asked before each occurrence of a slot, and at least each 10 ms;
-    /// whoever lets go of it releases nothing.
+    /// Whether somebody presses the emergency stop: a button on a pin, if the board has one ([`WithStopButton`] gives it one). Asked before each occurrence of a
+    /// slot, and at least each 20 ms; whoever lets go of it releases nothing.
     #[inline(always)]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         false
@@ -42,6 +45,61 @@ pub trait Board {
     /// Stops all that moves. Called when the robot stops, again in each occurrence of the interpreter's slot until it starts, and now
     /// and then while there is no mission. After an emergency stop it comes before each [`begin_occurrence`](Self::begin_occurrence).
     fn motors_off(&mut self);
+}
+
+/// A board with a button that stops the robot for an emergency, whatever its mission does and whether or not a host is there.
+///
+/// The button is asked before the board's own [`is_emergency_stop_pressed`](Board::is_emergency_stop_pressed); all else is the board's.
+pub struct WithStopButton<B, P> {
+    board: B,
+    button: StopButton<P>,
+}
+
+impl<B: Board, P: InputPin> WithStopButton<B, P> {
+    /// Gives a board a button on this input, which is low while it is pressed.
+    pub const fn new(board: B, pin: P) -> Self {
+        WithStopButton {
+            board,
+            button: StopButton::new(pin),
+        }
+    }
+}
+
+impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
+    const TICKS_PER_US: u32 = B::TICKS_PER_US;
+    const START_LEAD_US: u32 = B::START_LEAD_US;
+
+    #[inline(always)]
+    fn now_ticks(&mut self) -> u64 {
+        self.board.now_ticks()
+    }
+
+    #[inline(always)]
+    fn now_low_ticks(&mut self) -> u32 {
+        self.board.now_low_ticks()
+    }
+
+    #[inline(always)]
+    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+        self.board.begin_occurrence(occurrence)
+    }
+
+    #[inline(always)]
+    fn feed_watchdog(&mut self) {
+        self.board.feed_watchdog();
+    }
+
+    #[inline(always)]
+    fn is_emergency_stop_pressed(&mut self) -> bool {
+        let WithStopButton { board, button } = self;
+        button.is_pressed(|| board.now_low_ticks(), B::TICKS_PER_US)
+            || board.is_emergency_stop_pressed()
+    }
+
+    #[inline(always)]
+    fn motors_off(&mut self) {
+        self.board.motors_off();
+    }
 }
 
 /// The beginning of an occurrence. Times are nominal, in microseconds since the first macro step of the first mission.

@@ -3,8 +3,9 @@
 use core::ops::Deref;
 
 use esm_core::Verified;
+use esm_core::format::{MAGIC, Section};
 use esm_core::signature::{PortCounts, fnv1a};
-use esm_core::tables::Tables;
+use esm_core::tables::{Tables, record_bytes};
 
 use crate::link::message::{Capacities, Capacity, LinkError};
 use crate::ports::Registry;
@@ -71,6 +72,28 @@ pub fn check<B: Deref<Target = [u8]>>(
                 available,
             });
         }
+    }
+    Ok(())
+}
+
+/// Whether a blob that nobody has checked has more slots than the robot. Each pair of slots costs the verifier time, and a robot checks while its mission runs: what it could not
+/// run anyway must not keep its link from its turn until the watchdog bites.
+///
+/// # Errors
+/// [`LinkError::CapacityExceeded`]. A blob that cannot be read so far is left to the verifier, which says what is wrong with it.
+pub fn check_slots(blob: &[u8], capacities: &Capacities) -> Result<(), LinkError> {
+    let sections = blob.get(MAGIC.len()..).unwrap_or_default();
+    let slots = postcard::take_from_bytes::<(&[u8], &[u8])>(sections)
+        .map_or(0, |((_mission, slots), _)| {
+            slots.len() / record_bytes(Section::Slots)
+        });
+    let available = u32::from(capacities.slots);
+    if slots as u32 > available {
+        return Err(LinkError::CapacityExceeded {
+            what: Capacity::Slots,
+            needed: slots as u32,
+            available,
+        });
     }
     Ok(())
 }

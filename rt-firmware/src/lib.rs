@@ -31,6 +31,7 @@ pub mod body;
 pub mod check;
 pub mod clock;
 pub mod drivers;
+pub mod features;
 pub mod kept;
 pub mod link;
 pub mod mail;
@@ -51,7 +52,7 @@ pub mod tasks;
 pub use background::Background;
 #[cfg(any(test, feature = "std"))]
 pub use bench::TaskBench;
-pub use board::{Board, OccurrenceStart};
+pub use board::{Board, OccurrenceStart, WithStopButton};
 pub use kept::Kept;
 pub use link::device::{LinkPort, LinkSide};
 pub use mail::Mail;

@@ -20,11 +20,21 @@ const BUFFER_PLACES: usize = 3;
 
 /// The ways between the sides.
 pub struct Mail<'m> {
-    pub(crate) to_real_time: Queue<&'m mut Letter<'m>, PLACES>,
+    pub(crate) to_real_time: Queue<Posted<'m>, PLACES>,
     pub(crate) to_link: Queue<&'m mut Letter<'m>, PLACES>,
     pub(crate) to_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
     pub(crate) from_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
     pub(crate) freed: Queue<Freed<'m>, BUFFER_PLACES>,
+}
+
+/// Of what may be done at any time: no clock gets there, and its [ticks](crate::Board::TICKS_PER_US), 65,535 a microsecond at most, are still a number.
+pub(crate) const NO_DEADLINE: u64 = u64::MAX >> u16::BITS;
+
+/// The letter on its way to the real-time side.
+pub(crate) struct Posted<'m> {
+    pub(crate) letter: &'m mut Letter<'m>,
+    /// When it is too late for what it asks for, on the board's clock in microseconds.
+    pub(crate) by_us: u64,
 }
 
 /// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls back answers nobody.
@@ -191,7 +201,7 @@ pub enum Letter<'m> {
         /// How many values.
         count: u8,
     },
-    /// Real time: that cannot be done.
+    /// Real time: that cannot be done. What it comes to too late goes back as it came.
     Failed(LinkError),
     /// Link, to itself: it makes an answer here that it need not ask for.
     Note(Bytes),

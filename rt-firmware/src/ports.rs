@@ -23,6 +23,7 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
+use crate::features::{MISSIONS, WARM};
 use crate::link::message::SafeReason;
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
@@ -783,7 +784,7 @@ pub enum Harvest {
 pub struct Executor<'m> {
     registry: Registry<'m>,
     nets: &'m mut [Net],
-    /// Empty but while nets are carried from one mission to the next.
+    /// Empty but while nets are carried from one mission to the next. None where they cannot be.
     nets_before: &'m mut [Net],
     lent: Option<TaskPlace>,
     /// The lent job belongs to a mission that is over.
@@ -812,10 +813,11 @@ unsafe impl Send for Executor<'_> {}
 /// What is wrong with the declarations; to be told at start-up, before any mission.
 pub fn assemble<'m, const NETS: usize>(
     banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
-    [nets, nets_before]: &'m mut [[Net; NETS]; 2],
+    [nets, nets_before @ ..]: &'m mut [[Net; NETS]; MISSIONS],
 ) -> Result<(Executor<'m>, Registry<'m>), RegistryFault> {
     let registry = Registry { banks };
     registry.check()?;
+    let nets_before = nets_before.as_flattened_mut();
     nets.fill(Net::EMPTY);
     nets_before.fill(Net::EMPTY);
     Ok((
@@ -851,13 +853,23 @@ impl<'m> Executor<'m> {
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so when it comes back.
     pub fn clear(&mut self) {
         self.begin_carry();
-        self.end_carry(|_| false);
+        let registry = self.registry;
+        // A registry has no more banks, nor a bank more tasks, than these numbers hold.
+        let all = (0..registry.len()).flat_map(|bank| {
+            (0..registry.capacity(bank)).map(move |place| TaskPlace {
+                bank: bank as u8,
+                place: place as u8,
+            })
+        });
+        self.end_carry(all);
     }
 
     /// A mission starts that goes on from the one before: from here to [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
     pub fn begin_carry(&mut self) {
         self.ready = None;
-        core::mem::swap(&mut self.nets, &mut self.nets_before);
+        if WARM {
+            core::mem::swap(&mut self.nets, &mut self.nets_before);
+        }
     }
 
     /// The value that was on a net of the mission before is on this one, unless another is already.
@@ -868,24 +880,21 @@ impl<'m> Executor<'m> {
         }
     }
 
-    /// Forgets the nets of the mission before, and lets all tasks but those that go on forget what they knew. One that is lent does so when it comes back.
-    pub fn end_carry(&mut self, goes_on: impl Fn(TaskPlace) -> bool) {
-        for net in self.nets_before.iter_mut() {
+    /// Forgets the nets of the mission before, and lets these tasks forget what they knew. One that is lent does so when it comes back.
+    pub fn end_carry(&mut self, left_behind: impl Iterator<Item = TaskPlace>) {
+        let before = if WARM {
+            &mut self.nets_before
+        } else {
+            &mut self.nets
+        };
+        for net in before.iter_mut() {
             net.publish(None);
         }
         self.lent_is_stale = self.lent.is_some();
-        for (index, bank) in self.registry.banks.iter().enumerate() {
-            for place in 0..bank.capacity() {
-                // A registry has no more banks, nor a bank more tasks, than these numbers hold.
-                let task = TaskPlace {
-                    bank: index as u8,
-                    place: place as u8,
-                };
-                if self.lent == Some(task) || goes_on(task) {
-                    continue;
-                }
+        for task in left_behind.filter(|task| self.lent != Some(*task)) {
+            if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which was left out.
-                unsafe { bank.reset(place) };
+                unsafe { bank.reset(usize::from(task.place)) };
             }
         }
     }

@@ -1,5 +1,7 @@
 //! A robot's task registry: which task types there are, and how many of each.
 
+use crate::features::MISSIONS;
+
 /// Declares a robot: a struct with one [`Bank`](crate::Bank) of tasks for each task type.
 ///
 /// ```
@@ -60,7 +62,7 @@ macro_rules! registry {
     };
 }
 
-/// Storage for the nets of missions with up to `N`: twice, so that one can take over from another.
-pub const fn nets<const N: usize>() -> [[crate::Net; N]; 2] {
-    [[crate::Net::EMPTY; N]; 2]
+/// Storage for the nets of missions with up to `N`: for two missions, where one can take over from another.
+pub const fn nets<const N: usize>() -> [[crate::Net; N]; MISSIONS] {
+    [[crate::Net::EMPTY; N]; MISSIONS]
 }

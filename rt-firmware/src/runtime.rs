@@ -22,6 +22,7 @@
 //!
 //! struct Uart;
 //! impl LinkPort for Uart {
+//!     fn now_us(&mut self) -> u64 { 0 }
 //!     fn receive(&mut self) -> Option<u8> { None }
 //!     fn send(&mut self, _byte: u8) -> bool { false }
 //! }
@@ -45,6 +46,7 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
 use crate::background::Background;
+use crate::features::MISSIONS;
 use crate::kept::Kept;
 use crate::link::device::{Desk, LinkSide};
 use crate::link::message::{Capacities, ResetReason};
@@ -73,11 +75,11 @@ pub struct Memory<
     const TRACE_BYTES: usize,
 > {
     blobs: [[u8; BLOB_BYTES]; 2],
-    /// Two of all that a mission keeps: one can take over from another warm.
-    arenas: [[u32; ARENA_WORDS]; 2],
+    /// All that a mission keeps, for two where one can take over from another warm.
+    arenas: [[u32; ARENA_WORDS]; MISSIONS],
     slots: [SlotEntry; SLOTS],
-    tasks: [[TaskEntry; TASKS]; 2],
-    nets: [[Net; NETS]; 2],
+    tasks: [[TaskEntry; TASKS]; MISSIONS],
+    nets: [[Net; NETS]; MISSIONS],
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
@@ -103,10 +105,10 @@ impl<
     pub const fn new() -> Self {
         Memory {
             blobs: [[0; BLOB_BYTES]; 2],
-            arenas: [[0; ARENA_WORDS]; 2],
+            arenas: [[0; ARENA_WORDS]; MISSIONS],
             slots: [SlotEntry::UNUSED; SLOTS],
-            tasks: [[TaskEntry::UNUSED; TASKS]; 2],
-            nets: [[Net::EMPTY; NETS]; 2],
+            tasks: [[TaskEntry::UNUSED; TASKS]; MISSIONS],
+            nets: [[Net::EMPTY; NETS]; MISSIONS],
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
@@ -224,10 +226,7 @@ pub fn split<
     let real_time = RealTime::new(Parts {
         executor,
         arenas: memory.arenas.each_mut().map(|arena| &mut arena[..]),
-        tasks: TaskTable::new(
-            memory.tasks.each_mut().map(|entries| &mut entries[..]),
-            &mut memory.groups,
-        ),
+        tasks: TaskTable::new(&mut memory.tasks, &mut memory.groups),
         slots: &mut memory.slots,
         limits,
         job: memory.job.write(None),
@@ -258,6 +257,7 @@ pub fn split<
             .map(|storage| Some(BlobBuffer::new(storage))),
         upload: None,
         letter: Some(memory.letter.write(Letter::Empty)),
+        ticket: None,
         asked: None,
         to_real_time,
         from_real_time,
@@ -272,6 +272,7 @@ pub fn split<
         keys: crate::link::keys::Keys::new(),
         start_wanted: false,
         watch: None,
+        stop_is_kept: false,
     });
     Ok((real_time, background, link))
 }

@@ -345,7 +345,7 @@ pub struct Sample {
 }
 
 /// What is added to what was measured, in percent: for ways through the interpreter that no sample went.
-pub const MARGIN_PERCENT: u64 = 3;
+pub const MARGIN_PERCENT: u64 = 5;
 
 /// Finds the cost of each construct, so that no sample takes more than its constructs cost, and all of them together cost as little more than they take as can be.
 ///

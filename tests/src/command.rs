@@ -67,6 +67,16 @@ pub fn firmware(name: &str) -> PathBuf {
     root().join(format!("target/firmware/lm3s6965/{name}.elf"))
 }
 
+/// The default firmware built without its features, never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn lean_firmware() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| make(&["xtask", "firmware", "--lean"]));
+    root().join("target/firmware/lm3s6965/rover-lean.elf")
+}
+
 /// Runs cargo at the top of the checkout.
 fn make(arguments: &[&str]) {
     let status = Command::new("cargo")
@@ -293,6 +303,14 @@ impl Robot {
     /// # Panics
     /// If it does not say its port.
     pub fn start(board: &str, firmware: Option<&Path>) -> Self {
+        Self::start_with(board, firmware, &[])
+    }
+
+    /// The same, with further arguments of `esm board`.
+    ///
+    /// # Panics
+    /// If it does not say its port.
+    pub fn start_with(board: &str, firmware: Option<&Path>, arguments: &[&str]) -> Self {
         // A test that failed meanwhile is no reason to fail, too.
         let emulator =
             (board != "host").then(|| ONE_EMULATOR.lock().unwrap_or_else(PoisonError::into_inner));
@@ -300,6 +318,7 @@ impl Robot {
         command
             .current_dir(root())
             .args(["board", "--board", board])
+            .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
         if board != "host" {

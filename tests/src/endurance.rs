@@ -224,6 +224,11 @@ struct Line {
 }
 
 impl LinkPort for Line {
+    // Nothing here has a deadline.
+    fn now_us(&mut self) -> u64 {
+        0
+    }
+
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
     }

@@ -14,7 +14,7 @@ use esm_tests::command::{Done, esm, firmware, root};
 use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
 use host_tools::model::{Action, Container, Model, Region, Source, StateKind, Target, Trigger};
-use host_tools::run::board::Board;
+use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
@@ -659,6 +659,8 @@ fn a_changed_task_breaks_the_equality() {
             record: None,
             plant_fault: None,
             cut_link_us: None,
+            link: LinkWay::Uart,
+            noise: None,
         };
         let interrupt = Interrupt::take_over().unwrap();
         let driven = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

@@ -232,6 +232,40 @@ fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
 }
 
 #[test]
+fn an_emergency_stop_is_latched_over_missions_and_a_reset_until_it_is_released() {
+    // The idle loop hangs from the first second on, and goes on to do so: the watchdog resets the robot.
+    let states = "task Fatal: NeverReturnInSlot0; Quiet -> Fatal [timeout];";
+    let robot = robot_with(states);
+    robot.status_when("the task", |status| {
+        status["active"].to_string().contains("Fatal")
+    });
+    robot.esm(&["stop", "--emergency"]).good();
+    assert_eq!(robot.status()["mode"], "emergency stop");
+    let status = robot.status_when("the reset", |status| status["last_reset"] == "watchdog");
+    assert_eq!(status["mode"], "emergency stop", "{status:#}");
+    let told = robot.esm(&["status"]).good().out;
+    assert!(
+        told.contains("emergency stop, latched: motors off until `esm start --release`"),
+        "{told}"
+    );
+    upload(&robot, "");
+    let status = robot.status();
+    assert_eq!(status["mode"], "emergency stop", "{status:#}");
+    assert_eq!(status["steps"], 0, "{status:#}");
+    let refused = robot.esm(&["start"]);
+    assert_eq!(refused.status, Some(1), "{}", refused.err);
+    assert!(
+        refused.err.contains("esm start --release"),
+        "{}",
+        refused.err
+    );
+    robot.esm(&["start", "--release"]).good();
+    robot.status_when("the mission", |status| {
+        status["mode"] == "running" && status["steps"].as_u64() > Some(10)
+    });
+}
+
+#[test]
 fn faults_of_the_machine_end_in_the_safe_state() {
     let robot = Robot::start("lm3s6965", None);
     let folder = tempfile::tempdir().unwrap();

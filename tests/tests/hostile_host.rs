@@ -111,7 +111,7 @@ impl Told {
             // A key that is asked for its nonce, the bytes of an upload, and a session that begins: all may.
             Ok(Response::Challenge { .. } | Response::Received { .. } | Response::Hello(_)) => {}
             // Of sessions that are replayed.
-            Ok(Response::Status(_) | Response::Blob { .. }) => {}
+            Ok(Response::Status(_) | Response::Blob { .. } | Response::Clock { .. }) => {}
             Ok(other) => self.carried_out.push(format!("{other:?}")),
             Err(error) => self.refused.push(error),
         }

@@ -1,12 +1,19 @@
 //! Uploads that end before they are done: the robot drives on, and the next upload works.
+//!
+//! First a client in this process, to whom a byte is as exact as one likes; then the command itself, as a process that is killed, suspended, or whose cable is
+//! pulled out, at a robot on the host board and at one in the emulator.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::io;
-use std::path::Path;
-use std::time::Duration;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use esm_tests::command::root;
+use esm_tests::command::{esm_binary, firmware, root};
 use esm_tests::environment;
 use esm_tests::random::Random;
 use esm_tests::subject;
@@ -15,11 +22,14 @@ use host_tools::link_client::LinkClient;
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
+use host_tools::qemu::{Emulator, Idle};
+use host_tools::run::board::Board;
 use host_tools::serial::port::Port;
 use host_tools::serial::pty::PtyServer;
 use host_tools::serial::{self, ByteLink};
 use host_tools::world::World;
 use rt_firmware::link::message::Mode;
+use tempfile::TempDir;
 
 /// Faster than a real line, for the sake of the test's time.
 const BAUD: u32 = 921_600;
@@ -72,18 +82,25 @@ fn blob(path: &str) -> Vec<u8> {
     subject::build_file(&root().join(path)).unwrap().blob
 }
 
+/// Held while a process is started: until it is the other program it has a copy of all that is open here, and a port that is open somewhere cannot be opened again.
+static STARTING: Mutex<()> = Mutex::new(());
+
+fn start(command: &mut Command) -> Child {
+    let _starting = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
+    command.spawn().unwrap()
+}
+
 /// Opens the robot's port and begins a session.
 fn connect(port: &Path) -> LinkClient<Box<dyn ByteLink>> {
+    let starting = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
     let line = serial::open(&Port::Tty(port.to_owned()), BAUD).unwrap();
+    drop(starting);
     LinkClient::connect(line).unwrap().0
 }
 
 #[test]
 fn the_robot_drives_on_and_the_next_upload_works_wherever_one_ends() {
-    let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
-    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
-    let plant = PlantSide::new(plant, Pace::new(false), None);
-    let (board, line) = HostBoard::start(host_board::rover, plant, None).unwrap();
+    let (board, line) = HostBoard::start(host_board::rover, in_a_cell(), None).unwrap();
     let server = PtyServer::start(Box::new(line)).unwrap();
     let missions = ["missions/patrol.esm", "missions/follow_wall.esm"].map(blob);
     connect(server.path())
@@ -144,4 +161,332 @@ fn the_robot_drives_on_and_the_next_upload_works_wherever_one_ends() {
         board.check().unwrap();
     }
     assert!(resumed > rounds / 10, "only {resumed} went on");
+}
+
+/// Missions that take turns.
+const MISSIONS: [&str; 2] = ["patrol", "follow_wall"];
+
+/// How long a suspended command sleeps: longer than a client waits for an answer (6 s), and longer than a trial (10 s).
+const SUSPENDED: Duration = Duration::from_secs(11);
+
+/// How long it sleeps before it is killed.
+const SUSPENDED_BEFORE_DEATH: Duration = Duration::from_millis(300);
+
+/// How long anything may take of which a test waits for the end.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Robots that are interrupted at the same time: a suspended command takes no processor.
+const ROBOTS: u64 = 6;
+
+/// What becomes of a command in the middle of an upload.
+#[derive(Clone, Copy, Debug)]
+enum Blow {
+    /// `kill -9`.
+    Killed,
+    /// Suspended for longer than all timers, then it goes on.
+    Suspended,
+    /// Suspended, then killed.
+    SuspendedAndKilled,
+    /// The cable is pulled out, and put in again when the command has ended.
+    Unplugged,
+}
+
+const BLOWS: [Blow; 4] = [
+    Blow::Killed,
+    Blow::Suspended,
+    Blow::SuspendedAndKilled,
+    Blow::Unplugged,
+];
+
+/// When the next blow falls, and on whom.
+#[derive(Default)]
+struct Plan {
+    /// Bytes that clients have sent since this was set to 0.
+    sent: usize,
+    /// After so many of them.
+    at: Option<(usize, Blow, u32)>,
+    /// It fell.
+    fell: bool,
+}
+
+/// The robot's line, which is kept where the cable is pulled out.
+#[derive(Clone)]
+struct Tapped {
+    line: Arc<Mutex<Box<dyn ByteLink>>>,
+    plan: Arc<Mutex<Plan>>,
+}
+
+fn signal(pid: u32, name: &str) {
+    let mut kill = Command::new("kill");
+    let status = start(kill.args([name, &pid.to_string()])).wait();
+    assert!(status.unwrap().success(), "kill {name} {pid}");
+}
+
+impl ByteLink for Tapped {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.line.lock().unwrap().receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let mut plan = self.plan.lock().unwrap();
+        let before = plan.sent;
+        plan.sent += bytes.len();
+        let due = (plan.at).take_if(|(at, ..)| before + bytes.len() > *at);
+        let Some((at, blow, pid)) = due else {
+            return self.line.lock().unwrap().send(bytes);
+        };
+        plan.fell = true;
+        self.line.lock().unwrap().send(&bytes[..at - before])?;
+        match blow {
+            // What it had sent before arrives all the same.
+            Blow::Killed => signal(pid, "-KILL"),
+            Blow::Suspended | Blow::SuspendedAndKilled => signal(pid, "-STOP"),
+            Blow::Unplugged => return Err(io::ErrorKind::BrokenPipe.into()),
+        }
+        self.line.lock().unwrap().send(&bytes[at - before..])
+    }
+}
+
+/// A robot at a port whose name stays when its cable is pulled out and put in again.
+struct Plugged {
+    tapped: Tapped,
+    server: Option<PtyServer>,
+    folder: TempDir,
+}
+
+impl Plugged {
+    fn new(line: Box<dyn ByteLink>) -> Self {
+        let mut plugged = Plugged {
+            tapped: Tapped {
+                line: Arc::new(Mutex::new(line)),
+                plan: Arc::default(),
+            },
+            server: None,
+            folder: tempfile::tempdir().unwrap(),
+        };
+        plugged.plug_in();
+        plugged
+    }
+
+    fn port(&self) -> PathBuf {
+        self.folder.path().join("robot")
+    }
+
+    fn pull_out(&mut self) {
+        self.server = None;
+    }
+
+    fn plug_in(&mut self) {
+        let server = PtyServer::start(Box::new(self.tapped.clone())).unwrap();
+        let _ = std::fs::remove_file(self.port());
+        symlink(server.path(), self.port()).unwrap();
+        self.server = Some(server);
+    }
+
+    fn esm(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(esm_binary());
+        command
+            .current_dir(root())
+            .args(arguments)
+            .arg("--port")
+            .arg(self.port())
+            .args(["--baud", &BAUD.to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs `esm` to its end, which is to be good.
+    #[track_caller]
+    fn esm_good(&self, arguments: &[&str]) -> String {
+        let done = start(&mut self.esm(arguments)).wait_with_output().unwrap();
+        assert!(done.status.success(), "{arguments:?}: {done:?}");
+        String::from_utf8(done.stdout).unwrap()
+    }
+
+    /// Uploads, and has the command meet its fate after it has sent so many bytes. Answers what it said, or `None` if it was done before.
+    fn interrupted(&mut self, file: &str, at: usize, blow: Blow) -> Option<Output> {
+        let mut child = {
+            // Nothing passes before it is known whom the blow is for.
+            let mut plan = self.tapped.plan.lock().unwrap();
+            let child = start(&mut self.esm(&["upload", file]));
+            *plan = Plan {
+                sent: 0,
+                at: Some((at, blow, child.id())),
+                fell: false,
+            };
+            child
+        };
+        let begun = Instant::now();
+        while !self.tapped.plan.lock().unwrap().fell && child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < PATIENCE, "it neither sends nor ends");
+            sleep(Duration::from_millis(2));
+        }
+        let mut plan = self.tapped.plan.lock().unwrap();
+        let fell = plan.fell;
+        plan.at = None;
+        drop(plan);
+        match blow {
+            _ if !fell => {}
+            Blow::Killed => {}
+            Blow::Suspended => {
+                sleep(SUSPENDED);
+                signal(child.id(), "-CONT");
+            }
+            Blow::SuspendedAndKilled => {
+                sleep(SUSPENDED_BEFORE_DEATH);
+                signal(child.id(), "-KILL");
+            }
+            Blow::Unplugged => self.pull_out(),
+        }
+        let output = child.wait_with_output().unwrap();
+        if self.server.is_none() {
+            self.plug_in();
+        }
+        fell.then_some(output)
+    }
+}
+
+/// What a command that met this fate may end with: a status, or, for those that were killed, none.
+fn may_end_with(blow: Blow, status: Option<i32>) -> bool {
+    match blow {
+        Blow::Killed | Blow::SuspendedAndKilled => status.is_none(),
+        // It went on in time; or its mission was given up while it slept; or nobody waited for it.
+        Blow::Suspended => matches!(status, Some(0 | 1 | 3)),
+        Blow::Unplugged => status == Some(3),
+    }
+}
+
+/// A blob, and a file that it is in.
+struct Sent {
+    file: PathBuf,
+    blob: Vec<u8>,
+}
+
+impl Sent {
+    fn new(name: &str, folder: &Path) -> Self {
+        let blob = blob(&format!("missions/{name}.esm"));
+        let file = folder.join(format!("{name}.blob"));
+        std::fs::write(&file, &blob).unwrap();
+        Sent { file, blob }
+    }
+
+    fn file(&self) -> &str {
+        self.file.to_str().unwrap()
+    }
+
+    fn hash(&self) -> u32 {
+        u32::from_le_bytes(*self.blob.last_chunk().unwrap())
+    }
+}
+
+/// Interrupts uploads to a robot so often, and sees each time that it drives on with a whole mission and that the next upload works.
+fn interrupt_uploads(robot: &mut Plugged, rounds: usize, seed: u64) {
+    let folder = tempfile::tempdir().unwrap();
+    let missions = MISSIONS.map(|name| Sent::new(name, folder.path()));
+    let mut random = Random::new(seed);
+    robot.esm_good(&["upload", missions[0].file()]);
+    robot.tapped.plan.lock().unwrap().sent = 0;
+    robot.esm_good(&["upload", missions[1].file()]);
+    let bytes = robot.tapped.plan.lock().unwrap().sent;
+    let mut round = 0;
+    let mut tries = 0;
+    while round < rounds {
+        let [old, new] = [1, 0].map(|other| &missions[(tries + other) % missions.len()]);
+        tries += 1;
+        let before = connect(&robot.port()).status().unwrap();
+        assert_eq!(before.mission, Some(old.hash()));
+        let blow = BLOWS[(round + seed as usize) % BLOWS.len()];
+        let at = random.between(0, bytes);
+        let Some(output) = robot.interrupted(new.file(), at, blow) else {
+            // A trial that is watched takes some bytes more or less: it came through before this one. That is none of those that count.
+            continue;
+        };
+        let what = format!("round {round} of {seed}: {blow:?} after {at} bytes: {output:?}");
+        assert!(may_end_with(blow, output.status.code()), "{what}");
+
+        let mut client = connect(&robot.port());
+        let status = client.status().unwrap();
+        assert_eq!(status.mode, Mode::Running, "{what}");
+        let running = client.running_blob().unwrap();
+        let whole = missions.iter().find(|mission| mission.blob == running);
+        let whole = whole.unwrap_or_else(|| panic!("{what}: what runs was never sent"));
+        // Where a trial has ended meanwhile, it was another mission's.
+        if status.trial.is_none() {
+            assert_eq!(status.mission, Some(whole.hash()), "{what}");
+        }
+        if status.mission == before.mission && status.fell_back == before.fell_back {
+            assert!(status.steps > before.steps, "{what}: it stands still");
+        }
+        // Who finds a trial that nobody watches any more waits for its end, or ends it.
+        let begun = Instant::now();
+        while round % 2 == 0 && client.status().unwrap().trial.is_some() {
+            assert!(begun.elapsed() < PATIENCE, "{what}: a trial without end");
+            sleep(Duration::from_millis(100));
+        }
+        let is_on_trial = client.status().unwrap().trial.is_some();
+        drop(client);
+        if is_on_trial {
+            robot.esm_good(&["fallback"]);
+        }
+
+        robot.esm_good(&["upload", new.file()]);
+        let mut client = connect(&robot.port());
+        assert_eq!(client.running_blob().unwrap(), new.blob, "{what}");
+        let status = client.status().unwrap();
+        let standing = (status.mode, status.mission, status.trial);
+        assert_eq!(standing, (Mode::Running, Some(new.hash()), None), "{what}");
+        assert_eq!((status.missed, status.overruns), (0, 0), "{what}");
+        round += 1;
+    }
+    println!("robot {seed}: {round} interruptions in {tries} uploads");
+}
+
+fn in_a_cell() -> PlantSide {
+    let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    PlantSide::new(plant, Pace::new(true), None)
+}
+
+#[test]
+fn whatever_befalls_the_command_the_robot_drives_on_and_the_next_upload_works() {
+    let rounds = environment::number("ESM_COMMAND_INTERRUPTIONS", 2 * ROBOTS);
+    let seed = environment::number("ESM_SEED", 0);
+    let _ = esm_binary();
+    std::thread::scope(|scope| {
+        for robot in 0..ROBOTS {
+            scope.spawn(move || {
+                let plant = in_a_cell();
+                let (board, line) = HostBoard::start(host_board::rover, plant, None).unwrap();
+                let mut plugged = Plugged::new(Box::new(line));
+                let rounds = (rounds + robot) / ROBOTS;
+                interrupt_uploads(&mut plugged, rounds as usize, seed * ROBOTS + robot);
+                board.check().unwrap();
+            });
+        }
+    });
+}
+
+#[test]
+fn whatever_befalls_the_command_the_emulated_board_drives_on_too() {
+    let rounds = environment::number("ESM_BOARD_INTERRUPTIONS", 4);
+    let seed = environment::number("ESM_SEED", 0);
+    let _ = esm_binary();
+    let firmware = firmware("rover");
+    let board = Board::Emulated {
+        firmware: firmware.clone(),
+    };
+    let plant = in_a_cell();
+    let served = plant.clone();
+    let mut emulator = Emulator::start(
+        &firmware,
+        Idle::Passes,
+        move |request| served.exchange(request),
+        plant.flash(board.flash_bytes()),
+    )
+    .unwrap();
+    let line = emulator.take_uart().unwrap();
+    interrupt_uploads(&mut Plugged::new(Box::new(line)), rounds as usize, seed);
+    emulator.check_alive().unwrap();
 }

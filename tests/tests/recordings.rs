@@ -2,43 +2,31 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::cell::RefCell;
-use std::io::{self, Write};
 use std::path::Path;
-use std::rc::Rc;
 use std::time::Duration;
 
 use esm_core::{Interpreter, Observer, TransitionTaken};
 use esm_tests::command::root;
 use esm_tests::random::Random;
 use esm_tests::random_machine::machine;
+use esm_tests::recorded::{
+    MOST_BYTES_A_TRANSITION, RecordedRun, Row, SECONDS, SHIPPED, bytes_a_transition, mission,
+    record_shipped,
+};
 use host_tools::compile::compile;
+use host_tools::lang;
 use host_tools::recording::file::{self, FileEnd, FileError, Frame, Head};
 use host_tools::recording::player::{Player, Recording, RecordingError, ReplayError, replay};
 use host_tools::recording::walk::{Moment, Walk};
 use host_tools::recording::writer::RecordingWriter;
-use host_tools::run::board::Board;
-use host_tools::run::drive::{self, Plan, Planned};
-use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::schedule::handover::Handover;
-use host_tools::world::World;
-use host_tools::{host_board, lang};
 use rt_firmware::link::record::{
     MAX_QUIET, write_changes, write_quiet, write_started, write_state,
 };
 use rt_firmware::link::trace::RecordSink;
 
-/// A recorded run: missions with their times in seconds, and whether they take over warm.
-struct Recorded {
-    missions: &'static [(u64, &'static str, bool)],
-    world: &'static str,
-    seed: u64,
-    until_s: u64,
-}
-
-const fn run(missions: &'static [(u64, &'static str, bool)], world: &'static str) -> Recorded {
-    Recorded {
+const fn run(missions: &'static [(u64, &'static str, bool)], world: &'static str) -> RecordedRun {
+    RecordedRun {
         missions,
         world,
         seed: 1,
@@ -46,10 +34,10 @@ const fn run(missions: &'static [(u64, &'static str, bool)], world: &'static str
     }
 }
 
-const RUNS: [Recorded; 10] = [
+const RUNS: [RecordedRun; 10] = [
     run(&[(0, "patrol", false)], "office"),
     run(&[(0, "patrol", false)], "corridor"),
-    Recorded {
+    RecordedRun {
         seed: 7,
         ..run(&[(0, "patrol", false)], "office")
     },
@@ -75,68 +63,6 @@ const RUNS: [Recorded; 10] = [
     ),
 ];
 
-/// A file in memory that two hold.
-#[derive(Clone, Default)]
-struct Kept(Rc<RefCell<Vec<u8>>>);
-
-impl Write for Kept {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-fn mission(name: &str) -> Mission {
-    let path = root().join(format!("missions/{name}.esm"));
-    let mut checked = lang::load(&path).unwrap();
-    let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
-    let blob = compile(checked.model.as_ref().unwrap(), &schedule.starts_us).unwrap();
-    Mission::new(&path, esm_core::verify(blob).unwrap()).unwrap()
-}
-
-impl Recorded {
-    /// Its recording and its trace.
-    fn made(&self) -> (Vec<u8>, String) {
-        let recording = Kept::default();
-        let missions = self.missions.iter().map(|(at_s, name, warm)| Planned {
-            at_us: at_s * 1_000_000,
-            mission: mission(name),
-            warm: *warm,
-            handover: Handover::default(),
-        });
-        let plan = Plan {
-            flash: None,
-            key: None,
-            board: Board::Host {
-                robot: host_board::rover,
-            },
-            world: world(self.world),
-            seed: self.seed,
-            until_us: Some(self.until_s * 1_000_000),
-            realtime: false,
-            missions: missions.collect(),
-            replay: None,
-            record: Some(Box::new(recording.clone())),
-            plant_fault: None,
-            cut_link_us: None,
-        };
-        let interrupt = Interrupt::take_over().unwrap();
-        let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
-        assert_eq!(run.recorded.unwrap().gaps, 0);
-        let trace = String::from_utf8(run.told.out).unwrap();
-        let bytes = recording.0.borrow().clone();
-        (bytes, trace)
-    }
-}
-
-fn world(name: &str) -> World {
-    World::load(&root().join(format!("missions/worlds/{name}.world"))).unwrap()
-}
-
 fn replayed(bytes: &[u8], over_gaps: bool) -> (String, Option<ReplayError>) {
     let mut trace = Vec::new();
     let ended = replay(&Recording::read(bytes).unwrap(), over_gaps, &mut trace);
@@ -156,22 +82,60 @@ fn assert_lines_equal(what: &str, expected: &str, found: &str) {
 fn ten_recorded_runs_with_uploads_in_them_are_had_again_line_by_line() {
     for recorded in &RUNS {
         let what = format!("{:?} in {}", recorded.missions, recorded.world);
-        let (bytes, trace) = recorded.made();
+        let made = recorded.made();
+        let (bytes, trace) = (made.recording, made.trace);
         let (again, error) = replayed(&bytes, false);
         assert!(error.is_none(), "{what}: {error:?}");
         assert_lines_equal(&what, &trace, &again);
         let recording = Recording::read(&bytes).unwrap();
         assert_eq!(recording.end, FileEnd::Whole);
+        // What a run says of its recording at the end.
+        let outcome = replay(&recording, false, Vec::new()).unwrap();
+        assert_eq!(made.counts.steps, outcome.steps, "{what}");
+        assert_eq!(made.steps, outcome.steps, "{what}");
+        assert_eq!(made.transitions, outcome.transitions, "{what}");
         let of: Vec<u32> = recording.stretches.iter().map(|it| it.mission).collect();
         assert_eq!(of.len(), recorded.missions.len(), "{what}: {of:x?}");
     }
 }
 
 #[test]
+fn a_recording_of_the_shipped_missions_takes_four_bytes_a_transition_at_most() {
+    let mut missions: Vec<String> = ["", "tutorial/"]
+        .iter()
+        .flat_map(|folder| {
+            let files = std::fs::read_dir(root().join("missions").join(folder)).unwrap();
+            let names = files.map(|file| file.unwrap().file_name().into_string().unwrap());
+            names.filter_map(move |name| Some(format!("{folder}{}", name.strip_suffix(".esm")?)))
+        })
+        // It declares tasks, and has no machine.
+        .filter(|name| name != "rover")
+        .collect();
+    let mut listed = SHIPPED.map(|(name, _)| name.to_owned()).to_vec();
+    missions.sort();
+    listed.sort();
+    assert_eq!(missions, listed, "the missions that ship");
+
+    let rows = record_shipped(SECONDS);
+    let sum = |of: fn(&Row) -> u64| rows.iter().map(of).sum::<u64>();
+    let (bytes, transitions) = (sum(|row| row.record_bytes), sum(|row| row.transitions));
+    assert!(transitions > 300, "{transitions} transitions");
+    let average = bytes_a_transition(bytes, transitions);
+    assert!(
+        average <= MOST_BYTES_A_TRANSITION,
+        "{average:.2}: {rows:#?}"
+    );
+}
+
+#[test]
 fn equal_runs_have_equal_recordings() {
     let recorded = &RUNS[5];
-    assert_eq!(recorded.made().0, recorded.made().0);
-    assert_ne!(RUNS[0].made().0, RUNS[2].made().0, "another seed");
+    assert_eq!(recorded.made().recording, recorded.made().recording);
+    assert_ne!(
+        RUNS[0].made().recording,
+        RUNS[2].made().recording,
+        "another seed"
+    );
 }
 
 /// All moments of a recording, forwards, which are those backwards.
@@ -197,7 +161,8 @@ fn walked(what: &str, recording: &Recording) -> Vec<Moment> {
 fn a_walk_tells_the_transitions_of_the_trace_with_guards_that_were_true() {
     for recorded in &RUNS[5..8] {
         let what = format!("{:?}", recorded.missions);
-        let (bytes, trace) = recorded.made();
+        let made = recorded.made();
+        let (bytes, trace) = (made.recording, made.trace);
         let moments = walked(&what, &Recording::read(&bytes).unwrap());
         let told = moments.iter().flat_map(|moment| {
             moment.taken.iter().map(move |taken| {
@@ -238,7 +203,7 @@ fn a_walk_tells_the_transitions_of_the_trace_with_guards_that_were_true() {
 
 #[test]
 fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
-    let (bytes, _) = RUNS[0].made();
+    let bytes = RUNS[0].made().recording;
     let recording = Recording::read(&bytes).unwrap();
     let (mut walk, _) = Walk::new(&recording, false);
     let told = walk.to_time(15_000_000).unwrap().to_string();
@@ -269,7 +234,8 @@ fn bytes_of(frames: &[Frame]) -> Vec<u8> {
 
 #[test]
 fn a_recording_that_was_broken_off_is_had_again_to_its_last_whole_frame() {
-    let (bytes, trace) = RUNS[0].made();
+    let made = RUNS[0].made();
+    let (bytes, trace) = (made.recording, made.trace);
     let (frames, _) = file::read(&bytes).unwrap();
     let ends: Vec<usize> = (0..=frames.len())
         .map(|count| bytes_of(&frames[..count]).len())
@@ -298,7 +264,8 @@ fn a_recording_that_was_broken_off_is_had_again_to_its_last_whole_frame() {
 
 #[test]
 fn a_byte_that_was_changed_is_told_wherever_it_is() {
-    let (bytes, trace) = RUNS[0].made();
+    let made = RUNS[0].made();
+    let (bytes, trace) = (made.recording, made.trace);
     for at in (0..bytes.len()).step_by(11) {
         let mut changed = bytes.clone();
         changed[at] ^= 0x10;
@@ -336,7 +303,7 @@ fn what_is_no_recording_of_this_form_is_refused_by_what_it_is() {
 
 #[test]
 fn a_recording_whose_mission_is_another_or_none_is_told() {
-    let (bytes, _) = RUNS[0].made();
+    let bytes = RUNS[0].made().recording;
     let (frames, _) = file::read(&bytes).unwrap();
     let with = |change: &dyn Fn(&mut Vec<u8>)| {
         let mut frames = frames.clone();
@@ -375,7 +342,8 @@ impl RecordSink for Bytes {
 fn a_gap_ends_the_replay_and_over_it_the_replay_goes_on_as_the_run_did() {
     const BEFORE: u64 = 300;
     const BEHIND: u64 = 500;
-    let (bytes, trace) = RUNS[0].made();
+    let made = RUNS[0].made();
+    let (bytes, trace) = (made.recording, made.trace);
     let recording = Recording::read(&bytes).unwrap();
     let stretch = &recording.stretches[0];
     let recorded = recording.mission(stretch.mission).unwrap();
@@ -521,7 +489,7 @@ fn random_machines_under_random_inputs_are_had_again() {
         let mut arena = vec![0; recorded.verified.arena_words()];
         let mut player = Player::new(recorded, stretch, &mut arena).unwrap();
         let mut again = Taken::default();
-        while player.enter().unwrap().is_some() && player.machine().fault().is_none() {
+        while player.enter().unwrap().goes_on && player.machine().fault().is_none() {
             let _ = player.macro_step(&mut again);
         }
         let moments = walked(&format!("seed {seed}"), &recording);

@@ -6,7 +6,7 @@ use esm_tests::command::{esm, root};
 use host_tools::host_board;
 use host_tools::lang;
 use host_tools::plant::{PathSample, Plant};
-use host_tools::run::board::Board;
+use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
@@ -121,6 +121,8 @@ impl StepOfTutorial {
             record: None,
             plant_fault: None,
             cut_link_us: None,
+            link: LinkWay::Uart,
+            noise: None,
         };
         let interrupt = Interrupt::take_over().unwrap();
         let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

@@ -31,7 +31,7 @@ Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
-             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle)
+             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt
@@ -42,6 +42,7 @@ Options:
                                      rustup's with its target installed, or Debian's, which builds the core library from source
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
   --example                          firmware: build examples/my_robot instead
+  --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
   --write                            size: keep the sizes as the expected ones
@@ -54,6 +55,7 @@ struct Options {
     toolchain: Option<Choice>,
     bins: Vec<String>,
     example: bool,
+    lean: bool,
     quick: bool,
     write: bool,
     minutes: Option<u32>,
@@ -102,6 +104,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--toolchain" => options.toolchain = Some(Choice::from_name(&value()?)?),
             "--bin" => options.bins.push(value()?),
             "--example" => options.example = true,
+            "--lean" => options.lean = true,
             "--quick" => options.quick = true,
             "--write" => options.write = true,
             "--minutes" => {
@@ -145,6 +148,9 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             let toolchain = setup::toolchain(choice)?;
             if options.example {
                 return firmware::build_example(&root, &toolchain).map(drop);
+            }
+            if options.lean {
+                return firmware::build_lean(&root, &toolchain).map(drop);
             }
             let default = [firmware::DEFAULT_BIN.to_owned()];
             let bins = if options.bins.is_empty() {

@@ -117,8 +117,10 @@ pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> 
         &[
             "--package",
             "rt-firmware",
+            "--package",
+            "host-tools",
             "--features",
-            "keys,black-box",
+            "rt-firmware/keys,rt-firmware/black-box",
             "--lib",
             "planted_defect_of_the_",
             "--",

@@ -3,8 +3,12 @@
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
 /// `robot` is the registry's type, with the function that builds it from the pins (a `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that
-/// the robot tells of itself, in at most 40 bytes. `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its flash had missions and
-/// none of them may run. Without it, it does nothing then.
+/// the robot tells of itself, in at most 40 bytes.
+///
+/// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops
+/// the robot whatever the mission does and whether or not a host is there, until it is released. Without it nothing of a button is in the firmware.
+///
+/// `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its flash has no mission that may run. Without it, it does nothing then.
 ///
 /// A firmware of another kind, such as a benchmark, names besides what its slots run on (a [`Board`](rt_firmware::Board), with the function that builds it
 /// from this crate's), the memory of its runtime, and how many slots that has.
@@ -15,6 +19,23 @@ macro_rules! app {
             firmware: $firmware,
             robot: $robot = $make,
             board: $crate::slots::SlotBoard = |board| board,
+            memory: $crate::Memory<'static>,
+            slots: $crate::settings::SLOTS,
+            $(safe_default: $safe_default,)?
+        }
+    };
+    (
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr,
+        emergency_stop: $pin:ty = $make_pin:expr
+        $(, safe_default: $safe_default:expr)? $(,)?
+    ) => {
+        $crate::app! {
+            firmware: $firmware,
+            robot: $robot = $make,
+            board: $crate::rt_firmware::WithStopButton<$crate::slots::SlotBoard, $pin> = |board| {
+                $crate::rt_firmware::WithStopButton::new(board, $make_pin)
+            },
             memory: $crate::Memory<'static>,
             slots: $crate::settings::SLOTS,
             $(safe_default: $safe_default,)?
@@ -46,7 +67,11 @@ macro_rules! app {
             type MissionMemory = $memory;
 
             #[shared]
-            struct Shared {}
+            struct Shared {
+                // Both handlers have one priority.
+                #[lock_free]
+                line: line::Line,
+            }
 
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
@@ -56,7 +81,6 @@ macro_rules! app {
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
                 link_end: LinkEnd,
-                line: line::Line,
             }
 
             #[init(local = [
@@ -103,8 +127,8 @@ macro_rules! app {
                 slot_timer::start();
                 watchdog::start();
                 (
-                    Shared {},
-                    Local { real_time, board: make_board(start.board), background, link, link_end, line },
+                    Shared { line },
+                    Local { real_time, board: make_board(start.board), background, link, link_end },
                 )
             }
 
@@ -125,9 +149,16 @@ macro_rules! app {
                 rtic::export::pend(Interrupt::SSI0);
             }
 
-            #[task(binds = UART0, priority = 3, local = [line])]
+            #[task(binds = UART0, priority = 3, shared = [line])]
             fn wire(cx: wire::Context) {
-                if cx.local.line.serve() {
+                if cx.shared.line.serve() {
+                    rtic::export::pend(Interrupt::SSI0);
+                }
+            }
+
+            #[task(binds = TIMER_1A, priority = 3, shared = [line])]
+            fn plant_line(cx: plant_line::Context) {
+                if cx.shared.line.swap() {
                     rtic::export::pend(Interrupt::SSI0);
                 }
             }

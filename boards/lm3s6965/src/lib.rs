@@ -10,7 +10,8 @@
 //! lm3s6965::app! {
 //!     firmware: "my robot 1.0",
 //!     robot: MyRobot<'static> = MyRobot::new,
-//!     safe_default: include_bytes!("../stand_still.esmb"),
+//!     emergency_stop: StopPin<'static> = lm3s6965::PINS.stop_button(),
+//!     safe_default: include_bytes!("../stand_by.blob"),
 //! }
 //! ```
 //!
@@ -21,6 +22,7 @@
 //! | 8 | watchdog | last words of a firmware whose slots have stopped |
 //! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
 //! | 3 | UART 0 | bytes between the wire and the queues |
+//! | 3 | timer 1 | the same, where the plant carries the link ([`plant_line`]) |
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | slot-0 tasks; sleep |
 //!
@@ -39,8 +41,14 @@ pub mod flash;
 #[path = "no_flash.rs"]
 pub mod flash;
 pub mod line;
+#[cfg(feature = "log")]
 pub mod log;
 pub mod plant;
+#[cfg(feature = "plant-line")]
+pub mod plant_line;
+#[cfg(not(feature = "plant-line"))]
+#[path = "no_plant_line.rs"]
+pub mod plant_line;
 pub mod post_mortem;
 pub mod registers;
 pub mod reset_cause;
@@ -105,17 +113,17 @@ pub fn start() -> Start {
     let words = post_mortem::kept().last_words().0;
     match reset {
         ResetReason::Panic => {
-            defmt::error!("started again after a panic in line {=u32}", words.line)
+            rt_firmware::error!("started again after a panic in line {=u32}", words.line)
         }
         ResetReason::CpuFault => {
-            defmt::error!("started again after a fault at {=u32:#x}", words.fault.pc)
+            rt_firmware::error!("started again after a fault at {=u32:#x}", words.fault.pc)
         }
         ResetReason::Watchdog => {
-            defmt::error!("started again by the watchdog: the slots had stopped")
+            rt_firmware::error!("started again by the watchdog: the slots had stopped")
         }
-        ResetReason::BrownOut => defmt::error!("started again: the supply voltage fell"),
-        ResetReason::PowerOn => defmt::info!("power on"),
-        ResetReason::Pin | ResetReason::Software => defmt::info!("reset"),
+        ResetReason::BrownOut => rt_firmware::error!("started again: the supply voltage fell"),
+        ResetReason::PowerOn => rt_firmware::info!("power on"),
+        ResetReason::Pin | ResetReason::Software => rt_firmware::info!("reset"),
     }
     Start {
         reset,

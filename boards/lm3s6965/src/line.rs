@@ -1,27 +1,32 @@
-//! The link's serial line: queues between the UART's interrupt handler and the link task, so that neither waits for the wire.
+//! The link's line: queues between the interrupt handler that moves its bytes, the UART's or that of [`plant_line`]'s timer, and the link task, so that
+//! neither waits for the wire.
 
 use core::mem;
 
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
+use rt_firmware::body::line::{LinePart, PART_BYTES};
 #[cfg(feature = "keys")]
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide};
 
-#[cfg(feature = "keys")]
-use crate::clock;
 use crate::flash::BoardKeep;
-use crate::{log, stack, uart};
+#[cfg(feature = "log")]
+use crate::log;
+use crate::{clock, plant_line, stack, uart};
 
 /// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
 pub const RECEIVE_BYTES: usize = 128;
 /// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.
-pub const TRANSMIT_BYTES: usize = 32;
+pub const TRANSMIT_BYTES: usize = 40;
 
-/// Makes the two ends of a line of its queues. The link finds the missions that the board keeps at its end.
+// A queue holds one byte less than it has room for.
+const _: () = assert!(TRANSMIT_BYTES > PART_BYTES && RECEIVE_BYTES > 2 * PART_BYTES);
+
+/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does. The link finds the missions that the board keeps at its end.
 pub fn split(
     received: &'static mut Queue<u8, RECEIVE_BYTES>,
     to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
@@ -33,6 +38,7 @@ pub fn split(
         Line {
             received: received_in,
             to_transmit: to_transmit_out,
+            goes_by_plant: plant_line::start(),
         },
         LinkEnd {
             received: received_out,
@@ -47,14 +53,40 @@ pub fn split(
 pub struct Line {
     received: Producer<'static, u8>,
     to_transmit: Consumer<'static, u8>,
+    /// The plant carries the bytes, and the UART none.
+    goes_by_plant: bool,
 }
 
 impl Line {
+    /// Swaps bytes with the plant. To be called by the interrupt of [`plant_line`]'s timer.
+    ///
+    /// Returns whether the link task has something to do.
+    pub fn swap(&mut self) -> bool {
+        plant_line::acknowledge();
+        let mut part = LinePart::new(self.received.capacity() - self.received.len());
+        while !part.is_full() {
+            let Some(byte) = self.to_transmit.dequeue() else {
+                break;
+            };
+            part.push(byte);
+        }
+        let answer = plant_line::swap(&part);
+        let carried = answer.as_ref().map_or(&[][..], LinePart::carried);
+        for &byte in carried {
+            // There is room: the plant was told how much, and nobody else puts bytes in.
+            let _ = self.received.enqueue(byte);
+        }
+        !carried.is_empty() || !part.carried().is_empty()
+    }
+
     /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called by the UART's interrupt, which is pended by
     /// software too when the link has queued or taken bytes. Bytes that find no room in the queue wait in the FIFO.
     ///
     /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
     pub fn serve(&mut self) -> bool {
+        if self.goes_by_plant {
+            return false;
+        }
         uart::acknowledge();
         let mut worth_a_look = false;
         for _ in 0..uart::FIFO_BYTES {
@@ -111,6 +143,12 @@ impl LinkEnd {
 }
 
 impl LinkPort for LinkEnd {
+    const KEEPS_LOG: bool = cfg!(feature = "log");
+
+    fn now_us(&mut self) -> u64 {
+        clock::now_us()
+    }
+
     fn receive(&mut self) -> Option<u8> {
         let byte = self.received.dequeue();
         self.took |= byte.is_some();
@@ -121,10 +159,12 @@ impl LinkPort for LinkEnd {
         self.to_transmit.enqueue(byte).is_ok()
     }
 
+    #[cfg(feature = "log")]
     fn read_log(&mut self, room: &mut [u8]) -> usize {
         log::read(room)
     }
 
+    #[cfg(feature = "log")]
     fn log_dropped(&self) -> u32 {
         log::dropped_frames()
     }

@@ -73,6 +73,10 @@ pub mod timer1 {
     pub const TAMR: Register = Register(0x4003_1004);
     /// Control: enable bits.
     pub const CTL: Register = Register(0x4003_100C);
+    /// Interrupt mask.
+    pub const IMR: Register = Register(0x4003_1018);
+    /// Interrupt clear.
+    pub const ICR: Register = Register(0x4003_1024);
     /// Load value, in ticks of the system clock.
     pub const TAILR: Register = Register(0x4003_1028);
 }
@@ -127,6 +131,8 @@ pub mod watchdog0 {
 
     /// Load value, in ticks of the system clock; a write starts the count anew.
     pub const LOAD: Register = Register(0x4000_0000);
+    /// What is left of the count, which goes down.
+    pub const VALUE: Register = Register(0x4000_0004);
     /// Control: once its interrupt is enabled, only a reset stops it.
     pub const CTL: Register = Register(0x4000_0008);
     /// Interrupt clear; any write starts the count anew.

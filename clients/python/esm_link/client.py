@@ -18,6 +18,8 @@ SPOILED_WAIT_S = 0.01
 BUSY_WAIT_S = 0.005
 SILENT_DEADLINE_S = 6.0
 NOISY_DEADLINE_S = 30.0
+# A robot does not do what it is asked for after nobody waits for it any more: a client gives up no sooner.
+COMMAND_TIME_US = int(SILENT_DEADLINE_S * 1_000_000)
 
 SMALLEST_CHUNK = 16
 CHUNKS_BEFORE_GROWTH = 4
@@ -117,6 +119,10 @@ class Client:
     def status(self) -> messages.Status:
         return self._ask("status", messages.Status, messages.STATUS)
 
+    def clock(self) -> int:
+        """Microseconds since the robot started, by its own clock."""
+        return self._ask("clock", messages.Clock, messages.CLOCK).now_us
+
     def stop(self) -> None:
         self._ask("stop", messages.Done, messages.STOP)
 
@@ -126,7 +132,7 @@ class Client:
 
     def release(self) -> None:
         """Ends an emergency stop: the robot is stopped then, and `start` starts it."""
-        self._ask("release", messages.Done, messages.RELEASE)
+        self._command("release", messages.Done, messages.RELEASE)
 
     def start(self) -> None:
         self._command("start", messages.Done, messages.START)
@@ -156,7 +162,7 @@ class Client:
 
     def save_params(self, mission: int) -> int:
         """Lets the robot keep the values that differ now, and start the mission with them from now on. Returns how many there are."""
-        return self._ask("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
+        return self._command("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
 
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
@@ -310,13 +316,13 @@ class Client:
         The seed is what the robot makes its nonces from: 16 bytes that nobody can guess, or those of the system.
         """
         seed = new_seed() if seed is None else seed
-        self._command("install a key", messages.Done, messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
+        self._key_command("install a key", messages.Done, messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
         self._key = key
         self.hello()
 
     def remove_key(self) -> None:
         """From now on the robot takes commands from anyone."""
-        self._command("remove the key", messages.Done, messages.REMOVE_KEY)
+        self._key_command("remove the key", messages.Done, messages.REMOVE_KEY)
         self.hello()
 
     def _is_locked(self) -> bool:
@@ -336,19 +342,38 @@ class Client:
         self._signed_upload = signature
 
     def _command(self, name: str, wanted: type, kind: int, *fields):
-        """Asks for something that a robot with a key takes only if the key has signed it."""
-        if not self._is_locked():
-            return self._ask(name, wanted, kind, *fields)
-        request = messages.without_number(kind, *fields)
-        upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
+        """Asks for something that changes what the robot does. It is not done after its answer was waited for, and a robot that has a key takes it signed only."""
+        begun = _Patience()
+        while True:
+            by_us = self.clock() + COMMAND_TIME_US
+            # From here on, so that nobody gives up before that time.
+            patience = _Patience()
+            fields_in_time = (by_us, messages.without_number(kind, *fields))
+            if self._is_locked():
+                upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
+                body = self._exchange_signed(name, patience, upload, messages.WITHIN, *fields_in_time)
+            else:
+                body = self._exchange(name, patience, messages.WITHIN, *fields_in_time)
+            if not self._is_to_repeat(name, wanted, body, begun):
+                return body
+
+    def _key_command(self, name: str, wanted: type, kind: int, *fields):
+        """Asks for something that is about keys. A robot that has one takes it signed only."""
         patience = _Patience()
         while True:
-            key, challenge = self._challenge()
-            signature = key.sign(command_message(challenge.nonce, upload, request))
-            # Not sent a second time after an answer: the nonce is used up.
-            body = self._exchange(name, patience, messages.SIGNED, signature, request)
+            if self._is_locked():
+                body = self._exchange_signed(name, patience, NO_UPLOAD, kind, *fields)
+            else:
+                body = self._exchange(name, patience, kind, *fields)
             if not self._is_to_repeat(name, wanted, body, patience):
                 return body
+
+    def _exchange_signed(self, name: str, patience: _Patience, upload: bytes, kind: int, *fields) -> object:
+        """One exchange: it cannot be sent a second time after an answer, for the nonce is used up."""
+        request = messages.without_number(kind, *fields)
+        key, challenge = self._challenge()
+        signature = key.sign(command_message(challenge.nonce, upload, request))
+        return self._exchange(name, patience, messages.SIGNED, signature, request)
 
     # Requests.
 
@@ -358,7 +383,7 @@ class Client:
             return False
         if not isinstance(body, Error):
             raise Malformed(f"the robot answered `{name}` with {body}")
-        if body.name not in ("Busy", "Malformed", "NoAnswer"):
+        if body.name not in ("Busy", "Malformed", "NoAnswer", "Late"):
             raise Refused(name, body)
         try:
             patience.check(name)

@@ -9,7 +9,8 @@ PROTOCOL_VERSION = 3
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
-) = range(29)  # fmt: skip
+    CLOCK, WITHIN,
+) = range(31)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -225,6 +226,7 @@ class Status:
     record_dropped: int
     record_pending: bool
     saved_params: int
+    stop_pressed: bool
 
 
 @dataclass
@@ -242,6 +244,13 @@ class ParamSet:
 @dataclass
 class ParamsSaved:
     count: int
+
+
+@dataclass
+class Clock:
+    """Microseconds since the robot started."""
+
+    now_us: int
 
 
 @dataclass
@@ -463,6 +472,8 @@ def _answer(fields: Fields) -> object:
         return ParamSet(fields.number(32))
     if kind == 15:
         return ParamsSaved(fields.u8())
+    if kind == 16:
+        return Clock(fields.number())
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -491,8 +502,10 @@ def _status(fields: Fields) -> Status:
     fell_back = _fell_back(fields)
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
     changed_params, record_dropped, record_pending, saved_params = fields.u8(), fields.number(32), fields.boolean(), fields.u8()
+    stop_pressed = fields.boolean()
     return Status(
-        mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, changed_params, record_dropped, record_pending, saved_params
+        mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, changed_params, record_dropped, record_pending, saved_params,
+        stop_pressed,
     )
 
 
@@ -535,6 +548,7 @@ def _error(fields: Fields) -> Error:
         34: "NoStore",
         35: "EmergencyStopped",
         36: "StopNotKept",
+        37: "Late",
     }
     if kind in plain:
         return Error(plain[kind], {})

@@ -91,6 +91,8 @@ class Messages(unittest.TestCase):
             "request install key": (messages.INSTALL_KEY, bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x33] * 64)),
             "request remove key": (messages.REMOVE_KEY,),
             "request param": (messages.PARAM, 0x1234ABCD, 300),
+            "request clock": (messages.CLOCK,),
+            "request within a time": (messages.WITHIN, 2**40, messages.without_number(messages.START)),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):
@@ -232,10 +234,17 @@ class Exchanges(unittest.TestCase):
         challenge = messages.Challenge(bytes(16), 0, public)
         client = Client(None, number=0)
         client._robot = messages.Hello(*[None] * 14, "locked")
-        client._ask = lambda name, wanted, kind, *fields: challenge if kind == messages.CHALLENGE else self.fail(name)
+        answers = {messages.CHALLENGE: challenge, messages.CLOCK: messages.Clock(0)}
+        client._ask = lambda name, wanted, kind, *fields: answers.get(kind) or self.fail(name)
         for act in (client.start, lambda: client.confirm(1), lambda: client.set_param(1, 2, 3), client.remove_key):
             with self.assertRaises(OtherKey):
                 act()
+
+    def test_what_comes_too_late_is_refused_and_what_was_done_in_time_stays_so(self):
+        said = [answer for said in vectors.named("requests that come too late").all("<") for answer in FrameReader().feed(said)]
+        told = [answer.body for answer in map(messages.from_robot, said)]
+        self.assertEqual([body for body in told[2:4]], [messages.Done(), messages.Done()])
+        self.assertEqual([body.name for body in told[4:]], ["Late", "Late", "Malformed", "Malformed"])
 
     def test_a_robot_without_a_mission(self):
         port = line("a robot without a mission")

@@ -10,6 +10,7 @@
 use core::ops::Deref;
 
 use super::{Interpreter, WORD_BITS, bit_of};
+use crate::dispatcher::periods_in;
 use crate::format;
 use crate::reads::Reads;
 use crate::tables::{Names, State, StateKind, Tables};
@@ -297,7 +298,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         let taken_over = self.take_states(before);
         // Whoever was asleep wakes up once more, and all timers are looked at: too often does no harm.
         self.wake_all(0..self.layout.regions);
-        self.look_at_timers_in(1);
+        self.clock.look_in(1);
         taken_over
     }
 
@@ -506,14 +507,18 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
                 self.set_flag_to(first_flag + flag(&new), true);
             } else {
                 let entered = before.load(before.parts.entered, pair);
-                let steps = u64::from(before.now().wrapping_sub(entered));
+                let steps = u64::from(before.clock.now().wrapping_sub(entered));
                 let us = steps * u64::from(before.period_us);
                 let limit = self.limit(self.current_record(region));
-                let same = us.checked_div(self.period_us.into()).unwrap_or(0);
+                let same = match self.period_us {
+                    // Where no time passes, none has.
+                    0 => 0,
+                    period_us => periods_in(us, period_us),
+                };
                 age = u32::try_from(same).unwrap_or(u32::MAX).min(limit);
             }
         }
-        let entered = self.now().wrapping_sub(age);
+        let entered = self.clock.now().wrapping_sub(age);
         self.store(self.parts.entered, region, entered);
     }
 }

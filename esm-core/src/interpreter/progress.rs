@@ -5,7 +5,8 @@
 
 use core::ops::Deref;
 
-use super::{Fault, Interpreter, Step, WORD_BITS, bit_of};
+use super::clock::Clock;
+use super::{Fault, Interpreter, SMALL, Step, WORD_BITS, bit_of};
 use crate::reads::access::Access;
 use crate::reads::{Checked, Reads};
 use crate::tables::Tables;
@@ -53,9 +54,10 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
     /// What it is, beside [`Self::state_words`]. Between macro steps only.
     pub fn progress(&self) -> Progress {
         Progress {
-            steps: self.due - u64::from(self.steps_left),
-            steps_left: self.steps_left,
-            is_awake: self.next_step != Step::Rest,
+            steps: self.clock.begun(),
+            steps_left: self.clock.steps_left(),
+            // Compiled for size, none keeps account of it: it looks who is awake.
+            is_awake: SMALL || self.next_step != Step::Rest,
             fault: self.fault,
         }
     }
@@ -84,6 +86,26 @@ impl<'m, B: Deref<Target = [u8]>, R: Access> Interpreter<'m, B, R> {
             && (own.iter().zip(words).enumerate()).all(|(place, (a, b))| a == b || awake(place))
             && self.progress().steps == progress.steps
             && self.fault == progress.fault
+    }
+
+    /// The bits of [`Self::input_words`], ascending, in which this machine and the one that `words` were taken of differ.
+    pub fn inputs_unlike<'a>(&'a self, words: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
+        let others = words
+            .get(self.layout.flags..self.layout.entered)
+            .unwrap_or_default();
+        let pairs = self.input_words().iter().zip(others).enumerate();
+        pairs.flat_map(|(place, (own, other))| {
+            let differs = own ^ other;
+            (0..WORD_BITS)
+                .filter(move |bit| differs >> bit & 1 != 0)
+                .map(move |bit| place * WORD_BITS + bit)
+        })
+    }
+
+    /// For each region instance the low 32 bits of the number of the macro step in which its state was entered, if that has a timeout; a state that was overdue while macro steps
+    /// were skipped counts as entered just so long ago.
+    pub fn entered_words(&self) -> &[u32] {
+        self.part(self.layout.entered..self.layout.queue)
     }
 
     /// Where the enable bits begin in [`Self::input_words`], in bits.
@@ -123,11 +145,11 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         machine.find_active();
         machine.fault = progress.fault;
         // A machine that was stopped says so in its next macro step.
-        machine.steps_left = match progress.fault {
+        let steps_left = match progress.fault {
             Some(_) => 1,
             None => progress.steps_left.max(1),
         };
-        machine.due = progress.steps + u64::from(machine.steps_left);
+        machine.clock = Clock::at(progress.steps, steps_left);
         machine.next_step = if progress.is_awake {
             machine.visit
         } else {

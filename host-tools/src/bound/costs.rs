@@ -51,11 +51,7 @@ constructs! {
     TimerRuns "timer_runs",
     /// A region that is visited on the pulse.
     PulseVisit "pulse_visit",
-    /// A state with a timeout that is visited on the pulse.
-    PulseTimer "pulse_timer",
-    /// A row of guards that is looked at together on the pulse.
-    PulseRow "pulse_row",
-    /// A transition behind the row that is looked at on the pulse, with its guard of one flag.
+    /// A transition that is looked at on the pulse, with its guard of one flag.
     PulseTransition "pulse_transition",
     /// An event that is taken from the queue.
     Event "event",

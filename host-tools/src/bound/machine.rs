@@ -6,7 +6,6 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use esm_core::format::GUARD_PROGRAM;
 use esm_core::tables::{self, Code, StateKind, Tables};
 
 use super::costs::{Construct, Ledger};
@@ -74,8 +73,6 @@ pub(super) struct State {
     pub(super) flags: Range<usize>,
     /// Transitions on the pulse.
     pub(super) on_pulse: Range<usize>,
-    /// The first of them, whose guards are looked at together; none where each is looked at alone.
-    pub(super) row: Range<usize>,
     /// Transitions on events.
     pub(super) on_events: Range<usize>,
     /// Whether transitions lead to it from `initial`, whatever their guards say.
@@ -99,8 +96,6 @@ pub(super) enum Kind {
 pub(super) struct Transition {
     pub(super) event: u16,
     pub(super) is_plain: bool,
-    /// Whether it is one of the [`State::row`] of the state that it leaves.
-    pub(super) is_in_row: bool,
     pub(super) target: usize,
     pub(super) guard: Guard,
     pub(super) actions: Vec<Action>,
@@ -157,13 +152,9 @@ impl Machine {
         let mut states: Vec<State> = (0..tables.state_count())
             .map_while(|index| state(tables, index))
             .collect();
-        let mut transitions: Vec<Transition> = (0..tables.transition_count())
+        let transitions: Vec<Transition> = (0..tables.transition_count())
             .map_while(|index| transition(tables, &states, index))
             .collect();
-        for state in &states {
-            let row = transitions.get_mut(state.row.clone()).unwrap_or_default();
-            row.iter_mut().for_each(|it| it.is_in_row = true);
-        }
         mark_reachable(&mut states, &transitions);
         let regions: Vec<Region> = (0..tables.region_instance_count())
             .map_while(|index| {
@@ -281,11 +272,6 @@ impl Machine {
         match trigger {
             Trigger::Pulse => {
                 ledger.add(Construct::PulseVisit, 1);
-                ledger.add(
-                    Construct::PulseTimer,
-                    usize::from(state.timeout_us.is_some()),
-                );
-                ledger.add(Construct::PulseRow, usize::from(!state.row.is_empty()));
             }
             Trigger::Channel(_) | Trigger::Any => {
                 ledger.add(Construct::Listener, 1);
@@ -303,10 +289,6 @@ impl Machine {
         transition: &Transition,
         trigger: Trigger,
     ) {
-        if trigger == Trigger::Pulse && transition.is_in_row {
-            // That is in the visit.
-            return;
-        }
         ledger.add(
             match trigger {
                 Trigger::Pulse => Construct::PulseTransition,
@@ -529,29 +511,9 @@ fn state(tables: &Tables<'_>, index: usize) -> Option<State> {
         events: state.events,
         flags: state.first_flag..state.first_flag + state.flags,
         on_pulse: all.start..state.first_event_transition,
-        row: row(
-            tables,
-            all.start..state.first_event_transition,
-            state.timeout_us.is_some(),
-        ),
         on_events: state.first_event_transition..all.end,
         is_reachable: false,
     })
-}
-
-/// Of the transitions of a state on the pulse those at the beginning whose guards ask for one bit each, one behind the other. One alone is no row, and a state with a timeout
-/// has none: the interpreter does without.
-fn row(tables: &Tables<'_>, on_pulse: Range<usize>, is_timed: bool) -> Range<usize> {
-    let start = on_pulse.start;
-    let guards = on_pulse.map_while(|index| Some(tables.transition(index)?.guard));
-    let first = guards.clone().next().unwrap_or_default();
-    let length = (first..GUARD_PROGRAM)
-        .zip(guards)
-        .take_while(|(next, guard)| next == guard);
-    match length.count() {
-        length if length > 1 && !is_timed => start..start + length,
-        _ => start..start,
-    }
 }
 
 fn transition(tables: &Tables<'_>, states: &[State], index: usize) -> Option<Transition> {
@@ -580,7 +542,6 @@ fn transition(tables: &Tables<'_>, states: &[State], index: usize) -> Option<Tra
     Some(Transition {
         event: transition.event,
         is_plain: transition.is_plain,
-        is_in_row: false,
         target: transition.target,
         guard,
         actions: actions.collect(),

@@ -13,7 +13,7 @@ use crate::host_board::RobotMaker;
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
-use crate::run::board::RunningBoard;
+use crate::run::board::{LinkWay, RunningBoard};
 use crate::run::interrupt::Interrupt;
 use crate::serial::pty::PtyServer;
 
@@ -67,7 +67,7 @@ pub fn execute(
         .map_err(|error| CommandError::Input(error.into()))?;
     let flash = stage::flash(args.flash.as_deref(), &board)?;
     let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(flash);
-    let (mut running, line) = RunningBoard::start(board, &plant, None)?;
+    let (mut running, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart)?;
     let server = PtyServer::start(line)?;
     let port = server.path().display();
     writeln!(

@@ -1,21 +1,23 @@
 //! `esm log`: what a robot says.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use rt_firmware::link::message::Mode;
+use rt_firmware::link::message::{Channel, Mode};
 use rt_firmware::link::news::{Cause, News};
 
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::RobotArgs;
-use super::stage;
+use super::robot::{Robot, RobotArgs};
+use super::{file, stage};
 use crate::host_board;
 use crate::link_client::log_lines::LogReader;
-use crate::link_client::{StreamEvent, Streams};
+use crate::link_client::{RobotInfo, StreamEvent, Streams};
+use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
@@ -27,11 +29,15 @@ const LISTEN_TIME: Duration = Duration::from_millis(100);
 ///
 /// Runs until Ctrl-C. Lines that the robot could not keep are counted and said. Where a line begins with a time, it is in seconds of
 /// the board's clock, since it was switched on.
+///
+/// With --record, what enters the robot's interpreter is kept as it comes, for `esm replay`: from now on, with all that the machine is now. What the line loses is a gap,
+/// which is said, and behind which the recording goes on. The file is whole whatever ends the command.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm log --port /dev/ttyUSB0
   esm log --port /dev/ttyUSB0 --news '1 s'
+  esm log --port /dev/ttyUSB0 --record drive.rec
   esm log --port unix:/tmp/robot --firmware target/firmware/lm3s6965/rover.elf")]
 pub struct LogArgs {
     #[command(flatten)]
@@ -45,48 +51,155 @@ pub struct LogArgs {
     /// Shows, too, when the robot's mission, the trial of that or its mode changes, and how it is each TIME of the mission's, if one is given
     #[arg(long, value_name = "TIME", num_args = 0..=1, default_missing_value = "0 s")]
     pub news: Option<Time>,
+
+    /// Keeps what enters the interpreter, too, to be run again with `esm replay`
+    #[arg(long, value_name = "REC")]
+    pub record: Option<PathBuf>,
 }
+
+/// What is wanted beside a recording.
+const LOG: Streams = Streams {
+    trace: false,
+    log: true,
+    record: false,
+};
 
 /// Runs the command.
 ///
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError> {
+    if let Some(output) = &args.record {
+        file::keep_sources(output, &[])?;
+    }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
-    let mut log = reader(&info.board, args.firmware.as_deref(), console)?;
-    robot.subscribe(Streams {
-        log: true,
-        ..Streams::NONE
-    })?;
+    let log = reader(&info.board, args.firmware.as_deref(), console)?;
+    let recording = match &args.record {
+        Some(path) => Some(begin(path, &mut robot, &info)?),
+        None => {
+            robot.subscribe(LOG)?;
+            None
+        }
+    };
     if let Some(period) = args.news {
         robot.watch(Some(Duration::from_micros(period.us)))?;
     }
-    while !interrupt.is_requested() {
-        robot.listen(LISTEN_TIME)?;
-        for event in robot.take_events() {
-            match event {
-                StreamEvent::Log(bytes) => {
-                    for line in log.lines(&bytes) {
-                        writeln!(console.out(), "{line}")?;
-                    }
-                    console.flush()?;
+    let mut listener = Listener {
+        robot,
+        log,
+        recording,
+    };
+    let ended = listener.listen(interrupt, console);
+    listener.finish(args.record.as_deref(), ended, console)
+}
+
+/// Begins a recording in a file, with all that the robot's machine is now.
+fn begin(path: &Path, robot: &mut Robot, info: &RobotInfo) -> Result<Recording, CommandError> {
+    LiveRecording::begin(robot, info, LOG, || file::create(path, "recording"))
+}
+
+type Recording = LiveRecording<BufWriter<File>>;
+
+/// Who listens to a robot.
+struct Listener {
+    robot: Robot,
+    log: LogReader,
+    recording: Option<Recording>,
+}
+
+impl Listener {
+    /// Tells what the robot says, and records, until Ctrl-C.
+    fn listen(&mut self, interrupt: Interrupt, console: &mut Console) -> Result<(), CommandError> {
+        while !interrupt.is_requested() {
+            self.robot.listen(LISTEN_TIME)?;
+            for event in self.robot.take_events() {
+                if let Some(recording) = &mut self.recording {
+                    tell(recording.take(&mut self.robot, &event)?, console);
                 }
-                StreamEvent::Gap { missing, .. } => {
-                    console.note(&format!("({missing} lines or pieces did not come)"));
+                self.hear(&event, console)?;
+            }
+            if let Some(recording) = &mut self.recording {
+                recording.look_after(&mut self.robot)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self, event: &StreamEvent, console: &mut Console) -> Result<(), CommandError> {
+        match event {
+            StreamEvent::Log(bytes) => {
+                for line in self.log.lines(bytes) {
+                    writeln!(console.out(), "{line}")?;
                 }
-                StreamEvent::News(news) => {
-                    writeln!(console.out(), "{}", told(&news))?;
-                    console.flush()?;
-                }
-                StreamEvent::Trace(_) | StreamEvent::Record(_) => {}
+                console.flush()?;
+            }
+            StreamEvent::Gap {
+                channel: Channel::Log,
+                missing,
+            } => console.note(&format!("({missing} lines or pieces did not come)")),
+            StreamEvent::News(news) => {
+                writeln!(console.out(), "{}", told(news))?;
+                console.flush()?;
+            }
+            StreamEvent::Gap { .. } | StreamEvent::Trace(_) | StreamEvent::Record(_) => {}
+        }
+        Ok(())
+    }
+
+    /// Ends streams and recording, whatever has ended the listening.
+    fn finish(
+        mut self,
+        path: Option<&Path>,
+        ended: Result<(), CommandError>,
+        console: &mut Console,
+    ) -> Result<(), CommandError> {
+        let (Some(recording), Some(path)) = (self.recording, path) else {
+            // Should the robot have gone meanwhile, there is nothing left to end.
+            let _ = self.robot.subscribe(Streams::NONE);
+            let _ = self.robot.watch(None);
+            return ended;
+        };
+        let written = match &ended {
+            Ok(()) => recording.finish(&mut self.robot),
+            Err(_) => recording
+                .break_off()
+                .map(|(out, counts)| (out, counts, None)),
+        };
+        let (_, counts, lost) = written.map_err(LiveError::from)?;
+        console.note(&format!("recorded in {}: {counts}", path.display()));
+        if let Some(lost) = lost {
+            console.note(&format!("the last of it may be missing: {lost}"));
+        }
+        let _ = self.robot.watch(None);
+        ended
+    }
+}
+
+/// Says what is missing in the recording.
+fn tell(noted: Option<Noted>, console: &mut Console) {
+    match noted {
+        Some(Noted::Gap(missing)) => console.note(&format!(
+            "the recording has a gap: {missing} records or parts did not come"
+        )),
+        Some(Noted::Missed(hash)) => console.note(&format!(
+            "the mission {} ran for too short a time to be read: what it did cannot be replayed",
+            hash_text(hash)
+        )),
+        None => {}
+    }
+}
+
+impl From<LiveError> for CommandError {
+    fn from(error: LiveError) -> Self {
+        match error {
+            LiveError::Client(error) => error.into(),
+            LiveError::File(_) => CommandError::World(error.into()),
+            LiveError::BadMission { .. } | LiveError::NoNames { .. } => {
+                CommandError::Input(error.into())
             }
         }
     }
-    // Should the robot have gone meanwhile, there is nothing left to end.
-    let _ = robot.subscribe(Streams::NONE);
-    let _ = robot.watch(None);
-    Ok(())
 }
 
 /// News as a line.

@@ -104,7 +104,7 @@ pub enum Command {
     Schedule(schedule::ScheduleArgs),
     Sim(sim::SimArgs),
     Test(test::TestArgs),
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     Board(board::BoardArgs),
     Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),

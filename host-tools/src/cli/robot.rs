@@ -47,7 +47,7 @@ pub struct LineArgs {
 const NOISE_SEED: u64 = 1;
 
 /// Reads which part of all bytes suffers.
-fn noise(text: &str) -> Result<Noise, String> {
+pub(super) fn noise(text: &str) -> Result<Noise, String> {
     const KINDS: f64 = 3.0;
     match text.parse::<f64>() {
         Ok(part) if (0.0..=1.0).contains(&part) => Ok(Noise::of_each(

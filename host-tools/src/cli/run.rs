@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, anyhow};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use thiserror::Error;
 
@@ -19,12 +19,13 @@ use crate::link_client::ClientError;
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
 use crate::recording::player::Recording;
-use crate::run::board::BoardError;
+use crate::run::board::{BoardError, LinkWay};
 use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
 use crate::run::entered::Entered;
 use crate::run::interrupt::Interrupt;
 use crate::run::summary::MissionSummary;
 use crate::schedule::handover::Handover;
+use crate::serial::noise::Noise;
 
 /// Drives a mission: compiles it, starts a board, uploads, and shows what the robot does
 ///
@@ -37,7 +38,9 @@ Examples:
   esm run missions/patrol.esm --until '60 s'
   esm run missions/patrol.esm --board host --world corridor --until '120 s' --trace patrol.jsonl
   esm run missions/patrol.esm --until '120 s' --then '60 s missions/follow_wall.esm' --out pictures/
+  esm run missions/patrol.esm --until '20 s' --then '5 s missions/follow_wall.esm' --line-noise 0.01 --seed 7
   esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
+  esm run missions/patrol.esm --estop '5 s' --until '10 s'
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
 pub struct RunArgs {
@@ -93,13 +96,25 @@ pub struct RunArgs {
     #[arg(long, value_name = "TIME", hide = true)]
     pub freeze_plant_at: Option<Time>,
 
-    /// Lets the robot hear nothing more from that robot time on, to see its link monitor at work; a run with such a mission keeps to the wall clock
+    /// Lets the robot hear nothing more from that robot time on, to see its link monitor at work
     #[arg(long, value_name = "TIME")]
     pub cut_link: Option<Time>,
+
+    /// Presses the button of the robot's emergency stop at that robot time. It locks: it stays pressed to the end of the run
+    #[arg(long, value_name = "TIME", conflicts_with = "freeze_plant_at")]
+    pub estop: Option<Time>,
 
     /// No faster than the wall clock, for a person watching
     #[arg(long)]
     pub realtime: bool,
+
+    /// How the bytes of the link come to the board [default: exchange; with --realtime and --replay, uart]
+    #[arg(long, value_name = "WAY")]
+    pub link: Option<LinkChoice>,
+
+    /// Spoils so much of all bytes on their way to the robot, 0 to 1: corrupts, drops and doubles some, the same ones with the same --seed
+    #[arg(long, value_name = "PART", value_parser = robot::noise)]
+    pub line_noise: Option<Noise>,
 
     /// Keeps the robot's flash, with the missions in it, in this file from run to run; without it, the flash is blank at first and gone at the end
     #[arg(long, value_name = "FILE")]
@@ -112,6 +127,24 @@ pub struct RunArgs {
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
     pub firmware: Option<PathBuf>,
+}
+
+/// How the bytes of the link come to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkChoice {
+    /// Inside the plant exchange, at 115,200 baud of robot time: the run repeats to the byte, uploads included
+    Exchange,
+    /// Over the board's emulated UART (the board `host`: a pipe), by the clock on the wall
+    Uart,
+}
+
+impl From<LinkChoice> for LinkWay {
+    fn from(choice: LinkChoice) -> Self {
+        match choice {
+            LinkChoice::Exchange => LinkWay::Exchange,
+            LinkChoice::Uart => LinkWay::Uart,
+        }
+    }
 }
 
 /// A mission that takes over during a run.
@@ -201,6 +234,9 @@ pub fn execute(
     } else {
         write!(console.out(), "\n{summary}")?;
     }
+    if run.summary.wall_time_s.is_none() {
+        console.note(&format!("{:.1} s on the wall", run.wall.as_secs_f64()));
+    }
     keep(args, &run, console)?;
     match &run.summary.fault {
         Some(fault) => Err(CommandError::Input(anyhow!("the run ended early: {fault}"))),
@@ -247,14 +283,27 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         seed,
         until_us: args.until.map(|until| until.us),
         realtime: args.realtime,
+        link: link_way(args),
+        noise: args.line_noise,
         missions,
         replay,
         cut_link_us: args.cut_link.map(|at| at.us),
         record: record.map(|out| Box::new(out) as Box<dyn Write>),
-        plant_fault: args
-            .freeze_plant_at
-            .map(|at| PlantFault::FrozenFrom { robot_us: at.us }),
+        plant_fault: match (args.freeze_plant_at, args.estop) {
+            (Some(at), _) => Some(PlantFault::FrozenFrom { robot_us: at.us }),
+            (None, Some(at)) => Some(PlantFault::StopPressedFrom { robot_us: at.us }),
+            (None, None) => None,
+        },
     })
+}
+
+/// How the link goes: so that the run repeats, unless the wall clock or a recording says when things happen.
+fn link_way(args: &RunArgs) -> LinkWay {
+    match args.link {
+        Some(choice) => choice.into(),
+        None if args.realtime || args.replay.is_some() => LinkWay::Uart,
+        None => LinkWay::Exchange,
+    }
 }
 
 /// What entered a simulated run, from its recording.
@@ -470,7 +519,9 @@ impl From<BoardError> for CommandError {
     fn from(error: BoardError) -> Self {
         match error {
             BoardError::Host(HostBoardError::Registry(_)) => CommandError::Input(error.into()),
-            BoardError::CannotReplay => CommandError::Usage(error.into()),
+            BoardError::CannotReplay | BoardError::CannotReplayInStep => {
+                CommandError::Usage(error.into())
+            }
             BoardError::Emulator(_) | BoardError::Host(_) => CommandError::World(error.into()),
         }
     }

@@ -46,6 +46,8 @@ pub struct StatusReport {
     pub mode: &'static str,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
+    /// Whether the button of the emergency stop is pressed; looked at while a stop is latched.
+    pub stop_pressed: bool,
     /// Hash of its mission, if it has one.
     pub mission: Option<String>,
     /// If it runs on trial.
@@ -307,6 +309,7 @@ impl StatusReport {
             firmware: info.firmware,
             mode,
             safe_reason,
+            stop_pressed: status.stop_pressed,
             mission: status.mission.map(hash_text),
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
@@ -337,6 +340,10 @@ impl fmt::Display for StatusReport {
         row("robot", format!("{} on {}", self.firmware, self.board))?;
         let mode = match self.safe_reason {
             Some(reason) => format!("safe, motors off: {reason}"),
+            None if self.stop_pressed => {
+                "emergency stop, its button is pressed: let go of it, then `esm start --release`"
+                    .to_owned()
+            }
             None if self.mode == "emergency stop" => {
                 "emergency stop, latched: motors off until `esm start --release`".to_owned()
             }

@@ -15,7 +15,7 @@ use crate::link_client::{LinkClient, RobotInfo};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
-use crate::run::board::RunningBoard;
+use crate::run::board::{LinkWay, RunningBoard};
 
 /// Prints a firmware's task declarations as `.esm`, so that nobody copies signatures by hand
 ///
@@ -61,7 +61,7 @@ pub fn execute(
     let plant = Plant::new(stage::world(None, None)?, BodyParameters::default(), 0)
         .map_err(|error| CommandError::Input(error.into()))?;
     let plant = PlantSide::new(plant, Pace::new(false), None);
-    let (_running, line) = RunningBoard::start(board, &plant, None)?;
+    let (_running, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart)?;
     let (mut client, info) = LinkClient::connect(line)?;
     print(&mut client, &info, console)
 }

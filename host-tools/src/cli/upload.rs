@@ -220,7 +220,12 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         Some(refusal) => CommandError::Input(anyhow!(
             "the robot refused {}: {}; it goes on with what it had",
             mission.file.display(),
-            mission.refusal(refusal)
+            match refusal {
+                LinkError::NotBuiltIn => {
+                    "its firmware was built without warm swaps; without `--warm` it takes the mission, which then begins anew".into()
+                }
+                refusal => mission.refusal(refusal),
+            }
         )),
         None if matches!(error, ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. }) => error.into(),
         None => CommandError::World(anyhow!(

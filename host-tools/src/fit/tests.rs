@@ -86,6 +86,11 @@ struct Wire {
     to_host: VecDeque<u8>,
 }
 impl LinkPort for Wire {
+    // Nothing here has a deadline.
+    fn now_us(&mut self) -> u64 {
+        0
+    }
+
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
     }
@@ -449,7 +454,7 @@ fn a_macro_step_that_can_take_longer_than_its_slot_is_an_error_where_the_interpr
                 "{found:?}"
             );
             assert!(
-                hint.contains("most of it takes ") && hint.contains("b/initial -> b/S"),
+                hint.contains("most of it takes ") && hint.contains("b/S -> b/S"),
                 "{hint}"
             );
         }

@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use rt_firmware::body::{Freshness, PinImage, PlantExchange};
+use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
+use rt_firmware::drivers::StopButton;
 use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Background, Board, OccurrenceStart};
 
@@ -25,6 +26,7 @@ pub(super) struct Body<'p, 'q, 'm> {
     /// The board's time when robot time was 0; known from the first occurrence on.
     robot_start_us: Option<u64>,
     pins: &'p PinImage,
+    stop_button: StopButton<StopPin<'p>>,
     exchange: PlantExchange,
     plant: PlantSide,
     background: Background<'q, 'm>,
@@ -44,6 +46,7 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
             now_us: 0,
             robot_start_us: None,
             pins,
+            stop_button: StopButton::new(pins.stop_button()),
             exchange: PlantExchange::new(),
             plant,
             background,
@@ -56,6 +59,11 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
     pub(super) fn robot_us_at(&self, board_us: u64) -> u64 {
         self.robot_start_us
             .map_or(0, |start_us| board_us.saturating_sub(start_us))
+    }
+
+    /// The board's time.
+    pub(super) fn now_us(&self) -> u64 {
+        self.now_us
     }
 
     /// Lets virtual time pass.
@@ -118,6 +126,15 @@ impl Board for Body<'_, '_, '_> {
             Freshness::Fresh | Freshness::Stale => Ok(()),
             Freshness::Lost => Err(SafeReason::BodyLost),
         }
+    }
+
+    fn is_emergency_stop_pressed(&mut self) -> bool {
+        let Body {
+            stop_button,
+            now_us,
+            ..
+        } = self;
+        stop_button.is_pressed(|| *now_us as u32, Self::TICKS_PER_US)
     }
 
     fn motors_off(&mut self) {

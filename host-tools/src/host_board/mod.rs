@@ -1,7 +1,7 @@
 //! The host board: the firmware's runtime and tasks as a part of this process.
 //!
 //! Dispatcher, registry, interpreter, tasks, link: all the code that a firmware runs. What differs is what a board gives: the timer is
-//! virtual and jumps from one slot to the next, the byte link is a pipe, the pins lead to the plant by a call. Code takes no time here, so
+//! virtual and jumps from one slot to the next, the byte link is a pipe or a [line](mod@crate::lockstep::line) in the same virtual time, the pins lead to the plant by a call. Code takes no time here, so
 //! that nothing is ever late; a task in slot 0 ends before the next slot, or where a recording says that it did.
 //!
 //! A user's own robot runs here too: [`crate::cli::main_with`].
@@ -24,11 +24,12 @@ use rt_firmware::store::keep::{self, Keep};
 use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, split};
 use thiserror::Error;
 
+use crate::lockstep::line::{self, BoardEnd, ClientEnd};
 use crate::lockstep::plant_side::PlantSide;
 use crate::run::entered::Entered;
 use crate::serial::pipe::{self, PipeEnd};
 use body::{Body, RecordedEnds};
-use port::Port;
+use port::{Line, Port};
 
 /// The board's name, as `--board` takes it and as it calls itself.
 pub const BOARD: &str = "host";
@@ -91,6 +92,8 @@ pub enum HostBoardError {
 /// A running host board. Dropping it ends it.
 pub struct HostBoard {
     shared: Arc<Shared>,
+    /// Where its link goes that way.
+    line: Option<BoardEnd>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -120,8 +123,33 @@ impl HostBoard {
         plant: PlantSide,
         replay: Option<&Entered>,
     ) -> Result<(Self, PipeEnd), HostBoardError> {
-        log_lines::install();
         let (near, far) = pipe::pair();
+        let board = Self::start_with(robot, plant, replay, Line::Pipe(near), None)?;
+        Ok((board, far))
+    }
+
+    /// The same, with a link that shares the board's virtual time: a run repeats to the byte, whatever is asked of the robot.
+    ///
+    /// # Errors
+    /// [`HostBoardError`]
+    pub fn start_in_step(
+        robot: RobotMaker,
+        plant: PlantSide,
+    ) -> Result<(Self, ClientEnd), HostBoardError> {
+        let (near, far) = line::pair();
+        let line = Line::Plant(near.clone());
+        let board = Self::start_with(robot, plant, None, line, Some(near))?;
+        Ok((board, far))
+    }
+
+    fn start_with(
+        robot: RobotMaker,
+        plant: PlantSide,
+        replay: Option<&Entered>,
+        near: Line,
+        line: Option<BoardEnd>,
+    ) -> Result<Self, HostBoardError> {
+        log_lines::install();
         let shared = Arc::new(Shared {
             stop: AtomicBool::new(false),
             gate_us: AtomicU64::new(NO_GATE),
@@ -150,10 +178,11 @@ impl HostBoard {
             })?;
         let board = HostBoard {
             shared,
+            line,
             thread: Some(thread),
         };
         match started.recv() {
-            Ok(None) => Ok((board, far)),
+            Ok(None) => Ok(board),
             Ok(Some(fault)) => Err(HostBoardError::Registry(fault)),
             Err(_) => Err(HostBoardError::Panicked),
         }
@@ -194,6 +223,10 @@ impl HostBoard {
 impl Drop for HostBoard {
     fn drop(&mut self) {
         self.shared.stop.store(true, Relaxed);
+        if let Some(line) = &self.line {
+            // The board may wait for a client that waits for nothing any more.
+            line.close();
+        }
         if let Some(thread) = self.thread.take() {
             // Whether it panicked was asked before.
             let _ = thread.join();
@@ -207,7 +240,7 @@ fn run(
     pins: &PinImage,
     plant: PlantSide,
     ends: Option<RecordedEnds>,
-    line: PipeEnd,
+    line: Line,
     shared: &Shared,
     ready: &mpsc::Sender<Option<RegistryFault>>,
 ) {
@@ -256,7 +289,8 @@ fn run(
             // Nobody can reach this board any more.
             return;
         }
-        while link.poll(&mut port) {}
+        port.set_clock(body.now_us());
+        while link.poll(&mut port) && port.has_room() {}
         if gated {
             if shared.opens_for_mission.load(Relaxed) && link.is_waiting() {
                 shared.opens_for_mission.store(false, Relaxed);
@@ -270,6 +304,12 @@ fn run(
                 }
                 continue;
             }
+        }
+        // As on a real board, the slots come first.
+        if let Some(swap_us) = port.swaps_at_us().filter(|swap_us| *swap_us < due_us) {
+            body.pass_time_to(swap_us);
+            port.swap(swap_us);
+            continue;
         }
         body.pass_time_to(due_us);
         due_us = real_time.on_timer(&mut body);

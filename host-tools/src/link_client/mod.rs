@@ -5,17 +5,33 @@
 //! kept until [`LinkClient::take_events`] fetches them. Whatever noise a line makes, a request either ends with the robot's own
 //! answer to it, or with an error.
 
+/// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
+#[cfg(test)]
+macro_rules! planted {
+    ($bug:ident) => {
+        crate::link_client::planted::is_planted(crate::link_client::planted::Bug::$bug)
+    };
+}
+#[cfg(not(test))]
+macro_rules! planted {
+    ($bug:ident) => {
+        false
+    };
+}
+
 pub mod error;
 pub mod log_lines;
+#[cfg(test)]
+mod planted;
 mod signing;
 mod streams;
 mod timing;
 mod upload;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rt_firmware::black_box::{RECORD_BYTES, Record};
-use rt_firmware::link::access::Access;
+use rt_firmware::link::access::{Access, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, needs};
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION, Request,
@@ -24,13 +40,14 @@ use rt_firmware::link::message::{
 };
 
 use crate::serial::ByteLink;
+use crate::serial::clock::Clock;
 
 pub use error::ClientError;
 use signing::Signing;
 pub use signing::{Challenge, KeyLoader};
 use streams::Assembler;
 pub use streams::StreamEvent;
-use timing::{Patience, ReplyTime};
+use timing::{Patience, REQUEST_DEADLINE, ReplyTime};
 
 /// How long the robot may be busy with the request before.
 const BUSY_WAIT: Duration = Duration::from_millis(5);
@@ -134,6 +151,8 @@ pub struct LinkCounts {
 /// A session with a robot.
 pub struct LinkClient<L> {
     link: L,
+    /// By which everything here waits.
+    clock: Clock,
     incoming: Incoming,
     seq: u8,
     reply_time: ReplyTime,
@@ -157,11 +176,17 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
     pub fn connect(link: L) -> Result<(Self, RobotInfo), ClientError> {
+        let clock = link.clock();
         let mut client = LinkClient {
             link,
             incoming: Incoming::new(),
-            // Not the number that the client before began with: its answers may still be on the line.
-            seq: std::process::id() as u8,
+            // Not the number that the client before began with: its answers may still be on the line. A simulated one has but this client.
+            seq: if clock.is_simulated() {
+                0
+            } else {
+                std::process::id() as u8
+            },
+            clock,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
             // Until the robot has said more.
@@ -185,7 +210,7 @@ impl<L: ByteLink> LinkClient<L> {
             Response::Hello(info) => Some((info.protocol, RobotInfo::from(info))),
             _ => None,
         })?;
-        if protocol != PROTOCOL_VERSION {
+        if protocol != PROTOCOL_VERSION && !planted!(OtherVersionAsked) {
             return Err(ClientError::OtherVersion { robot: protocol });
         }
         self.uploads = info.uploads;
@@ -200,6 +225,17 @@ impl<L: ByteLink> LinkClient<L> {
     pub fn status(&mut self) -> Result<Status, ClientError> {
         self.ask("status", Request::Status, |response| match response {
             Response::Status(status) => Some(status),
+            _ => None,
+        })
+    }
+
+    /// Microseconds since the robot started, by its own clock.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn robot_us(&mut self) -> Result<u64, ClientError> {
+        self.ask("clock", Request::Clock, |response| match response {
+            Response::Clock { now_us } => Some(now_us),
             _ => None,
         })
     }
@@ -367,7 +403,7 @@ impl<L: ByteLink> LinkClient<L> {
         let mut read = self.read_running_blob();
         for _ in 1..READS {
             match &read {
-                Ok(blob) if has_its_checksum(blob) => break,
+                Ok(blob) if has_its_checksum(blob) || planted!(MixedBlobTaken) => break,
                 Ok(_) | Err(ClientError::BadAnswer { .. }) => read = self.read_running_blob(),
                 Err(_) => break,
             }
@@ -562,6 +598,11 @@ impl<L: ByteLink> LinkClient<L> {
         self.link
     }
 
+    /// The clock by which it waits: the line's.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
     /// What this link has seen so far.
     pub fn counts(&self) -> LinkCounts {
         LinkCounts {
@@ -615,23 +656,28 @@ impl<L: ByteLink> LinkClient<L> {
         request: Request<'_>,
         mut read: impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<T, ClientError> {
-        let mut patience = Patience::new();
+        let mut patience = Patience::new(self.clock.now());
         loop {
-            let answer = if self.signing.is_for(&request) {
-                self.exchange_signed(name, request, &mut patience, &mut read)?
+            let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
+                self.exchange_in_time(name, request, &mut read)?
+            } else if self.signing.is_for(&request) {
+                self.exchange_signed(name, request, NO_UPLOAD, &mut patience, &mut read)?
             } else {
                 self.exchange(name, request, &mut patience, &mut read)?
             };
             match answer {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
-                // The robot saw noise, or has its hands full: the request is as good as new.
-                Err(LinkError::Malformed | LinkError::Busy) if patience.lasts() => {
-                    std::thread::sleep(BUSY_WAIT);
+                // The robot saw noise, has its hands full, or came to it too late to do it: the request is as good as new.
+                Err(LinkError::Malformed | LinkError::Busy | LinkError::Late)
+                    if patience.lasts(self.clock.now()) =>
+                {
+                    self.clock.pause(BUSY_WAIT);
                 }
                 // Somebody else has sent it a wrong signature.
-                Err(LinkError::TooSoon { ms }) if patience.lasts() => {
-                    std::thread::sleep(Duration::from_millis(ms.into()).min(LONGEST_PAUSE));
+                Err(LinkError::TooSoon { ms }) if patience.lasts(self.clock.now()) => {
+                    self.clock
+                        .pause(Duration::from_millis(ms.into()).min(LONGEST_PAUSE));
                 }
                 Err(error) => {
                     return Err(ClientError::Refused {
@@ -641,6 +687,37 @@ impl<L: ByteLink> LinkClient<L> {
                 }
             }
         }
+    }
+
+    /// Sends a command that the robot may carry out as long as its answer is waited for, and no longer.
+    fn exchange_in_time<T>(
+        &mut self,
+        name: &'static str,
+        command: Request<'_>,
+        read: &mut impl FnMut(Response<'_>) -> Option<T>,
+    ) -> Result<Result<Option<T>, LinkError>, ClientError> {
+        let mut room = [0; MAX_SIGNED_BYTES];
+        let bytes = postcard::to_slice(&command, &mut room).map_err(|_| ClientError::Refused {
+            request: name,
+            error: LinkError::TooLong,
+        })?;
+        let now_us = self.robot_us()?;
+        // From here on, so that nobody gives up before that time.
+        let mut patience = Patience::new(self.clock.now());
+        let patience_us =
+            REQUEST_DEADLINE.as_micros() as u64 * if planted!(DeadlineTooFar) { 2 } else { 1 };
+        let request = Request::Within {
+            by_us: now_us.saturating_add(patience_us),
+            request: bytes,
+        };
+        if !self.signing.is_for(&command) {
+            return self.exchange(name, request, &mut patience, read);
+        }
+        let upload = match command {
+            Request::Commit(_) => self.signing.upload,
+            _ => NO_UPLOAD,
+        };
+        self.exchange_signed(name, request, upload, &mut patience, read)
     }
 
     /// Sends a request under a new number until its answer is there.
@@ -657,7 +734,7 @@ impl<L: ByteLink> LinkClient<L> {
         let mut attempt = 0;
         loop {
             self.send_wire(wire)?;
-            let sent = Instant::now();
+            let sent = self.clock.now();
             let mut wait = self.reply_time.wait(attempt, wire.len());
             if is_verified(&request) {
                 wait = wait.max(VERIFICATION_WAIT);
@@ -665,7 +742,7 @@ impl<L: ByteLink> LinkClient<L> {
             let mut deadline = sent + wait;
             let mut answer = None;
             while answer.is_none() {
-                let now = Instant::now();
+                let now = self.clock.now();
                 if now >= deadline {
                     break;
                 }
@@ -676,9 +753,11 @@ impl<L: ByteLink> LinkClient<L> {
                     .incoming
                     .receive(&mut self.link, wait, |number, result| {
                         // With the number that a session happens to begin with, an answer of the session before may still be on its way.
-                        let is_old =
-                            request == Request::Hello && !matches!(result, Ok(Response::Hello(_)));
-                        if number == seq && !is_old && answer.is_none() {
+                        let is_old = request == Request::Hello
+                            && !matches!(result, Ok(Response::Hello(_)))
+                            && !planted!(OldHelloTaken);
+                        let is_its_own = number == seq || planted!(StaleAnswerTaken);
+                        if is_its_own && !is_old && answer.is_none() {
                             answer = Some(result.map(&mut *read));
                         }
                     })?;
@@ -687,22 +766,25 @@ impl<L: ByteLink> LinkClient<L> {
                 }
                 let spoiled = self.incoming.bad_frames != bad_before;
                 if heard || spoiled {
-                    patience.sign_of_life();
+                    patience.sign_of_life(self.clock.now());
                 }
                 if spoiled {
                     // Most likely it was the answer.
-                    deadline = deadline.min(Instant::now() + SPOILED_WAIT);
+                    deadline = deadline.min(self.clock.now() + SPOILED_WAIT);
                 }
             }
             if let Some(answer) = answer {
                 if attempt == 0 && !is_verified(&request) {
-                    self.reply_time.seen(sent.elapsed());
+                    self.reply_time.seen(self.clock.since(sent));
                 }
                 return Ok(answer);
             }
-            patience.check(name)?;
+            patience.check(name, self.clock.now())?;
             attempt += 1;
             self.counts.retries += 1;
+            if planted!(Renumbered) {
+                return self.exchange(name, request, patience, read);
+            }
         }
     }
 
@@ -731,6 +813,13 @@ impl<L: ByteLink> LinkClient<L> {
         self.counts.bytes_sent += wire.len() as u64;
         Ok(())
     }
+}
+
+/// Whether a request changes what the robot does, so that it must not be carried out when nobody expects that any more. A stop is welcome at any time; what is about keys
+/// is bound to a nonce, or to the key itself.
+fn is_command(request: &Request<'_>) -> bool {
+    needs(request) == Needs::Key
+        && !matches!(request, Request::InstallKey { .. } | Request::RemoveKey)
 }
 
 /// Whether the robot verifies a signature before it answers.

@@ -19,7 +19,7 @@ pub(super) struct Signing {
     pub(super) access: Access,
     signer: Signer,
     /// Of the last upload that was signed.
-    upload: [u8; SIGNATURE_BYTES],
+    pub(super) upload: [u8; SIGNATURE_BYTES],
 }
 
 impl Default for Signing {
@@ -149,11 +149,12 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(())
     }
 
-    /// Has a request signed and sends it until its answer is there.
+    /// Has a request signed, with the signature of the upload that it is about or [`NO_UPLOAD`], and sends it until its answer is there.
     pub(super) fn exchange_signed<T>(
         &mut self,
         name: &'static str,
         request: Request<'_>,
+        upload: [u8; SIGNATURE_BYTES],
         patience: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
@@ -163,10 +164,6 @@ impl<L: ByteLink> LinkClient<L> {
             error: LinkError::TooLong,
         })?;
         let challenge = self.challenge()?;
-        let upload: [u8; SIGNATURE_BYTES] = match request {
-            Request::Commit(_) => self.signing.upload,
-            _ => NO_UPLOAD,
-        };
         let key = self.key_of(&challenge)?;
         let signature = key.sign(&access::command(&challenge.nonce, &upload, bytes));
         let signed = Request::Signed {

@@ -17,11 +17,13 @@ use esm_core::Refusal;
 use std::collections::VecDeque;
 use std::io;
 use std::path::Path;
+use std::time::Instant;
 
 fn robot() -> (HostBoard, PipeEnd) {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
-    let plant = PlantSide::new(plant, Pace::new(false), None);
+    // A command's deadline is a time of the robot's: that must not run away while the client works.
+    let plant = PlantSide::new(plant, Pace::new(true), None);
     HostBoard::start(host_board::rover, plant, None).unwrap()
 }
 
@@ -280,6 +282,7 @@ fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
                 there: 0,
                 answers: VecDeque::new(),
             },
+            clock: Clock::wall(),
             incoming: Incoming::new(),
             seq: 0,
             reply_time: ReplyTime::default(),
@@ -371,7 +374,7 @@ fn parameters_that_were_saved_are_there_after_the_power_was_off() {
         let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
         let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
         let flash = Flash::open(&file, host_board::FLASH_BYTES).unwrap();
-        let plant = PlantSide::new(plant, Pace::new(false), None).with_flash(Some(flash));
+        let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(Some(flash));
         HostBoard::start(host_board::rover, plant, None).unwrap()
     };
     let bits = |value: f32| value.to_bits();
@@ -433,9 +436,11 @@ fn mission() -> Vec<u8> {
 }
 
 /// The client, over another line.
-fn over<L, M>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M> {
+fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M> {
+    let link = line(client.link);
     LinkClient {
-        link: line(client.link),
+        clock: link.clock(),
+        link,
         incoming: client.incoming,
         seq: client.seq,
         reply_time: client.reply_time,

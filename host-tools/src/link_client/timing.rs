@@ -58,8 +58,7 @@ pub(super) struct Patience {
 }
 
 impl Patience {
-    pub(super) fn new() -> Self {
-        let now = Instant::now();
+    pub(super) fn new(now: Instant) -> Self {
         Patience {
             started: now,
             last_sign: now,
@@ -67,23 +66,24 @@ impl Patience {
     }
 
     /// A frame came, whole or spoiled.
-    pub(super) fn sign_of_life(&mut self) {
-        self.last_sign = Instant::now();
+    pub(super) fn sign_of_life(&mut self, now: Instant) {
+        self.last_sign = now;
     }
 
     /// Whether it is worth while to go on.
-    pub(super) fn lasts(&self) -> bool {
-        self.last_sign.elapsed() < REQUEST_DEADLINE && self.started.elapsed() < NOISY_DEADLINE
+    pub(super) fn lasts(&self, now: Instant) -> bool {
+        now.saturating_duration_since(self.last_sign) < REQUEST_DEADLINE
+            && now.saturating_duration_since(self.started) < NOISY_DEADLINE
     }
 
     /// Fails where it is not.
-    pub(super) fn check(&self, request: &'static str) -> Result<(), ClientError> {
-        if self.lasts() {
+    pub(super) fn check(&self, request: &'static str, now: Instant) -> Result<(), ClientError> {
+        if self.lasts(now) {
             return Ok(());
         }
         Err(ClientError::NoReply {
             request,
-            waited: self.started.elapsed(),
+            waited: now.saturating_duration_since(self.started),
         })
     }
 }

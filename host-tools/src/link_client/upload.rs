@@ -5,7 +5,7 @@
 //! remember for more than that, it has no room for. On a bad line chunks become shorter, since a short frame is likelier to pass, and longer again
 //! when some have passed in a row.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rt_firmware::link::access::Access;
 use rt_firmware::link::frame;
@@ -112,7 +112,8 @@ impl Standing {
     /// The next chunk ends here, if one may be sent.
     fn next_end(&self, rate: &Rate) -> Option<usize> {
         let end = self.len.min(self.next + rate.chunk);
-        (end > self.next && end - self.there <= rate.ahead()).then_some(end)
+        let fits = end - self.there <= rate.ahead() || planted!(WindowOverrun);
+        (end > self.next && fits).then_some(end)
     }
 
     fn chunk_sent(&mut self, seq: u8, end: usize) {
@@ -126,7 +127,7 @@ impl Standing {
     /// Takes the answer to the request of this number.
     fn take(&mut self, seq: u8, result: Result<Response<'_>, LinkError>) {
         let age = self.seq.wrapping_sub(seq);
-        if age >= self.sent {
+        if age >= self.sent && !planted!(StaleChunkAnswerTaken) {
             // Not of this upload.
             return;
         }
@@ -135,9 +136,9 @@ impl Standing {
             Ok(Response::Received { len }) => self.has_arrived(len as usize),
             Err(LinkError::WrongOffset { expected }) => {
                 self.has_arrived(expected as usize);
-                self.has_gap |= is_recent;
+                self.has_gap |= is_recent && !planted!(GapIgnored);
             }
-            Err(LinkError::NoUpload) => self.forgotten |= is_recent,
+            Err(LinkError::NoUpload) => self.forgotten |= is_recent && !planted!(LossForgotten),
             // Noise whose checksum is right, once in four thousand million spoiled frames: as good as a lost chunk.
             Err(LinkError::Malformed) => self.has_gap |= is_recent,
             Err(error) => self.refused = Some(error),
@@ -146,7 +147,7 @@ impl Standing {
     }
 
     fn has_arrived(&mut self, bytes: usize) {
-        if bytes <= self.len {
+        if bytes <= self.len || planted!(ClaimBelieved) {
             self.there = self.there.max(bytes);
             // More may have arrived than was thought when the last step back was taken.
             self.next = self.next.max(self.there);
@@ -204,7 +205,11 @@ impl<L: ByteLink> LinkClient<L> {
         if there > blob.len() {
             return Err(ClientError::BadAnswer { request: NAME });
         }
-        Ok(there)
+        Ok(if planted!(ResumedElsewhere) {
+            there + 1
+        } else {
+            there
+        })
     }
 
     /// Sends what the robot lacks. Answers false where it has forgotten the upload meanwhile.
@@ -216,10 +221,10 @@ impl<L: ByteLink> LinkClient<L> {
         progress: &mut dyn FnMut(usize),
     ) -> Result<bool, ClientError> {
         let mut standing = Standing::new(blob.len(), there);
-        let mut patience = Patience::new();
+        let mut patience = Patience::new(self.clock.now());
         // Sendings in a row of which nothing was heard.
         let mut attempt = 0;
-        let mut last_sign = Instant::now();
+        let mut last_sign = self.clock.now();
         progress(there);
         while standing.there < blob.len() {
             let before = standing.there;
@@ -228,7 +233,7 @@ impl<L: ByteLink> LinkClient<L> {
                     let offset = standing.next;
                     let seq = self.send_chunk(offset, blob.get(offset..end).unwrap_or_default())?;
                     standing.chunk_sent(seq, end);
-                    last_sign = Instant::now();
+                    last_sign = self.clock.now();
                     None
                 }
                 None => {
@@ -237,7 +242,8 @@ impl<L: ByteLink> LinkClient<L> {
                 }
             };
             let left = wait.map_or(Duration::ZERO, |wait| {
-                wait.saturating_sub(last_sign.elapsed()).min(STOP_LOOK)
+                wait.saturating_sub(self.clock.since(last_sign))
+                    .min(STOP_LOOK)
             });
             self.check_stop(NAME)?;
             let bad_before = self.incoming.bad_frames;
@@ -245,7 +251,7 @@ impl<L: ByteLink> LinkClient<L> {
                 standing.take(seq, result);
             })?;
             if heard || self.incoming.bad_frames != bad_before {
-                patience.sign_of_life();
+                patience.sign_of_life(self.clock.now());
             }
             if let Some(error) = standing.refused {
                 return Err(ClientError::Refused {
@@ -259,16 +265,15 @@ impl<L: ByteLink> LinkClient<L> {
             if standing.there > before {
                 progress(standing.there);
                 rate.chunk_passed();
-                patience = Patience::new();
-                last_sign = Instant::now();
+                patience = Patience::new(self.clock.now());
+                last_sign = self.clock.now();
                 attempt = 0;
             }
-            let timed_out = wait.is_some_and(|wait| last_sign.elapsed() >= wait);
-            if timed_out {
-                patience.check(NAME)?;
-                attempt += 1;
-            }
+            let timed_out = wait.is_some_and(|wait| self.clock.since(last_sign) >= wait);
+            attempt += u32::from(timed_out);
             if standing.has_gap || timed_out {
+                // A robot that misses what it was sent, again and again, is no progress either.
+                patience.check(NAME, self.clock.now())?;
                 self.counts.retries += 1;
                 rate.chunk_lost();
                 standing.step_back();

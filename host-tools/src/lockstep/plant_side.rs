@@ -8,11 +8,16 @@ use super::pace::Pace;
 use crate::plant::Plant;
 use crate::plant::flash::Flash;
 
-/// What is done to the plant to see how a robot takes it.
+/// What happens to the robot's body that its world knows nothing of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlantFault {
     /// From this robot time on, in microseconds, the plant answers every exchange with its last answer before.
     FrozenFrom {
+        /// Robot time in microseconds.
+        robot_us: u64,
+    },
+    /// From this robot time on the button of the emergency stop is pressed: it locks, as such buttons do.
+    StopPressedFrom {
         /// Robot time in microseconds.
         robot_us: u64,
     },
@@ -65,7 +70,7 @@ impl PlantSide {
         self.flash.clone().unwrap_or_else(|| Flash::blank(bytes))
     }
 
-    /// Lets the plant misbehave.
+    /// Lets this happen to the plant.
     pub fn inject(&self, fault: PlantFault) {
         self.lock().fault = Some(fault);
     }
@@ -95,6 +100,9 @@ impl PlantSide {
             return shared.last_reply;
         }
         shared.last_reply = shared.plant.exchange(request);
+        if let Some(PlantFault::StopPressedFrom { robot_us }) = shared.fault {
+            shared.last_reply.sensors.stop_is_low = request.start_us >= robot_us;
+        }
         shared.last_reply
     }
 
@@ -128,7 +136,7 @@ mod tests {
     use super::*;
     use crate::plant::BodyParameters;
     use crate::world::World;
-    use rt_firmware::body::Actuators;
+    use rt_firmware::body::{Actuators, Sensors};
 
     fn corridor(until_us: Option<u64>) -> PlantSide {
         let world =
@@ -180,5 +188,24 @@ mod tests {
             })
             .collect();
         assert_eq!(replies, [0, 1, 1, 1, 1]);
+    }
+
+    #[test]
+    fn a_button_that_is_pressed_stays_pressed_and_changes_nothing_else() {
+        let pressed = corridor(None);
+        pressed.inject(PlantFault::StopPressedFrom { robot_us: 20_000 });
+        let other = corridor(None);
+        for sequence in 0..5 {
+            let request = request(sequence, u64::from(sequence) * 10_000);
+            let (told, expected) = (pressed.exchange(&request), other.exchange(&request));
+            assert_eq!(told.sensors.stop_is_low, sequence >= 2);
+            assert_eq!(
+                Sensors {
+                    stop_is_low: false,
+                    ..told.sensors
+                },
+                expected.sensors
+            );
+        }
     }
 }

@@ -160,6 +160,7 @@ impl Plant {
             right_count: self.drive.encoder_count(&self.drive.right),
             echo_us: self.sonars.echo_us(self.now_us),
             adc_counts: self.adc_counts(),
+            stop_is_low: false,
         }
     }
 

@@ -18,6 +18,7 @@ use rt_firmware::body::{Reply, Request};
 use tempfile::TempDir;
 use thiserror::Error;
 
+use crate::lockstep::line::BoardEnd;
 use crate::plant::flash::Flash;
 use pipes::PipeServer;
 
@@ -114,6 +115,7 @@ pub struct Emulator {
     process: Child,
     plant: PipeServer,
     flash: PipeServer,
+    link: Option<(BoardEnd, PipeServer)>,
     folder: TempDir,
     uart: Option<UnixStream>,
 }
@@ -129,6 +131,20 @@ impl Emulator {
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
         flash: Flash,
     ) -> Result<Self, EmulatorError> {
+        Self::start_linked(firmware, idle, plant, flash, None)
+    }
+
+    /// The same, with the link on `line` instead of the UART, if there is one.
+    ///
+    /// # Errors
+    /// [`EmulatorError`]: what is missing, and what to do.
+    pub fn start_linked(
+        firmware: &Path,
+        idle: Idle,
+        plant: impl FnMut(&Request) -> Reply + Send + 'static,
+        flash: Flash,
+        line: Option<BoardEnd>,
+    ) -> Result<Self, EmulatorError> {
         let system = |what| move |cause| EmulatorError::System { what, cause };
         let firmware = firmware
             .canonicalize()
@@ -139,7 +155,11 @@ impl Emulator {
             .prefix("esm-")
             .tempdir()
             .map_err(system("make a folder for the run"))?;
-        pipes::make(folder.path()).map_err(system("make the pipes to the plant"))?;
+        // The firmware takes the way by which its link goes from whether the third pair is there.
+        let pairs = [pipes::PINS, pipes::FLASH, pipes::LINK];
+        let made = pairs.len() - usize::from(line.is_none());
+        pipes::make(folder.path(), &pairs[..made])
+            .map_err(system("make the pipes to the plant"))?;
         let listener = UnixListener::bind(folder.path().join(UART_SOCKET))
             .map_err(system("make the socket of the serial line"))?;
         let plant = PipeServer::start(folder.path(), plant)
@@ -149,8 +169,22 @@ impl Emulator {
                 flash.serve(requests, replies)
             })
             .map_err(system("open the pipes to the flash"))?;
+        let link = line
+            .map(|line| {
+                let served = line.clone();
+                let serve = move |requests, replies| {
+                    let ended = pipes::swap_link(requests, replies, &served);
+                    served.close();
+                    ended
+                };
+                let server = PipeServer::start_pair(folder.path(), pipes::LINK, serve)?;
+                Ok((line, server))
+            })
+            .transpose()
+            .map_err(system("open the pipes of the link"))?;
         let process = spawn(&firmware, idle, folder.path())?;
         let mut emulator = Emulator {
+            link,
             process,
             plant,
             flash,
@@ -233,6 +267,11 @@ impl Drop for Emulator {
         // Killed, not asked: while the firmware waits in a pipe, QEMU listens to nobody.
         let _ = self.process.kill();
         let _ = self.process.wait();
+        if let Some((line, server)) = &mut self.link {
+            // Its thread may wait for a client that waits for nothing any more.
+            line.close();
+            server.stop();
+        }
         self.plant.stop();
         self.flash.stop();
     }

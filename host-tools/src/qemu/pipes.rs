@@ -1,7 +1,8 @@
-//! The named pipes between the emulated board and the plant, two for its pins and two for its flash, and the threads that serve them.
+//! The named pipes between the emulated board and the plant, two for its pins, two for its flash, and two for its link where the plant carries that, and the
+//! threads that serve them.
 //!
 //! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board and plant run in lock step. The
-//! threads never wait for the link client, nor the client for them.
+//! threads never wait for the link client, nor the client for them, but where the plant carries the link: there, that is what makes runs repeat.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -17,7 +18,10 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use std::os::fd::AsFd;
 
+use rt_firmware::body::line::{LinePart, MESSAGE_BYTES};
 use rt_firmware::body::{REQUEST_BYTES, Reply, Request};
+
+use crate::lockstep::line::BoardEnd;
 
 /// A pipe each way, by their names in the emulator's working directory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,15 +44,21 @@ pub const FLASH: Pair = Pair {
     replies: "flash-reply",
 };
 
+/// Bytes of the link.
+pub const LINK: Pair = Pair {
+    requests: "link-request",
+    replies: "link-reply",
+};
+
 /// How often a wait looks whether the emulator has ended.
 const LOOK_INTERVAL_MS: u16 = 20;
 
-/// Makes all pipes in `folder`.
+/// Makes these pipes in `folder`.
 ///
 /// # Errors
 /// What the system says.
-pub fn make(folder: &Path) -> io::Result<()> {
-    for name in [PINS.requests, PINS.replies, FLASH.requests, FLASH.replies] {
+pub fn make(folder: &Path, pairs: &[Pair]) -> io::Result<()> {
+    for name in pairs.iter().flat_map(|pair| [pair.requests, pair.replies]) {
         nix::unistd::mkfifo(&folder.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
     }
     Ok(())
@@ -174,6 +184,23 @@ fn set_blocking(file: &File) -> io::Result<()> {
     Ok(())
 }
 
+/// Swaps bytes of the link until the board has closed its pipes.
+///
+/// # Errors
+/// What the system says.
+pub fn swap_link(mut requests: File, mut replies: File, line: &BoardEnd) -> io::Result<()> {
+    let mut message = [0; MESSAGE_BYTES];
+    loop {
+        match requests.read_exact(&mut message) {
+            Ok(()) => {
+                replies.write_all(line.swap(&LinePart::from_bytes(message)).as_bytes())?;
+            }
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
+            Err(error) => return Err(error),
+        }
+    }
+}
+
 fn exchange_pins(
     mut requests: File,
     mut replies: File,
@@ -197,7 +224,7 @@ mod tests {
     #[test]
     fn a_board_gets_an_answer_to_each_request() {
         let folder = tempfile::tempdir().unwrap();
-        make(folder.path()).unwrap();
+        make(folder.path(), &[PINS]).unwrap();
         let mut server = PipeServer::start(folder.path(), |request| Reply {
             sequence: request.sequence,
             sensors: Sensors {
@@ -231,7 +258,7 @@ mod tests {
     #[test]
     fn a_board_that_never_opens_its_pipes_keeps_nobody_waiting() {
         let folder = tempfile::tempdir().unwrap();
-        make(folder.path()).unwrap();
+        make(folder.path(), &[PINS]).unwrap();
         let mut server = PipeServer::start(folder.path(), |_| Reply::default()).unwrap();
         server.stop();
     }

@@ -276,6 +276,8 @@ pub struct Entries {
     pub bits: usize,
     /// States that were compared.
     pub checks: u64,
+    /// There is a macro step behind them in the stretch.
+    pub goes_on: bool,
 }
 
 impl<'s, 'm> Player<'s, 'm> {
@@ -347,11 +349,11 @@ impl<'s, 'm> Player<'s, 'm> {
         &self.machine
     }
 
-    /// Lets enter what entered before the next macro step. `None` if there is no further one in the stretch.
+    /// Lets enter what entered before the next macro step, or behind the last one of the stretch.
     ///
     /// # Errors
     /// [`ReplayError::BadInput`], [`ReplayError::Differs`]
-    pub fn enter(&mut self) -> Result<Option<Entries>, ReplayError> {
+    pub fn enter(&mut self) -> Result<Entries, ReplayError> {
         let hash = self.stretch.mission;
         let mut entries = Entries::default();
         while let Some(input) = self.inputs.as_slice().first()
@@ -375,14 +377,19 @@ impl<'s, 'm> Player<'s, 'm> {
                     self.machine.skip(*missed);
                 }
                 Change::Check(progress, words) => {
-                    if !self.machine.is_like(words, progress) {
+                    // What entered since the macro step before is told by this alone.
+                    let entered: Vec<usize> = self.machine.inputs_unlike(words).collect();
+                    entries.bits += entered.len();
+                    let took_all = (entered.into_iter()).all(|bit| self.machine.toggle_input(bit));
+                    if !took_all || !self.machine.is_like(words, progress) {
                         return Err(ReplayError::Differs { hash, step });
                     }
                     entries.checks += 1;
                 }
             }
         }
-        Ok((self.made < self.stretch.made).then_some(entries))
+        entries.goes_on = self.made < self.stretch.made;
+        Ok(entries)
     }
 
     /// Makes the next macro step.
@@ -448,11 +455,12 @@ fn play(
     let mut writer = TraceWriter::new(out, Arc::clone(&mission.directory));
     let period_us = u64::from(mission.directory.interpreter_period_us());
     let mut at = Step { step: 0, t_us: 0 };
-    while let Some(entries) = player.enter()? {
+    loop {
+        let entries = player.enter()?;
         outcome.changes += u64::from(entries.bits > 0);
         outcome.checks += entries.checks;
-        if player.machine().fault().is_some() {
-            // It stands still until it is started anew.
+        // A machine with a fault stands still until it is started anew.
+        if !entries.goes_on || player.machine().fault().is_some() {
             break;
         }
         let step = player.machine().progress().steps;

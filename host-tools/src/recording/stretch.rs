@@ -47,7 +47,7 @@ pub enum Change {
     Bits(Vec<u32>),
     /// So many macro steps were left out.
     Skipped(u32),
-    /// Nothing: this is what the robot's machine was, to be compared with.
+    /// Bits that this differs in: it is what the robot's machine was before the macro step, to be compared with.
     Check(Progress, Vec<u32>),
 }
 
@@ -190,9 +190,10 @@ impl Stretches {
                 self.enter(Change::Check(progress, words));
             }
             _ => {
-                // That of another mission is what a warm one has taken over, of which nothing is missing.
+                // That of another mission before its first macro step is what a warm one has taken over, of which nothing is missing.
                 self.gap |= self.open.as_ref().is_some_and(|(stretch, _)| {
                     (stretch.mission, stretch.start_us) == (mission, start_us)
+                        || progress.steps != 0
                 });
                 self.open(mission, start_us, Beginning::State(progress, words));
             }

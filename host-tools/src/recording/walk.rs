@@ -156,7 +156,7 @@ impl<'r> Walk<'r> {
                 });
                 let mut goes_on = true;
                 for _ in 0..CHUNK_STEPS {
-                    goes_on = player.enter()?.is_some() && player.machine().fault().is_none();
+                    goes_on = player.enter()?.goes_on && player.machine().fault().is_none();
                     if !goes_on {
                         break;
                     }
@@ -203,7 +203,7 @@ impl<'r> Walk<'r> {
         let mut retold = Retold::new(mission, chunk.entered.clone());
         for _ in 0..CHUNK_STEPS {
             match player.enter() {
-                Ok(Some(_)) if player.machine().fault().is_none() => {}
+                Ok(entries) if entries.goes_on && player.machine().fault().is_none() => {}
                 _ => break,
             }
             let machine = player.machine();

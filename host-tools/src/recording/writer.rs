@@ -34,6 +34,7 @@ struct Known {
 
 /// Where a mission is.
 struct Clock {
+    mission: u32,
     start_us: u64,
     period_us: u64,
     next_step: u64,
@@ -55,6 +56,8 @@ pub struct Counts {
     pub steps: u64,
     /// Gaps.
     pub gaps: u64,
+    /// How often all came that the machine was, or a mission began: at the beginning, behind a gap, or because somebody asked.
+    pub beginnings: u64,
 }
 
 impl fmt::Display for Counts {
@@ -96,6 +99,11 @@ impl<W: Write> RecordingWriter<W> {
     /// Whether a mission is in the recording.
     pub fn knows(&self, hash: u32) -> bool {
         self.missions.iter().any(|known| known.hash == hash)
+    }
+
+    /// Hash of the mission whose macro steps the recording goes on with.
+    pub fn running(&self) -> Option<u32> {
+        self.clock.as_ref().map(|clock| clock.mission)
     }
 
     /// Adds a mission, if it is not there. `period_us` is that of its interpreter.
@@ -160,9 +168,20 @@ impl<W: Write> RecordingWriter<W> {
             Recorded::Changes { quiet, .. } => (u64::from(quiet) + 1, 0),
             Recorded::Quiet { quiet } | Recorded::Started { quiet, .. } => (quiet.into(), 0),
             Recorded::Skipped { quiet, missed } => (quiet.into(), missed.into()),
-            Recorded::State { .. } => (0, 0),
+            Recorded::State {
+                mission,
+                start_us,
+                progress,
+                ..
+            } => (
+                self.quiet_before(mission, start_us, progress.steps)
+                    .unwrap_or(0),
+                0,
+            ),
         };
         let until_us = self.until_us.unwrap_or(u64::MAX);
+        // Behind a gap, nothing is of use before a beginning.
+        let steps = if self.clock.is_some() { steps } else { 0 };
         if let Some(clock) = &mut self.clock {
             clock.next_step = clock.next_step.saturating_add(steps);
             // The last of these macro steps began a period before the next one.
@@ -178,11 +197,23 @@ impl<W: Write> RecordingWriter<W> {
                 start_us,
                 progress,
                 ..
-            } => (mission, start_us, progress.steps),
+            } => {
+                // Nothing is missing before the first macro step of a mission that took over warm, and before the one that is due. So does a replay see it.
+                let is_due = |clock: &Clock| {
+                    let is_same = (clock.mission, clock.start_us) == (mission, start_us);
+                    progress.steps == if is_same { clock.next_step } else { 0 }
+                };
+                if self.clock.as_ref().is_some_and(|clock| !is_due(clock)) {
+                    self.counts.gaps += 1;
+                }
+                (mission, start_us, progress.steps)
+            }
             _ => return steps,
         };
+        self.counts.beginnings += 1;
         let known = self.missions.iter().find(|known| known.hash == mission);
         let clock = Clock {
+            mission,
             start_us,
             period_us: known.map_or(0, |known| known.period_us),
             next_step,
@@ -190,6 +221,14 @@ impl<W: Write> RecordingWriter<W> {
         self.is_over |= clock.next_us() > until_us;
         self.clock = Some(clock);
         steps
+    }
+
+    /// Macro steps without a change before the one of this number, which nobody has told yet; none where more is missing than that.
+    fn quiet_before(&self, mission: u32, start_us: u64, step: u64) -> Option<u64> {
+        let clock = self.clock.as_ref()?;
+        let is_same = (clock.mission, clock.start_us) == (mission, start_us);
+        let quiet = step.checked_sub(clock.next_step).filter(|_| is_same)?;
+        (quiet <= MAX_QUIET.into()).then_some(quiet)
     }
 
     /// Notes that something did not come.
@@ -201,6 +240,8 @@ impl<W: Write> RecordingWriter<W> {
             return Ok(());
         }
         self.counts.gaps += 1;
+        // What comes next goes on from elsewhere.
+        self.clock = None;
         self.write_waiting()?;
         self.write(&Frame::Gap(missing))
     }
@@ -222,6 +263,13 @@ impl<W: Write> RecordingWriter<W> {
         self.write_waiting()?;
         if let Some(steps) = steps {
             self.write(&Frame::End(steps))?;
+            if let Some(clock) = &self.clock {
+                let known = self.counts.steps;
+                self.counts.steps = match steps.checked_sub(clock.next_step) {
+                    Some(quiet) => known + quiet.min(MAX_QUIET.into()),
+                    None => known.saturating_sub(clock.next_step - steps),
+                };
+            }
         }
         Ok((self.out, self.counts))
     }

@@ -3,13 +3,15 @@
 use std::path::PathBuf;
 
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::store::keep;
+use rt_firmware::store::keep::{self, Keep};
 use thiserror::Error;
 
 use super::entered::Entered;
 use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
+use crate::lockstep::line;
 use crate::lockstep::plant_side::PlantSide;
+use crate::plant::flash::Flash;
 use crate::qemu::{Emulator, EmulatorError, Idle, firmware};
 use crate::serial::pacing::Paced;
 use crate::serial::{ByteLink, DEFAULT_BAUD};
@@ -44,6 +46,20 @@ impl Board {
         keep::flash_bytes(blob_bytes, ERASE_BYTES as u32)
     }
 
+    /// A flash without missions, for a run: a robot that has one of its own waits for the run's.
+    pub fn flash_of_a_run(&self) -> Flash {
+        let bytes = self.flash_bytes();
+        let flash = Flash::blank(bytes);
+        let blob_bytes =
+            crate::boards::find(self.name()).map_or(0, |board| board.capacities.blob_bytes);
+        let mut records = [0; keep::RECORD_BYTES];
+        if let Ok(mut keep) = Keep::open(flash.clone(), blob_bytes, None, &mut records) {
+            // Blank cells take it.
+            let _ = keep.wait_for_host();
+        }
+        flash
+    }
+
     /// What decodes its log.
     ///
     /// # Errors
@@ -54,6 +70,16 @@ impl Board {
             Board::Host { .. } => Ok(LogReader::text()),
         }
     }
+}
+
+/// How the bytes of a run's link come to the board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LinkWay {
+    /// Over the emulated board's UART, and to the host board by a pipe: by the clock on the wall.
+    #[default]
+    Uart,
+    /// Inside the plant exchange, in the board's virtual time: the run repeats to the byte, uploads included.
+    Exchange,
 }
 
 /// Why a board does not run.
@@ -68,6 +94,9 @@ pub enum BoardError {
     /// Only the host board takes what a recording holds.
     #[error("a recording can be replayed on the board `host` only")]
     CannotReplay,
+    /// A replay says itself when missions take over.
+    #[error("a recording is replayed with `--link uart` only")]
+    CannotReplayInStep,
 }
 
 /// A running board of either kind. Dropping it ends it.
@@ -79,7 +108,7 @@ pub enum RunningBoard {
 }
 
 impl RunningBoard {
-    /// Starts a board with `plant` behind its pins; answers it and its line.
+    /// Starts a board with `plant` behind its pins; answers it and its line, which goes the way of `link`.
     ///
     /// # Errors
     /// [`BoardError`]
@@ -87,9 +116,17 @@ impl RunningBoard {
         board: Board,
         plant: &PlantSide,
         replay: Option<&Entered>,
+        link: LinkWay,
     ) -> Result<(Self, Box<dyn ByteLink>), BoardError> {
         let flash_bytes = board.flash_bytes();
         match board {
+            Board::Host { .. } if replay.is_some() && link == LinkWay::Exchange => {
+                Err(BoardError::CannotReplayInStep)
+            }
+            Board::Host { robot } if link == LinkWay::Exchange => {
+                let (board, line) = HostBoard::start_in_step(robot, plant.clone())?;
+                Ok((RunningBoard::Host(board), Box::new(line)))
+            }
             Board::Emulated { firmware } => {
                 if replay.is_some() {
                     return Err(BoardError::CannotReplay);
@@ -97,6 +134,12 @@ impl RunningBoard {
                 let served = plant.clone();
                 let flash = plant.flash(flash_bytes);
                 let answer = move |request: &_| served.exchange(request);
+                if link == LinkWay::Exchange {
+                    let (near, line) = line::pair();
+                    let emulator =
+                        Emulator::start_linked(&firmware, Idle::Passes, answer, flash, Some(near))?;
+                    return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
+                }
                 let mut emulator = Emulator::start(&firmware, Idle::Passes, answer, flash)?;
                 let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
                     console: String::new(),

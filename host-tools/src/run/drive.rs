@@ -9,16 +9,18 @@ use rt_firmware::link::message::{Channel, LinkError, Mode, Status, Swap};
 use rt_firmware::link::trace::TraceRecord;
 use thiserror::Error;
 
-use super::board::{Board, BoardError, RunningBoard};
+use super::board::{Board, BoardError, LinkWay, RunningBoard};
 use super::entered::Entered;
 use super::interrupt::Interrupt;
 use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
 use crate::counters::SlotReport;
+use crate::host_board::HostBoard;
 use crate::link_client::log_lines::{LogLine, LogReader};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
-use crate::lockstep::pace::Pace;
+use crate::lockstep::line::STANDSTILL_LIMIT;
+use crate::lockstep::pace::{Hold, Pace};
 use crate::lockstep::plant_side::{PlantFault, PlantSide};
 use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant, PlantError};
@@ -26,6 +28,7 @@ use crate::recording::file::Head;
 use crate::recording::writer::{Counts, RecordingWriter};
 use crate::schedule::handover::Handover;
 use crate::serial::ByteLink;
+use crate::serial::noise::{Noise, Noisy};
 use crate::world::World;
 
 /// How long a wait for the robot's next words may last.
@@ -39,9 +42,6 @@ const LINK_MONITOR: &str = "LinkMonitor";
 
 /// How often a robot with such a mission is called.
 const CALL_INTERVAL: Duration = Duration::from_millis(50);
-
-/// How long robot time may stand still before the board counts as hung.
-const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
 
 /// A mission and when it is to take over.
 pub struct Planned {
@@ -59,6 +59,10 @@ pub struct Planned {
 pub struct Plan {
     /// The board.
     pub board: Board,
+    /// How its link goes.
+    pub link: LinkWay,
+    /// What bytes on their way to the robot suffer. What it says comes through: a trace with holes is none.
+    pub noise: Option<Noise>,
     /// The world around the robot.
     pub world: World,
     /// Seed of the plant's noise.
@@ -73,9 +77,9 @@ pub struct Plan {
     pub replay: Option<Entered>,
     /// Where a recording of it goes.
     pub record: Option<Box<dyn Write>>,
-    /// What is done to the plant.
+    /// What happens to the plant.
     pub plant_fault: Option<PlantFault>,
-    /// The flash beside it; a blank one without.
+    /// The flash beside it; without, one that has no mission and lets none of the firmware's own run.
     pub flash: Option<Flash>,
     /// Signs, if the robot has a key, which a flash may hold.
     pub key: Option<KeyLoader>,
@@ -179,6 +183,8 @@ pub struct Run<W> {
     pub entered: Entered,
     /// What its recording holds, if there is one.
     pub recorded: Option<Counts>,
+    /// Time on the wall that it took, uploads and start included.
+    pub wall: Duration,
     /// Whether the person ended it before its time.
     pub interrupted: bool,
 }
@@ -204,6 +210,7 @@ pub fn drive<W: Write>(
 struct Driver<W> {
     // Dropped first, so that the board's line has a reader for as long as the board lives.
     board: RunningBoard,
+    link: LinkWay,
     robot: LinkClient<Box<dyn ByteLink>>,
     plant: PlantSide,
     pace: Arc<Pace>,
@@ -221,11 +228,12 @@ struct Driver<W> {
     /// How many missions the trace has seen start.
     started: usize,
     wall_start: Instant,
-    /// When the robot's trace last had something to say.
+    /// When the robot's trace last had something to say, on the line's clock.
     last_word: Instant,
     /// Whether a mission wants to hear of the host, and from which robot time on it does not.
     calls: bool,
     cut_link_us: Option<u64>,
+    /// When, on the line's clock.
     last_call: Instant,
 }
 
@@ -239,14 +247,15 @@ impl<W: Write> Driver<W> {
                 planned.at_us = *at_us;
             }
         }
-        // A robot measures the silence of its host in its own time: it must not run ahead of the wall clock.
         let calls = missions.iter().any(|planned| {
             let names = &planned.mission.task_names;
             names.iter().any(|name| name == LINK_MONITOR)
         });
-        let pace = Pace::new(plan.realtime || calls);
+        // A robot measures the silence of its host in its own time: it must not run ahead of the clock by which this program calls.
+        let pace = Pace::new(plan.realtime || (calls && plan.link == LinkWay::Uart));
         let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
-        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(plan.flash);
+        let flash = plan.flash.unwrap_or_else(|| plan.board.flash_of_a_run());
+        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(Some(flash));
         if let Some(fault) = plan.plant_fault {
             plant.inject(fault);
         }
@@ -258,7 +267,12 @@ impl<W: Write> Driver<W> {
                 None
             }
         };
-        let (board, line) = RunningBoard::start(plan.board, &plant, plan.replay.as_ref())?;
+        let (board, line) =
+            RunningBoard::start(plan.board, &plant, plan.replay.as_ref(), plan.link)?;
+        let line = match plan.noise {
+            Some(noise) => Box::new(Noisy::outwards(line, noise, plan.seed)) as Box<dyn ByteLink>,
+            None => line,
+        };
         let connected = LinkClient::connect(line).map_err(|cause| RunError::Link {
             cause,
             console: board.console(),
@@ -282,8 +296,10 @@ impl<W: Write> Driver<W> {
             }
             None => None,
         };
+        let link_start = robot.clock().now();
         Ok(Driver {
             board,
+            link: plan.link,
             robot,
             pace,
             story: Story::new(out, plan.until_us),
@@ -297,10 +313,10 @@ impl<W: Write> Driver<W> {
             longest_delay_ns: 0,
             started: 0,
             wall_start,
-            last_word: wall_start,
+            last_word: link_start,
             calls,
             cut_link_us: plan.cut_link_us,
-            last_call: wall_start,
+            last_call: link_start,
             plant,
         })
     }
@@ -312,9 +328,8 @@ impl<W: Write> Driver<W> {
         watch: &mut dyn FnMut(Heard<'_>),
     ) -> Result<bool, RunError> {
         {
-            let _hold = self.pace.hold();
-            let streams = self.streams();
-            self.link(|robot| robot.subscribe(streams))?;
+            let _hold = self.hold();
+            self.subscribe()?;
         }
         self.upload_next(watch)?;
         let mut exchanges = self.pace.exchanges();
@@ -351,13 +366,13 @@ impl<W: Write> Driver<W> {
     /// Whether the time of interest has passed without the macro step that would have ended the story: in a stop or in the safe state
     /// robot time goes on, and the machine does not.
     fn is_over_in_silence(&self) -> bool {
-        let over = match &self.board {
-            RunningBoard::Emulated(_) => self
+        let over = match self.gate() {
+            None => self
                 .until_us
                 .is_some_and(|until_us| self.pace.robot_us() > until_us),
-            RunningBoard::Host(board) => board.waits_at_gate() && !self.missions_left_in_time(),
+            Some(board) => board.waits_at_gate() && !self.missions_left_in_time(),
         };
-        over && self.last_word.elapsed() > SILENCE_AT_END
+        over && self.robot.clock().since(self.last_word) > SILENCE_AT_END
     }
 
     /// Lets the robot hear that this program is there, if it wants to and the link is not cut.
@@ -365,11 +380,11 @@ impl<W: Write> Driver<W> {
         let is_cut = |at_us: u64| self.pace.robot_us() >= at_us;
         if !self.calls
             || self.cut_link_us.is_some_and(is_cut)
-            || self.last_call.elapsed() < CALL_INTERVAL
+            || self.robot.clock().since(self.last_call) < CALL_INTERVAL
         {
             return Ok(());
         }
-        self.last_call = Instant::now();
+        self.last_call = self.robot.clock().now();
         self.link(|robot| robot.status())?;
         Ok(())
     }
@@ -386,11 +401,24 @@ impl<W: Write> Driver<W> {
         if self.until_us.is_some_and(|until_us| at_us > until_us) {
             return false;
         }
-        match &self.board {
-            RunningBoard::Emulated(_) => self.pace.robot_us() >= at_us,
+        match self.gate() {
+            None => self.pace.robot_us() >= at_us,
             // It waits there by itself.
-            RunningBoard::Host(board) => board.waits_at_gate(),
+            Some(board) => board.waits_at_gate(),
         }
+    }
+
+    /// The board, if it waits by itself for missions: one whose robot time cannot be held for as long as an upload takes on the wall.
+    fn gate(&self) -> Option<&HostBoard> {
+        match (&self.board, self.link) {
+            (RunningBoard::Host(board), LinkWay::Uart) => Some(board),
+            (RunningBoard::Host(_), LinkWay::Exchange) | (RunningBoard::Emulated(_), _) => None,
+        }
+    }
+
+    /// Holds robot time while a request is open, where the line's time is another.
+    fn hold(&self) -> Option<Hold> {
+        (self.link == LinkWay::Uart).then(|| self.pace.hold())
     }
 
     fn upload_next(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
@@ -405,7 +433,7 @@ impl<W: Write> Driver<W> {
             return Ok(());
         };
         watch(Heard::UploadBegins(mission));
-        let hold = self.pace.hold();
+        let hold = self.hold();
         let next_at_us = self.missions.get(index + 1).map(|next| next.at_us);
         let wrap = |cause: ClientError| match cause.refusal() {
             Some(error) if is_about_the_mission(error) => RunError::Refused {
@@ -420,7 +448,7 @@ impl<W: Write> Driver<W> {
         if let Some(last) = self.uploads.last_mut() {
             last.slots = slot_reports(&mut self.robot).map_err(wrap)?;
         }
-        let started = Instant::now();
+        let started = self.robot.clock().now();
         let before = self.robot.status().map_err(wrap)?;
         let mut progress = |bytes| watch(Heard::Uploaded(bytes));
         self.robot
@@ -429,10 +457,10 @@ impl<W: Write> Driver<W> {
         // Where something is to happen next. At the end the board is to wait, too: its counters are of interest as they are then.
         let end_us = self.until_us.map(|until_us| until_us.saturating_add(1));
         let next_us = next_at_us.into_iter().chain(end_us).min();
-        match &self.board {
-            RunningBoard::Host(board) if board.waits_at_gate() => board.open_gate(next_us),
-            RunningBoard::Host(board) => board.set_gate(next_us),
-            RunningBoard::Emulated(_) => {}
+        match self.gate() {
+            Some(board) if board.waits_at_gate() => board.open_gate(next_us),
+            Some(board) => board.set_gate(next_us),
+            None => {}
         }
         self.robot
             .commit(Swap {
@@ -440,11 +468,11 @@ impl<W: Write> Driver<W> {
                 ..Swap::default()
             })
             .map_err(wrap)?;
-        let upload_s = started.elapsed().as_secs_f64();
+        let upload_s = self.robot.clock().since(started).as_secs_f64();
         let missed = self.robot.status().map_err(wrap)?.missed;
         drop(hold);
         // The one who waits for the next moment looks at the clock only now and then.
-        if let RunningBoard::Emulated(_) = &self.board {
+        if self.link == LinkWay::Uart && self.gate().is_none() {
             self.pace.hold_from(next_us);
         }
         let summary = MissionSummary {
@@ -467,7 +495,7 @@ impl<W: Write> Driver<W> {
         for event in self.robot.take_events() {
             match event {
                 StreamEvent::Trace(records) => {
-                    self.last_word = Instant::now();
+                    self.last_word = self.robot.clock().now();
                     self.take_records(&records, watch)?;
                 }
                 // Nobody asked for them.
@@ -511,8 +539,7 @@ impl<W: Write> Driver<W> {
                         recording.gap(missing).map_err(RunError::Recording)?;
                     }
                     // It begins anew with what the machine is now.
-                    let streams = self.streams();
-                    self.link(|robot| robot.subscribe(streams))?;
+                    self.subscribe()?;
                     watch(Heard::Warning(&format!(
                         "the recording has a gap: {missing} records did not come through"
                     )));
@@ -522,20 +549,29 @@ impl<W: Write> Driver<W> {
         Ok(())
     }
 
-    /// What is wanted of the robot.
-    fn streams(&self) -> Streams {
-        Streams {
+    /// Asks for what is wanted of the robot; where it keeps no log, for all but that.
+    fn subscribe(&mut self) -> Result<(), RunError> {
+        let streams = Streams {
             trace: true,
             log: true,
             record: self.recording.is_some(),
-        }
+        };
+        self.link(|robot| match robot.subscribe(streams) {
+            Err(refused) if refused.refusal() == Some(LinkError::NotBuiltIn) => {
+                robot.subscribe(Streams {
+                    log: false,
+                    ..streams
+                })
+            }
+            subscribed => subscribed,
+        })
     }
 
     /// Waits for what was recorded and is not here yet, while robot time is held.
     fn end_recording(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
         const LONGEST_WAIT: Duration = Duration::from_secs(5);
-        let began = Instant::now();
-        while self.recording.is_some() && began.elapsed() < LONGEST_WAIT {
+        let began = self.robot.clock().now();
+        while self.recording.is_some() && self.robot.clock().since(began) < LONGEST_WAIT {
             let pending = match self.robot.status() {
                 Ok(status) => status.record_pending,
                 // A robot that fell silent at the very end has told all that it will.
@@ -617,7 +653,7 @@ impl<W: Write> Driver<W> {
         watch: &mut dyn FnMut(Heard<'_>),
     ) -> Result<Run<W>, RunError> {
         let status = {
-            let _hold = self.pace.hold();
+            let _hold = self.hold();
             self.end_recording(watch)?;
             // A robot that fell silent at the very end has told all that matters.
             let status = self.robot.status().ok();
@@ -661,12 +697,15 @@ impl<W: Write> Driver<W> {
             starts_us: told.missions.iter().map(|it| it.start_us).collect(),
             ends: told.ends.clone(),
         };
+        let wall = self.wall_start.elapsed();
+        // What repeats to the byte names no time that does not.
+        let wall_time = (self.link == LinkWay::Uart).then_some(wall);
         let counted = status.map_or_else(Summary::default, Summary::of_status);
         let summary = Summary {
             board: self.board_name.to_owned(),
             world: plant.world().name.clone(),
             robot_time_s: end_us as f64 / 1e6,
-            wall_time_s: self.wall_start.elapsed().as_secs_f64(),
+            wall_time_s: wall_time.map(|wall| wall.as_secs_f64()),
             distance_m: plant.distance_m(),
             collisions: plant.collisions(),
             rooms_entered: plant.statistics().rooms_entered().to_vec(),
@@ -688,6 +727,7 @@ impl<W: Write> Driver<W> {
             plant,
             entered,
             recorded,
+            wall,
             interrupted,
         })
     }
@@ -731,6 +771,9 @@ fn is_about_the_mission(error: LinkError) -> bool {
 fn safe_mode(status: &Status) -> Option<String> {
     match status.mode {
         Mode::Safe(reason) => Some(safe_reason(reason).to_owned()),
+        Mode::EmergencyStopped if status.stop_pressed => {
+            Some("the emergency stop's button is pressed".to_owned())
+        }
         Mode::EmergencyStopped => Some("an emergency stop is latched".to_owned()),
         Mode::Empty | Mode::Running | Mode::Stopped => None,
     }

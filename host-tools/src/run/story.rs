@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 
 use rt_firmware::link::message::SafeReason;
-use rt_firmware::link::trace::TraceRecord;
+use rt_firmware::link::trace::{EMERGENCY, TraceRecord};
 use rt_firmware::link::trial::FallBackReason;
 
 use crate::pictures::{Mark, MissionStates, StatesRecorder};
@@ -340,6 +340,7 @@ const UNKNOWN_REASON: &str = "for a reason that this program does not know";
 fn motors_off_reason(number: Option<u8>) -> &'static str {
     match number {
         None => "stopped by request",
+        Some(EMERGENCY) => "an emergency stop",
         Some(number) => SafeReason::from_number(number).map_or(UNKNOWN_REASON, safe_reason),
     }
 }

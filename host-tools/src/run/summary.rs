@@ -17,8 +17,9 @@ pub struct Summary {
     pub world: String,
     /// Robot time, in seconds.
     pub robot_time_s: f64,
-    /// Time on the wall that it took, uploads and start included, in seconds.
-    pub wall_time_s: f64,
+    /// Time on the wall that it took, uploads and start included, in seconds; `None` for a run that repeats to the byte, whose summary does, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall_time_s: Option<f64>,
     /// Way of the robot's centre, in metres.
     pub distance_m: f64,
     /// How often the robot ran into a wall.
@@ -58,7 +59,7 @@ pub struct MissionSummary {
     pub bytes: usize,
     /// Robot time of its first macro step, in seconds.
     pub started_s: f64,
-    /// Time on the wall that its upload took, in seconds.
+    /// Time that its upload took on the clock of the line, in seconds: the wall's, or that of the plant exchange.
     pub upload_s: f64,
     /// Slot occurrences missed from the upload's first byte to the first macro step.
     pub slots_missed_in_upload: u64,
@@ -89,8 +90,12 @@ impl fmt::Display for Summary {
         row(
             "robot time",
             format!(
-                "{:.3} s on {} in {} ({:.1} s on the wall)",
-                self.robot_time_s, self.board, self.world, self.wall_time_s
+                "{:.3} s on {} in {}{}",
+                self.robot_time_s,
+                self.board,
+                self.world,
+                (self.wall_time_s)
+                    .map_or_else(String::new, |wall| format!(" ({wall:.1} s on the wall)"))
             ),
         )?;
         row("distance", format!("{:.2} m", self.distance_m))?;

@@ -1,6 +1,6 @@
 //! Whole runs on the host board.
 
-use super::board::Board;
+use super::board::{Board, LinkWay};
 use super::drive::{Heard, Plan, Planned, Run, RunError, drive};
 use super::entered::Entered;
 use super::interrupt::Interrupt;
@@ -143,6 +143,8 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Entered>) -> Plan {
             robot: host_board::rover,
         },
         world,
+        link: LinkWay::Uart,
+        noise: None,
         seed: 3,
         until_us: Some(6_000_000),
         realtime: false,
@@ -236,6 +238,32 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
         first.told.out, other.told.out,
         "ends come from the recording"
     );
+}
+
+#[test]
+fn uploads_in_virtual_time_take_what_the_wire_takes_and_repeat() {
+    let run = || {
+        let missions = vec![
+            (0, mission("one.esm", &turning(1.0))),
+            (2_000_000, mission("two.esm", &turning(0.5))),
+        ];
+        carried_out(Plan {
+            link: LinkWay::Exchange,
+            ..plan(missions, None)
+        })
+    };
+    let (first, second) = (run(), run());
+    assert_eq!(first.told.out, second.told.out);
+    assert_eq!(first.summary, second.summary);
+    let [_, next] = &first.summary.missions[..] else {
+        panic!("two missions: {:?}", first.summary)
+    };
+    // What is asked before and after the bytes takes a tenth of a second at most.
+    let on_the_wire_s = next.bytes as f64 * 10.0 / 115_200.0;
+    let late_s = next.upload_s - on_the_wire_s;
+    assert!((0.0..0.1).contains(&late_s), "{next:?}");
+    assert!(next.started_s >= 2.0 + on_the_wire_s, "{next:?}");
+    assert_eq!(first.summary.slots_missed, 0);
 }
 
 #[test]

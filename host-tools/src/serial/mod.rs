@@ -5,12 +5,14 @@
 //!
 //! | module | what it holds |
 //! |---|---|
+//! | [`clock`] | by which time bytes come: the wall's, or a simulation's |
 //! | [`port`] | what a person writes: a path, `unix:PATH`, `tcp:HOST:PORT` |
 //! | [`noise`] | a bad line, repeatable |
 //! | [`pacing`] | a link slowed down to the rate of a real line |
 //! | [`pipe`] | a link between two threads of this process |
 //! | [`pty`] | a pseudo-terminal that others can open, for serving an emulated robot |
 
+pub mod clock;
 pub mod noise;
 pub mod pacing;
 pub mod pipe;
@@ -25,6 +27,7 @@ use std::time::Duration;
 use serialport::{SerialPort, TTYPort};
 use thiserror::Error;
 
+use clock::Clock;
 use pacing::Paced;
 use port::Port;
 
@@ -54,6 +57,11 @@ pub trait ByteLink: Send {
     /// # Errors
     /// [`io::ErrorKind::TimedOut`] where the line takes nothing for seconds; what the system says otherwise.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant. Whatever stands around another line has that line's.
+    fn clock(&self) -> Clock {
+        Clock::wall()
+    }
 }
 
 impl<L: ByteLink + ?Sized> ByteLink for Box<L> {
@@ -63,6 +71,10 @@ impl<L: ByteLink + ?Sized> ByteLink for Box<L> {
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         (**self).send(bytes)
+    }
+
+    fn clock(&self) -> Clock {
+        (**self).clock()
     }
 }
 

@@ -4,6 +4,7 @@ use std::io;
 use std::time::Duration;
 
 use super::ByteLink;
+use super::clock::Clock;
 
 /// How often a byte suffers what, in parts of [`Noise::WHOLE`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,23 +31,34 @@ impl Noise {
     }
 }
 
-/// A link over a bad line, in both directions.
+/// A link over a bad line.
 pub struct Noisy<L> {
     link: L,
     noise: Noise,
     random: SplitMix,
+    /// What is received suffers, too.
+    both_ways: bool,
     /// What came twice and had no room yet.
     waiting: Vec<u8>,
 }
 
 impl<L: ByteLink> Noisy<L> {
-    /// Lets `noise` at the bytes of `link`. Equal seeds and bytes suffer equally.
+    /// Lets `noise` at the bytes of `link`, in both directions. Equal seeds and bytes suffer equally.
     pub fn new(link: L, noise: Noise, seed: u64) -> Self {
         Noisy {
             link,
             noise,
             random: SplitMix(seed),
+            both_ways: true,
             waiting: Vec::new(),
+        }
+    }
+
+    /// The same, but only what is sent suffers.
+    pub fn outwards(link: L, noise: Noise, seed: u64) -> Self {
+        Noisy {
+            both_ways: false,
+            ..Noisy::new(link, noise, seed)
         }
     }
 
@@ -83,6 +95,9 @@ impl<L: ByteLink> Noisy<L> {
 
 impl<L: ByteLink> ByteLink for Noisy<L> {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        if !self.both_ways {
+            return self.link.receive(buffer, timeout);
+        }
         if self.waiting.is_empty() {
             let count = self.link.receive(buffer, timeout)?;
             self.waiting = self.spoil(&buffer[..count]);
@@ -97,6 +112,10 @@ impl<L: ByteLink> ByteLink for Noisy<L> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let spoiled = self.spoil(bytes);
         self.link.send(&spoiled)
+    }
+
+    fn clock(&self) -> Clock {
+        self.link.clock()
     }
 }
 
@@ -153,5 +172,19 @@ mod tests {
             "{spoiled}"
         );
         assert_eq!(corrupted, heard_over(only(one_percent, 0, 0), &sent));
+    }
+
+    #[test]
+    fn a_line_that_is_bad_outwards_brings_back_what_was_sent() {
+        let (near, mut far) = pipe::pair();
+        let mut near = Noisy::outwards(near, Noise::of_each(Noise::WHOLE / 4), 5);
+        let bytes = [0x55; 400];
+        far.send(&bytes).unwrap();
+        let mut heard = [0; 400];
+        assert_eq!(near.receive(&mut heard, Duration::ZERO).unwrap(), 400);
+        assert_eq!(heard, bytes);
+        near.send(&bytes).unwrap();
+        let count = far.receive(&mut heard, Duration::ZERO).unwrap();
+        assert_ne!(heard[..count], bytes);
     }
 }

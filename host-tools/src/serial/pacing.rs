@@ -7,6 +7,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use super::ByteLink;
+use super::clock::Clock;
 
 /// Bits on the wire for one byte: start, eight of data, stop.
 const BITS_PER_BYTE: u64 = 10;
@@ -53,6 +54,10 @@ impl<L: ByteLink> ByteLink for Paced<L> {
             self.link.send(burst)?;
         }
         Ok(())
+    }
+
+    fn clock(&self) -> Clock {
+        self.link.clock()
     }
 }
 

@@ -11,7 +11,7 @@
 //! | nominal start of this occurrence, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
 //! | nominal end of the occurrence before, in µs | 8 | | echo times in µs, 0 = no echo | 8 × 2 |
 //! | left, right duty (signed) | 2 + 2 | | ADC counts | 7 × 2 |
-//! | sonar trigger bits, auxiliary output bits | 1 + 1 | | | |
+//! | sonar trigger bits, auxiliary output bits | 1 + 1 | | inputs that are low: bit 0 the emergency stop's | 1 |
 
 use core::array;
 
@@ -21,7 +21,10 @@ use super::pins::{Actuators, DEADMAN_US, PinImage, Sensors};
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
-pub const REPLY_BYTES: usize = 38;
+pub const REPLY_BYTES: usize = 39;
+
+/// The input of the emergency stop's button, among those that a reply tells of.
+const STOP_IS_LOW: u8 = 1 << 0;
 
 /// Stale frames in a row that a board bears; one more and it must go to its safe state.
 pub const STALE_FRAME_LIMIT: u8 = 5;
@@ -92,13 +95,16 @@ impl Reply {
             right_count,
             echo_us,
             adc_counts,
+            stop_is_low,
         } = self.sensors;
+        let low_inputs = if stop_is_low { STOP_IS_LOW } else { 0 };
         filled(
             (self.sequence.to_le_bytes().into_iter())
                 .chain(left_count.to_le_bytes())
                 .chain(right_count.to_le_bytes())
                 .chain(echo_us.into_iter().flat_map(u16::to_le_bytes))
-                .chain(adc_counts.into_iter().flat_map(u16::to_le_bytes)),
+                .chain(adc_counts.into_iter().flat_map(u16::to_le_bytes))
+                .chain([low_inputs]),
         )
     }
 
@@ -112,6 +118,7 @@ impl Reply {
                 right_count: u16::from_le_bytes(fields.take()),
                 echo_us: array::from_fn(|_| u16::from_le_bytes(fields.take())),
                 adc_counts: array::from_fn(|_| u16::from_le_bytes(fields.take())),
+                stop_is_low: u8::from_le_bytes(fields.take()) & STOP_IS_LOW != 0,
             },
         }
     }
@@ -259,8 +266,9 @@ mod tests {
             sensors: distinct_sensors(),
         };
         assert_eq!(Reply::decode(&reply.encode()), reply);
-        // Every byte belongs to a field: none is lost and none is padding.
-        let bytes: [u8; REPLY_BYTES] = array::from_fn(|i| 0xA0 ^ i as u8);
+        // Every byte belongs to a field: none is lost and none is padding. Of the last one a bit means something.
+        let mut bytes: [u8; REPLY_BYTES] = array::from_fn(|i| 0xA0 ^ i as u8);
+        bytes[REPLY_BYTES - 1] = STOP_IS_LOW;
         assert_eq!(Reply::decode(&bytes).encode(), bytes);
     }
 

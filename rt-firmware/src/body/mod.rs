@@ -10,10 +10,11 @@
 //!          ◀─        ◀──          ◀─ PlantExchange::accept ─── bytes ◀──
 //! ```
 //!
-//! The image carries what pins carry (PWM duty, encoder counts, echo times, ADC counts), never speeds or poses.
+//! The image carries what pins carry (PWM duty, encoder counts, echo times, ADC counts, levels), never speeds or poses.
 
 mod exchange;
 pub mod flash;
+pub mod line;
 mod pins;
 
 pub use exchange::{
@@ -22,5 +23,5 @@ pub use exchange::{
 pub use pins::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
     BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, LINE_CHANNEL,
-    LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, TriggerPin,
+    LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin, TriggerPin,
 };

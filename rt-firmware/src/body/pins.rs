@@ -8,7 +8,7 @@ use core::array;
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
 
-use embedded_hal::digital::{self, OutputPin};
+use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
 use crate::drivers::{AnalogIn, EchoTimer, EncoderCounter};
@@ -66,6 +66,8 @@ pub struct Sensors {
     pub echo_us: [u16; SONARS],
     /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
     pub adc_counts: [u16; ANALOG_CHANNELS],
+    /// Whether the emergency stop's button pulls its input low: it is pressed. Otherwise a resistor holds it high.
+    pub stop_is_low: bool,
 }
 
 /// The pins of one motor driver.
@@ -115,6 +117,7 @@ pub struct PinImage {
     right_count: AtomicU16,
     echo_us: [AtomicU16; SONARS],
     adc_counts: [AtomicU16; ANALOG_CHANNELS],
+    stop_is_low: AtomicBool,
 }
 
 impl Default for PinImage {
@@ -124,7 +127,7 @@ impl Default for PinImage {
 }
 
 impl PinImage {
-    /// All outputs low, all inputs 0.
+    /// All outputs low, all inputs 0, but for that of the emergency stop's button, which is high.
     pub const fn new() -> Self {
         Self {
             left: MotorPins::new(),
@@ -136,6 +139,7 @@ impl PinImage {
             right_count: AtomicU16::new(0),
             echo_us: [const { AtomicU16::new(0) }; SONARS],
             adc_counts: [const { AtomicU16::new(0) }; ANALOG_CHANNELS],
+            stop_is_low: AtomicBool::new(false),
         }
     }
 
@@ -171,6 +175,13 @@ impl PinImage {
                 .each_ref()
                 .map(|counts| AnalogChannel { counts }),
             aux_outputs: self.aux_outputs.each_ref().map(|level| AuxOutput { level }),
+        }
+    }
+
+    /// The input of the emergency stop's button. It is not one of the [`parts`](Self::parts), which the robot's tasks are made of: the button works below them.
+    pub fn stop_button(&self) -> StopPin<'_> {
+        StopPin {
+            is_low: &self.stop_is_low,
         }
     }
 
@@ -215,6 +226,7 @@ impl PinImage {
         self.right_count.store(sensors.right_count, Relaxed);
         store_all(&self.echo_us, &sensors.echo_us);
         store_all(&self.adc_counts, &sensors.adc_counts);
+        self.stop_is_low.store(sensors.stop_is_low, Relaxed);
     }
 
     /// The values on the inputs now.
@@ -227,6 +239,7 @@ impl PinImage {
                 .adc_counts
                 .each_ref()
                 .map(|counts| counts.load(Relaxed)),
+            stop_is_low: self.stop_is_low.load(Relaxed),
         }
     }
 }
@@ -358,6 +371,26 @@ impl OutputPin for AuxOutput<'_> {
     }
 }
 
+/// Input of the emergency stop's button; low is pressed.
+#[derive(Debug)]
+pub struct StopPin<'a> {
+    is_low: &'a AtomicBool,
+}
+
+impl digital::ErrorType for StopPin<'_> {
+    type Error = Infallible;
+}
+
+impl InputPin for StopPin<'_> {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.is_low.load(Relaxed))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(self.is_low.load(Relaxed))
+    }
+}
+
 /// Counter of one wheel's encoder.
 #[derive(Debug)]
 pub struct EncoderCount<'a> {
@@ -409,6 +442,7 @@ pub(super) fn distinct_sensors() -> Sensors {
         right_count: 0xFEFD,
         echo_us: array::from_fn(|i| 1_000 + i as u16),
         adc_counts: array::from_fn(|i| 2_000 + i as u16),
+        stop_is_low: true,
     }
 }
 
@@ -476,7 +510,9 @@ mod tests {
             sensors.adc_counts
         );
         assert_eq!(pins.sensors(), sensors);
+        assert_eq!(pins.stop_button().is_low(), Ok(true));
         pins.set_sensors(&Sensors::default());
         assert_eq!(parts.echo_timers[0].echo_us(), None);
+        assert_eq!(pins.stop_button().is_high(), Ok(true));
     }
 }

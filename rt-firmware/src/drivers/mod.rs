@@ -8,6 +8,7 @@ mod hal;
 mod line;
 mod motor;
 mod sonar;
+mod stop_button;
 
 pub use battery::BatteryGauge;
 pub use encoder::WheelEncoder;
@@ -15,3 +16,4 @@ pub use hal::{AnalogIn, EchoTimer, EncoderCounter};
 pub use line::LineArray;
 pub use motor::{DcMotor, MotorError};
 pub use sonar::Sonar;
+pub use stop_button::{STOP_DEBOUNCE_US, StopButton};

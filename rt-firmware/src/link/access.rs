@@ -71,7 +71,10 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::LastWords
         | Request::BlackBox { .. }
         | Request::Param { .. }
+        | Request::Clock
         | Request::Challenge => Needs::Nothing,
+        // What it holds is looked at in its place.
+        Request::Within { .. } => Needs::Nothing,
         // They fill a buffer that nothing runs from.
         Request::Begin { .. } | Request::Chunk { .. } | Request::Abort => Needs::Nothing,
         // They bring a signature, which is looked at.
@@ -88,6 +91,15 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::InstallKey { .. }
         | Request::RemoveKey => Needs::Key,
     }
+}
+
+/// Whether a request may be brought [within a time](Request::Within). A session's beginning and the parts of an upload may come at any time, and what holds another
+/// request is held by none but [`Request::Signed`].
+pub fn may_have_deadline(request: &Request<'_>) -> bool {
+    !matches!(
+        request,
+        Request::Hello | Request::Chunk { .. } | Request::Signed { .. } | Request::Within { .. }
+    )
 }
 
 /// What is signed for a request: the bytes of `request` as they are in [`Request::Signed`], the robot's nonce, and, if it is a [`Request::Commit`], the

@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::{Refusal, Verified};
 use heapless::spsc::{Consumer, Producer};
 
-use super::access::{Access, Needs, needs};
+use super::access::{Access, Needs, may_have_deadline, needs};
 use super::frame::{
     CRC_BYTES, FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode, encode,
 };
@@ -18,8 +18,9 @@ use super::message::{
 };
 use super::news::{News, Watch};
 use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
-use crate::check::check;
-use crate::mail::{Bytes, Freed, Letter};
+use crate::check::{check, check_slots};
+use crate::features::{KEYS, NEWS, PARAMS, WARM};
+use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::params::SavedParams;
 use crate::recorder::RecordReader;
@@ -42,6 +43,12 @@ pub trait LinkPort {
     /// to come into being and to travel, through a host's converter that looks at its line each 16 ms too. The robot keeps none of them
     /// anywhere but in the blob itself, so that a larger window takes no memory; but all of it is sent again where the line lost a byte.
     const WINDOW_BYTES: u16 = 3 * MAX_CHUNK as u16;
+
+    /// Whether the board keeps what is logged. A host that wants the log of one that does not is refused.
+    const KEEPS_LOG: bool = true;
+
+    /// Microseconds since the robot started, on the clock that [`Board::now_ticks`](crate::Board::now_ticks) counts.
+    fn now_us(&mut self) -> u64;
 
     /// The next byte that arrived. A board keeps at least as many as arrive while the link waits for its turn.
     fn receive(&mut self) -> Option<u8>;
@@ -100,8 +107,7 @@ impl<const N: usize> Outgoing<N> {
 
     fn set(&mut self, message: &FromDevice<'_>) {
         const { assert!(N <= u8::MAX as usize) };
-        // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
-        self.len = encode(message, &mut self.frame).unwrap_or(0) as u8;
+        self.len = write(message, &mut self.frame);
         self.sent = 0;
     }
 
@@ -117,6 +123,38 @@ impl<const N: usize> Outgoing<N> {
             self.sent += 1;
         }
         true
+    }
+}
+
+/// Writes a message as a frame; returns its length.
+#[inline(never)]
+fn write(message: &FromDevice<'_>, frame: &mut [u8]) -> u8 {
+    // What the firmware was built without it never says, and need not be able to write.
+    if !is_said(message) {
+        return 0;
+    }
+    // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
+    encode(message, frame).unwrap_or(0) as u8
+}
+
+/// Whether this firmware has what a message is about.
+fn is_said(message: &FromDevice<'_>) -> bool {
+    match message {
+        FromDevice::News(_) => NEWS,
+        FromDevice::Reply {
+            result:
+                Ok(
+                    Response::Param { .. }
+                    | Response::ParamSet { .. }
+                    | Response::ParamsSaved { .. },
+                ),
+            ..
+        } => PARAMS,
+        FromDevice::Reply {
+            result: Ok(Response::Challenge { .. }),
+            ..
+        } => KEYS,
+        _ => true,
     }
 }
 
@@ -149,9 +187,11 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) upload: Option<Upload<'m>>,
     /// The letter, while it is here.
     pub(crate) letter: Option<&'m mut Letter<'m>>,
-    /// Number of the request whose answer the letter will bring.
-    pub(crate) asked: Option<u8>,
-    pub(crate) to_real_time: Producer<'q, &'m mut Letter<'m>>,
+    /// The request that is carried out, as long as it has asked nobody.
+    pub(crate) ticket: Option<Ticket>,
+    /// The request whose answer the letter will bring.
+    pub(crate) asked: Option<Ticket>,
+    pub(crate) to_real_time: Producer<'q, Posted<'m>>,
     pub(crate) from_real_time: Consumer<'q, &'m mut Letter<'m>>,
     pub(crate) freed: Consumer<'q, Freed<'m>>,
     /// The keeper's mission is to be started, as soon as the letter is here.
@@ -167,6 +207,16 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) keys: Keys,
     /// The wish for news, if there is one.
     pub(crate) watch: Option<Watch>,
+    /// The keeper was told that an emergency stop is latched, whoever latched it.
+    pub(crate) stop_is_kept: bool,
+}
+
+/// What a request goes by while it is carried out.
+#[derive(Clone, Copy)]
+pub(crate) struct Ticket {
+    seq: u8,
+    /// When it is too late for it, on the board's clock in microseconds.
+    by_us: u64,
 }
 
 /// A blob that arrives.
@@ -235,6 +285,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         loop {
             self.desk.take_freed(port);
             self.take_answer(port);
+            self.desk.keep_stop(port);
             self.receive(port);
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
@@ -321,27 +372,37 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Passes an answer of the real-time side on.
     fn take_answer(&mut self, port: &mut impl LinkPort) {
-        let Some((seq, letter)) = self.desk.open_letter() else {
+        let Some((asked, letter)) = self.desk.open_letter() else {
             return;
         };
-        if let Letter::Changed(saved) = *letter {
+        if PARAMS && let Letter::Changed(saved) = *letter {
             // The flash has it before the robot counts on it.
-            let kept = (port.keeper())
-                .ok_or(LinkError::NoStore)
-                .and_then(|keeper| keeper.save_params(&saved));
+            let is_late = asked.is_some_and(|asked| port.now_us() > asked.by_us);
+            let kept = match port.keeper() {
+                _ if is_late => Err(LinkError::Late),
+                Some(keeper) => keeper.save_params(&saved),
+                None => Err(LinkError::NoStore),
+            };
             match kept {
                 Ok(()) => {
                     *letter = Letter::Saved(saved);
                     self.desk.letter = Some(letter);
-                    self.desk.post(seq);
+                    // What was saved is in force, however late it has become.
+                    let by_us = NO_DEADLINE;
+                    self.desk.ticket = asked.map(|asked| Ticket { by_us, ..asked });
+                    self.desk.post();
                     return;
                 }
                 Err(error) => *letter = Letter::Failed(error),
             }
         }
         let kept = keep_in_mind(letter, port.keeper());
+        if let Letter::Released = letter {
+            // Pressed again meanwhile, the button has latched another stop.
+            self.desk.stop_is_kept = false;
+        }
         if let (true, Some((last, _))) = (self.awaited, self.last)
-            && Some(last) == seq
+            && asked.is_some_and(|asked| asked.seq == last)
         {
             self.awaited = false;
             self.acknowledges = false;
@@ -433,8 +494,40 @@ fn keep_in_mind(
             keeper.trial_failed(mission);
             Ok(())
         }
+        // Nor does what comes back as it went.
+        Letter::Swap { ref mission, .. } => {
+            keeper.trial_failed(mission.hash());
+            Ok(())
+        }
         Letter::Released => keeper.set_emergency_stop(false),
         _ => Ok(()),
+    }
+}
+
+/// Takes a request out of the one that brings its deadline, if it is in one. Answers that.
+fn take_out(request: &mut Request<'_>) -> Result<u64, LinkError> {
+    let Request::Within {
+        by_us,
+        request: bytes,
+    } = *request
+    else {
+        return Ok(NO_DEADLINE);
+    };
+    *request = deserialized(bytes)?;
+    if may_have_deadline(request) {
+        // What goes beyond that is as far away.
+        Ok(by_us.min(NO_DEADLINE))
+    } else {
+        Err(LinkError::Malformed)
+    }
+}
+
+/// A request that another one holds.
+#[inline(never)]
+fn deserialized(bytes: &[u8]) -> Result<Request<'_>, LinkError> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((request, [])) => Ok(request),
+        _ => Err(LinkError::Malformed),
     }
 }
 
@@ -476,7 +569,9 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
         }),
         Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
-        _ => Ok(Response::Done),
+        Letter::Done | Letter::Confirmed { .. } | Letter::Released => Ok(Response::Done),
+        // It came back as it went.
+        _ => Err(LinkError::Late),
     }
 }
 
@@ -488,29 +583,53 @@ impl<'m> Desk<'_, 'm> {
         request: &Request<'_>,
         port: &mut P,
     ) -> Reaction<'a> {
-        let access = self.keys.access(port.key_safe());
-        if let Request::Signed { signature, request } = *request {
-            return match self.signed(signature, request, port) {
-                Ok(request) => self.carry_out(seq, &request, port),
-                Err(error) => Reaction::Answer(Err(error)),
-            };
-        }
-        match (needs(request), access) {
-            (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {
-                self.carry_out(seq, request, port)
+        let mut request = *request;
+        match self.allowed(&mut request, port) {
+            Ok(by_us) => {
+                self.ticket = Some(Ticket { seq, by_us });
+                self.carry_out(&request, port)
             }
-            (Needs::Key, Access::Locked) if planted!(KeyForgotten) => {
-                self.carry_out(seq, request, port)
-            }
-            (Needs::Key, Access::Locked) => Reaction::Answer(Err(LinkError::NeedsKey)),
-            (Needs::Key, Access::Unreadable) => Reaction::Answer(Err(LinkError::NotKept)),
+            Err(error) => Reaction::Answer(Err(error)),
         }
+    }
+
+    /// Whether who sent a request may, and it is not too late for it. Takes it out of what it is in, and answers its deadline.
+    fn allowed(
+        &mut self,
+        request: &mut Request<'_>,
+        port: &mut impl LinkPort,
+    ) -> Result<u64, LinkError> {
+        let signed = match *request {
+            Request::Signed { signature, request } => Some((signature, request)),
+            _ => None,
+        };
+        if let Some((_, bytes)) = signed {
+            *request = deserialized(bytes)?;
+        }
+        let by_us = take_out(request)?;
+        match signed {
+            Some((signature, bytes)) => self.check_signed(request, signature, bytes, port)?,
+            None => match (needs(request), self.keys.access(port.key_safe())) {
+                (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {}
+                (Needs::Key, Access::Locked) if planted!(KeyForgotten) => {}
+                (Needs::Key, Access::Locked) => return Err(LinkError::NeedsKey),
+                (Needs::Key, Access::Unreadable) => return Err(LinkError::NotKept),
+            },
+        }
+        let forgotten = match signed {
+            Some(_) => planted!(SignedCarriedOutLate),
+            None => planted!(CarriedOutLate),
+        };
+        // A signature takes its time, too: it is looked at the clock behind it.
+        if port.now_us() > by_us && !forgotten {
+            return Err(LinkError::Late);
+        }
+        Ok(by_us)
     }
 
     /// Carries a request out.
     fn carry_out<'a, P: LinkPort>(
         &'a mut self,
-        seq: u8,
         request: &Request<'_>,
         port: &mut P,
     ) -> Reaction<'a> {
@@ -526,7 +645,7 @@ impl<'m> Desk<'_, 'm> {
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc, port)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
-            Request::Commit(swap) => self.commit(seq, swap, port),
+            Request::Commit(swap) => self.commit(swap, port),
             Request::Abort => {
                 if !planted!(AbortForgotten) {
                     self.end_upload();
@@ -537,43 +656,47 @@ impl<'m> Desk<'_, 'm> {
                 let kept = port.keeper().map(|keeper| keeper.kept());
                 Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
             }
-            Request::Stop => self.ask(seq, Letter::Stop),
-            Request::Start => self.ask(seq, Letter::Start),
+            Request::Stop => self.ask(Letter::Stop),
+            Request::Start => self.ask(Letter::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
-            Request::Release => self.ask(seq, Letter::Release),
+            Request::Release => self.ask(Letter::Release),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
-            Request::ReadBlob { offset } => self.ask(seq, Letter::ReadBlob { offset }),
-            Request::States { first } => self.ask(seq, Letter::ReadStates { first }),
-            Request::SlotCounters { slot } => self.ask(seq, Letter::ReadSlot { slot }),
-            Request::TaskCounters { task_instance } => {
-                self.ask(seq, Letter::ReadTask { task_instance })
-            }
-            Request::Confirm { mission } => self.ask(seq, Letter::Confirm { mission }),
-            Request::FallBack { mission } => self.ask(seq, Letter::FallBack { mission }),
+            Request::ReadBlob { offset } => self.ask(Letter::ReadBlob { offset }),
+            Request::States { first } => self.ask(Letter::ReadStates { first }),
+            Request::SlotCounters { slot } => self.ask(Letter::ReadSlot { slot }),
+            Request::TaskCounters { task_instance } => self.ask(Letter::ReadTask { task_instance }),
+            Request::Confirm { mission } => self.ask(Letter::Confirm { mission }),
+            Request::FallBack { mission } => self.ask(Letter::FallBack { mission }),
             Request::LastWords => Reaction::Answer(self.last_words()),
             Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),
-            Request::Param { mission, param } => {
-                self.ask(seq, Letter::ReadParam { mission, param })
+            Request::Param { .. } | Request::SetParam { .. } | Request::SaveParams { .. }
+                if !PARAMS =>
+            {
+                Reaction::Answer(Err(LinkError::NotBuiltIn))
             }
+            Request::Param { mission, param } => self.ask(Letter::ReadParam { mission, param }),
             Request::SetParam {
                 mission,
                 param,
                 value,
-            } => self.ask(
-                seq,
-                Letter::SetParam {
-                    mission,
-                    param,
-                    value,
-                },
-            ),
+            } => self.ask(Letter::SetParam {
+                mission,
+                param,
+                value,
+            }),
             Request::SaveParams { mission } => match port.keeper() {
-                Some(_) => self.ask(seq, Letter::ReadChanged { mission }),
+                Some(_) => self.ask(Letter::ReadChanged { mission }),
                 None => Reaction::Answer(Err(LinkError::NoStore)),
             },
+            Request::Watch { news: true, .. } if !NEWS => {
+                Reaction::Answer(Err(LinkError::NotBuiltIn))
+            }
             Request::Watch { news, period_ms } => {
                 self.watch = news.then(|| Watch::new(period_ms));
                 Reaction::Answer(Ok(Response::Done))
+            }
+            Request::Subscribe { log: true, .. } if !P::KEEPS_LOG => {
+                Reaction::Answer(Err(LinkError::NotBuiltIn))
             }
             Request::Subscribe { trace, log, record } => {
                 if let Err(error) = self.record.want(record) {
@@ -590,18 +713,39 @@ impl<'m> Desk<'_, 'm> {
                 Some(safe) => self.of_keys(request, safe),
                 None => Err(LinkError::NoKeySupport),
             }),
-            // A signed request holds a plain one: `signed` gives nothing else out.
-            Request::Signed { .. } => Reaction::Answer(Err(LinkError::Malformed)),
+            Request::Clock => Reaction::Answer(Ok(Response::Clock {
+                now_us: port.now_us(),
+            })),
+            // They hold a plain one: `allowed` gives nothing else out.
+            Request::Signed { .. } | Request::Within { .. } => {
+                Reaction::Answer(Err(LinkError::Malformed))
+            }
         }
     }
 
     /// Stops the robot, without the letter, which may be under way.
     fn emergency_stop(&mut self, port: &mut impl LinkPort) -> Result<Response<'_>, LinkError> {
         self.latch_emergency_stop();
+        self.stop_is_kept = true;
         if let Some(keeper) = port.keeper() {
             keeper.set_emergency_stop(true)?;
         }
         Ok(Response::Done)
+    }
+
+    /// Lets the keeper remember a stop that the button has latched, so that it outlasts a loss of power, too. Once: a flash that does not take it wears out by asking again.
+    fn keep_stop(&mut self, port: &mut impl LinkPort) {
+        let is_latched = self.signs.emergency_stop.load(Ordering::Relaxed);
+        if is_latched == self.stop_is_kept {
+            return;
+        }
+        self.stop_is_kept = is_latched;
+        if is_latched
+            && let Some(keeper) = port.keeper()
+            && keeper.set_emergency_stop(true).is_err()
+        {
+            error!("the flash does not keep the emergency stop: a loss of power ends it");
+        }
     }
 
     /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset.
@@ -612,26 +756,23 @@ impl<'m> Desk<'_, 'm> {
         self.signs.emergency_stop.store(true, Ordering::Release);
     }
 
-    /// The request that the key has signed.
-    fn signed<'r>(
+    /// Whether the key has signed this request, which `bytes` are.
+    fn check_signed(
         &mut self,
+        request: &Request<'_>,
         signature: &[u8],
-        bytes: &'r [u8],
+        bytes: &[u8],
         port: &mut impl LinkPort,
-    ) -> Result<Request<'r>, LinkError> {
+    ) -> Result<(), LinkError> {
         let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
-        let request: Request<'r> = match postcard::take_from_bytes(bytes) {
-            Ok((request, [])) => request,
-            _ => return Err(LinkError::Malformed),
-        };
-        if needs(&request) != Needs::Key {
+        if needs(request) != Needs::Key {
             return Err(LinkError::Malformed);
         }
         // So that a nonce is not spent on what cannot be done now.
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
-        let upload = match (&request, &self.upload) {
+        let upload = match (request, &self.upload) {
             (
                 Request::Commit(_),
                 Some(Upload {
@@ -641,8 +782,7 @@ impl<'m> Desk<'_, 'm> {
             ) => Some(signed),
             _ => None,
         };
-        self.keys.check_command(safe, signature, upload, bytes)?;
-        Ok(request)
+        self.keys.check_command(safe, signature, upload, bytes)
     }
 
     /// Answers what is about keys alone.
@@ -696,7 +836,7 @@ impl<'m> Desk<'_, 'm> {
     }
 
     fn news(&mut self, spoiled_frames: u32) -> Option<News> {
-        let watch = self.watch.as_mut()?;
+        let watch = self.watch.as_mut().filter(|_| NEWS)?;
         watch.news(self.snapshot.read()?, spoiled_frames)
     }
 
@@ -749,6 +889,7 @@ impl<'m> Desk<'_, 'm> {
             record_dropped: self.record.dropped(),
             record_pending: !(self.record.is_empty() && self.streams_are_sent),
             saved_params: health.saved_params,
+            stop_pressed: self.signs.stop_pressed.load(Ordering::Relaxed),
         }))
     }
 
@@ -885,15 +1026,19 @@ impl<'m> Desk<'_, 'm> {
     /// Checks the blob that was uploaded, and hands it over.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
-    fn commit<'a>(&mut self, seq: u8, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
+    fn commit<'a>(&mut self, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
         match self.stage(swap, port) {
-            Ok(()) => self.post(Some(seq)),
+            Ok(()) => self.post(),
             Err(error) => Reaction::Answer(Err(error)),
         }
     }
 
     /// Checks the blob that was uploaded, and puts it into the letter.
     fn stage(&mut self, swap: Swap, port: &mut impl LinkPort) -> Result<(), LinkError> {
+        // The upload stays: it can be taken cold.
+        if swap.warm && !WARM {
+            return Err(LinkError::NotBuiltIn);
+        }
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
@@ -918,6 +1063,10 @@ impl<'m> Desk<'_, 'm> {
         if checksum(&blob) != crc && !planted!(WholeUnchecked) {
             self.keep(blob);
             return Err(LinkError::WrongChecksum);
+        }
+        if let Err(error) = check_slots(&blob, &self.capacities) {
+            self.keep(blob);
+            return Err(error);
         }
         let verified = match verified(blob) {
             Ok(verified) => verified,
@@ -982,8 +1131,9 @@ impl<'m> Desk<'_, 'm> {
         let mut start = Start::Nothing;
         blob.fill(|room| {
             start = keeper.choose(room, &mut |bytes| {
-                esm_core::verify(bytes)
-                    .is_ok_and(|verified| check(&verified, registry, capacities).is_ok())
+                check_slots(bytes, capacities).is_ok()
+                    && esm_core::verify(bytes)
+                        .is_ok_and(|verified| check(&verified, registry, capacities).is_ok())
             });
             match start {
                 Start::Mission { len, .. } => len,
@@ -1006,7 +1156,9 @@ impl<'m> Desk<'_, 'm> {
                     swap,
                     saved: saved_params(port),
                 };
-                self.post(None);
+                // Nobody asked for it.
+                self.ticket = None;
+                self.post();
             }
             (Ok(mission), None) => self.keep(mission.into_bytes()),
             (Err((blob, _)), _) => self.keep(blob),
@@ -1041,28 +1193,33 @@ impl<'m> Desk<'_, 'm> {
 
     /// Asks the real-time side.
     #[inline(never)]
-    fn ask<'a>(&mut self, seq: u8, question: Letter<'m>) -> Reaction<'a> {
+    fn ask<'a>(&mut self, question: Letter<'m>) -> Reaction<'a> {
         match &mut self.letter {
             Some(letter) => {
                 **letter = question;
-                self.post(Some(seq))
+                self.post()
             }
             None => Reaction::Answer(Err(LinkError::Busy)),
         }
     }
 
-    /// Sends the letter to the real-time side, with what was put into it: for the request of this number, if it is for one.
-    fn post<'a>(&mut self, seq: Option<u8>) -> Reaction<'a> {
+    /// Sends the letter to the real-time side, with what was put into it: for the request that is carried out, if one is.
+    fn post<'a>(&mut self) -> Reaction<'a> {
         let Some(letter) = self.letter.take() else {
             return Reaction::Answer(Err(LinkError::Busy));
         };
-        match self.to_real_time.enqueue(letter) {
+        let asked = self.ticket.take();
+        let by_us = match asked {
+            Some(ticket) if !planted!(DeadlineForgotten) => ticket.by_us,
+            _ => NO_DEADLINE,
+        };
+        match self.to_real_time.enqueue(Posted { letter, by_us }) {
             Ok(()) => {
-                self.asked = seq;
+                self.asked = asked;
                 Reaction::Later
             }
             // There is one letter, so that there is always room.
-            Err(letter) => {
+            Err(Posted { letter, .. }) => {
                 self.put_away(letter);
                 Reaction::Answer(Err(LinkError::Busy))
             }
@@ -1070,7 +1227,7 @@ impl<'m> Desk<'_, 'm> {
     }
 
     /// The letter, if it has come back, and the request that it answers.
-    fn open_letter(&mut self) -> Option<(Option<u8>, &'m mut Letter<'m>)> {
+    fn open_letter(&mut self) -> Option<(Option<Ticket>, &'m mut Letter<'m>)> {
         let letter = self.from_real_time.dequeue()?;
         Some((self.asked.take(), letter))
     }

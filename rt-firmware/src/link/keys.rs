@@ -221,7 +221,8 @@ impl Keys {
         let left_us = self.closed_until_us.saturating_sub(safe.now_us());
         if left_us > 0 {
             return Err(LinkError::TooSoon {
-                ms: left_us.div_ceil(1_000) as u32,
+                // A second at most. A division of 64 bits would take a routine of its own.
+                ms: u32::try_from(left_us).unwrap_or(u32::MAX).div_ceil(1_000),
             });
         }
         if is_signed(key, signature, message) {

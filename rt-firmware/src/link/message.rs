@@ -187,6 +187,15 @@ pub enum Request<'a> {
     EmergencyStop,
     /// Ends an emergency stop: the robot is [stopped](Mode::Stopped) then, and [`Request::Start`] starts it. Answer: [`Response::Done`], also where there was none.
     Release,
+    /// What does your clock say? Answer: [`Response::Clock`].
+    Clock,
+    /// Do this, unless it is too late: then it is answered with [`LinkError::Late`], and nothing is done. Answer: that of the request.
+    Within {
+        /// The last microsecond on the robot's [clock](Request::Clock) at which it may still be done.
+        by_us: u64,
+        /// The request as it is serialized, without a number; one that [may have a deadline](super::access::may_have_deadline).
+        request: &'a [u8],
+    },
 }
 
 /// How a mission takes over.
@@ -334,6 +343,11 @@ pub enum Response<'a> {
     ParamsSaved {
         /// How many.
         count: u8,
+    },
+    /// To [`Request::Clock`].
+    Clock {
+        /// Microseconds since the robot started.
+        now_us: u64,
     },
 }
 
@@ -607,6 +621,8 @@ pub enum LinkError {
     EmergencyStopped,
     /// An emergency stop is latched, or released, but the flash did not take it: a loss of power undoes it.
     StopNotKept,
+    /// The robot came to a request [after the time](Request::Within) that it was to be done by: it was not done.
+    Late,
 }
 
 /// How the robot is.
@@ -650,6 +666,8 @@ pub struct Status {
     pub record_pending: bool,
     /// Values of parameters that were [saved](Request::SaveParams) for the mission.
     pub saved_params: u8,
+    /// The button of the emergency stop is pressed, so that no [`Request::Release`] is taken; looked at while a stop is latched.
+    pub stop_pressed: bool,
 }
 
 /// What a robot is doing.
@@ -868,6 +886,7 @@ mod tests {
             saved_params: u8::MAX,
             record_dropped: u32::MAX,
             record_pending: true,
+            stop_pressed: true,
         };
         let signature = [0xa5; SIGNATURE_BYTES];
         let install = Request::InstallKey {
@@ -889,6 +908,10 @@ mod tests {
             install,
             Request::Signed {
                 signature: &signature,
+                request: &signed,
+            },
+            Request::Within {
+                by_us: u64::MAX,
                 request: &signed,
             },
         ];

@@ -13,7 +13,7 @@ use super::device::{LinkPort, LinkSide};
 use super::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use super::message::{FromDevice, Request, Swap, ToDevice};
-use crate::{About, Board, Limits, Mail, Memory, TaskBank, split};
+use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
 
 /// Makes an enum of defects, and the list of them with what each one is.
 macro_rules! bugs {
@@ -29,6 +29,9 @@ bugs! {
     OutOfStep: "the reader of frames does not find the beginning of the next one after garbage",
     OverlongTaken: "a frame that is longer than any is cut off and taken",
     CarriedOutTwice: "a request that comes twice is carried out twice",
+    CarriedOutLate: "a request is carried out that comes after its time",
+    SignedCarriedOutLate: "a signed request is carried out that comes after its time",
+    DeadlineForgotten: "a request that waits for its turn is carried out after its time",
     GapTaken: "a chunk is taken over a gap",
     OverlapRepeated: "bytes that are there already are taken once more",
     LengthForgotten: "a chunk may go beyond the length that was announced",
@@ -56,6 +59,7 @@ pub(crate) fn is_planted(bug: Bug) -> bool {
 
 /// Those that a firmware without keys cannot have.
 const OF_KEYS: &[Bug] = &[
+    Bug::SignedCarriedOutLate,
     Bug::KeyForgotten,
     Bug::UnsignedTaken,
     Bug::CounterRepeated,
@@ -86,6 +90,10 @@ struct Wire {
 }
 
 impl LinkPort for Wire {
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
     }
@@ -116,18 +124,20 @@ impl KeySafe for Wire {
 
 /// A robot without a mission, and its line.
 struct Robot<'a, 'q, 'm> {
+    real_time: &'a mut RealTime<'q, 'm, SLOTS>,
     link: &'a mut LinkSide<'q, 'm>,
     wire: Wire,
     seq: u8,
 }
 
-/// Room for a blob.
+/// Room for a blob, and for slots.
 const BLOB_BYTES: usize = 256;
+const SLOTS: usize = 4;
 
 fn with_robot(
     law: impl FnOnce(&mut Robot<'_, '_, '_>) -> Result<(), Broken>,
 ) -> Result<(), Broken> {
-    let mut memory = Memory::<BLOB_BYTES, 64, 4, 4, 4, 1, 256>::new();
+    let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 4, 4, 1, 256>::new();
     let mut banks: [&mut dyn TaskBank; 0] = [];
     let mut mail = Mail::new();
     let about = About::new("planted", "none");
@@ -137,6 +147,7 @@ fn with_robot(
     // From now on it can tell how it is.
     real_time.on_timer(&mut Timer(0));
     law(&mut Robot {
+        real_time: &mut real_time,
         link: &mut link,
         wire: Wire::default(),
         seq: 0,
@@ -164,6 +175,21 @@ impl Robot<'_, '_, '_> {
             }
         }
         answers
+    }
+
+    /// Asks under a new number for something that the real-time side does when the clock says this, and expects this answer.
+    fn expect_at(
+        &mut self,
+        at_us: u64,
+        request: Request<'_>,
+        expected: &str,
+    ) -> Result<(), Broken> {
+        self.seq += 1;
+        let seq = self.seq;
+        expect(&self.answers(&framed(seq, request)), &[])?;
+        self.real_time.on_timer(&mut Timer(at_us));
+        self.wire.now_us = at_us;
+        expect(&self.answers(&[]), &[&format!("{seq}: {expected}")])
     }
 
     /// Asks under a new number, and expects this answer.
@@ -195,6 +221,13 @@ fn begin(blob: &[u8]) -> Request<'static> {
         len: blob.len() as u32,
         crc: checksum(blob),
     }
+}
+
+fn serialized(request: Request<'_>) -> Vec<u8> {
+    let mut room = [0; MAX_FRAME_BYTES];
+    postcard::to_slice(&request, &mut room)
+        .expect("it fits")
+        .to_vec()
 }
 
 fn received(len: usize) -> String {
@@ -252,6 +285,30 @@ const LAWS: &[(&str, Law)] = &[
                 expect(&robot.answers(&framed(77, COMMIT)), &[&answer])?;
             }
             Ok(())
+        })
+    }),
+    ("a request is carried out in its time or not at all", || {
+        with_robot(|robot| {
+            let blob = junk(20);
+            let begin = &serialized(begin(&blob))[..];
+            let begin_by = |by_us| Request::Within {
+                by_us,
+                request: begin,
+            };
+            robot.wire.now_us = 1_000;
+            robot.expect(begin_by(999), "Err(Late)")?;
+            let data = &blob[..];
+            robot.expect(Request::Chunk { offset: 0, data }, "Err(NoUpload)")?;
+            robot.expect(begin_by(1_000), &received(0))?;
+            // What waits for its turn with the real-time side may be late by then.
+            let stop = &serialized(Request::Stop)[..];
+            let stop_by = |by_us| Request::Within {
+                by_us,
+                request: stop,
+            };
+            robot.expect_at(3_000, stop_by(2_999), "Err(Late)")?;
+            robot.expect(Request::Clock, "Ok(Clock { now_us: 3000 })")?;
+            robot.expect_at(4_000, stop_by(4_000), "Ok(Done)")
         })
     }),
     ("chunks come in order and as long as was said", || {
@@ -353,13 +410,6 @@ mod of_keys {
         *pair().sk.sign(message.concat(), None)
     }
 
-    fn serialized(request: Request<'_>) -> Vec<u8> {
-        let mut room = [0; MAX_FRAME_BYTES];
-        postcard::to_slice(&request, &mut room)
-            .expect("it fits")
-            .to_vec()
-    }
-
     fn install(safe: &mut dyn KeySafe, keys: &mut Keys) -> Result<(), LinkError> {
         let (key, seed) = (*pair().pk, [4; SEED_BYTES]);
         keys.access(Some(&mut *safe));
@@ -419,7 +469,17 @@ mod of_keys {
         robot.wire.now_us += PAUSE_AFTER_WRONG_US;
         let nonce = robot.nonce()?;
         let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
-        robot.expect(Request::Signed { signature, request }, "Err(NotSigned)")
+        robot.expect(Request::Signed { signature, request }, "Err(NotSigned)")?;
+        // What was held back until it is too late.
+        let start = &serialized(Request::Start)[..];
+        let by_us = robot.wire.now_us - 1;
+        let request = &serialized(Request::Within {
+            by_us,
+            request: start,
+        })[..];
+        let nonce = robot.nonce()?;
+        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
+        robot.expect(Request::Signed { signature, request }, "Err(Late)")
     }
 
     /// Of counters of uploads.

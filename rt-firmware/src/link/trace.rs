@@ -75,7 +75,7 @@ pub enum TraceRecord<'a> {
         /// How many.
         count: u32,
     },
-    /// The motors are off, and why: the number of a [`SafeReason`](super::message::SafeReason), or none after `stop`.
+    /// The motors are off, and why: the number of a [`SafeReason`](super::message::SafeReason), [`EMERGENCY`] for an emergency stop, or none after `stop`.
     MotorsOff {
         /// Why.
         reason: Option<u8>,
@@ -88,6 +88,9 @@ pub enum TraceRecord<'a> {
         reason: u8,
     },
 }
+
+/// Why motors are off after an emergency stop, beside the numbers of reasons.
+pub const EMERGENCY: u8 = u8::MAX - 1;
 
 /// Why a machine stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -548,6 +551,12 @@ mod tests {
             (TraceRecord::Missed { slot: 1, count: 2 }, 3),
             (TraceRecord::MotorsOff { reason: None }, 2),
             (TraceRecord::MotorsOff { reason: Some(3) }, 2),
+            (
+                TraceRecord::MotorsOff {
+                    reason: Some(EMERGENCY),
+                },
+                2,
+            ),
             (
                 TraceRecord::FellBack {
                     mission: 0x8765_4321,

@@ -21,11 +21,12 @@ use heapless::spsc::{Consumer, Producer};
 
 use crate::black_box::Event;
 use crate::board::{Board, OccurrenceStart, microseconds};
+use crate::features::{MISSIONS, PARAMS, WARM};
 use crate::kept::Kept;
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCounters};
-use crate::link::trace::TraceRecord;
+use crate::link::trace::{EMERGENCY, TraceRecord};
 use crate::link::trial::{self, FallBack, FallBackReason};
-use crate::mail::{Bytes, Freed, Letter};
+use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
 use crate::recorder::Recorder;
 use crate::status::{Health, SnapshotWriter};
@@ -158,8 +159,8 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     mission: Option<Mission<'m>>,
     /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
     dispatcher: Dispatcher<SLOTS>,
-    /// Memory for two interpreters, as far as no mission has it: where one takes over from another, both are there.
-    arenas: [Option<&'m mut [u32]>; 2],
+    /// Memory for interpreters, as far as no mission has it.
+    arenas: [Option<&'m mut [u32]>; MISSIONS],
     tasks: TaskTable<'m>,
     slots: &'m mut [SlotEntry],
     mode: Mode,
@@ -172,12 +173,14 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     running: Option<u16>,
     to_background: Producer<'q, &'m mut Option<Job<'m>>>,
     from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
-    from_link: Consumer<'q, &'m mut Letter<'m>>,
+    from_link: Consumer<'q, Posted<'m>>,
     to_link: Producer<'q, &'m mut Letter<'m>>,
     /// Buffers that no mission is in any more.
     freed: Producer<'q, Freed<'m>>,
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
+    /// When it is too late for what waits, on the board's clock in microseconds.
+    waiting_by_us: u64,
     params: LiveParams,
     /// What the mission of this hash starts with.
     saved: SavedParams,
@@ -244,14 +247,14 @@ impl Ready {
 /// What a real-time side is made of.
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
-    pub(crate) arenas: [&'m mut [u32]; 2],
+    pub(crate) arenas: [&'m mut [u32]; MISSIONS],
     pub(crate) tasks: TaskTable<'m>,
     pub(crate) slots: &'m mut [SlotEntry],
     pub(crate) limits: Limits,
     pub(crate) job: &'m mut Option<Job<'m>>,
     pub(crate) to_background: Producer<'q, &'m mut Option<Job<'m>>>,
     pub(crate) from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
-    pub(crate) from_link: Consumer<'q, &'m mut Letter<'m>>,
+    pub(crate) from_link: Consumer<'q, Posted<'m>>,
     pub(crate) to_link: Producer<'q, &'m mut Letter<'m>>,
     pub(crate) freed: Producer<'q, Freed<'m>>,
     pub(crate) trace: Trace<'m>,
@@ -281,6 +284,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             to_link: parts.to_link,
             freed: parts.freed,
             waiting: None,
+            waiting_by_us: NO_DEADLINE,
             params: LiveParams::NONE,
             saved: SavedParams::NONE,
             trial: None,
@@ -341,7 +345,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             kept.set_emergency_stop(true);
         }
         self.set_stopped(Mode::EmergencyStopped, board);
+        self.hold_still(board);
         self.tell_health();
+    }
+
+    /// Motors off during an emergency stop, whoever may have switched them on.
+    #[inline(never)]
+    fn hold_still<B: Board>(&mut self, board: &mut B) {
+        board.motors_off();
+        let is_pressed = is_stop_pressed(board);
+        self.signs.stop_pressed.store(is_pressed, Ordering::Relaxed);
     }
 
     /// Motors off, and so they stay.
@@ -350,7 +363,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.ready = Ready::NOTHING;
         self.mode = mode;
         self.note(Event::Mode(mode));
-        self.trace.record(TraceRecord::MotorsOff { reason: None });
+        let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);
+        self.trace.record(TraceRecord::MotorsOff { reason });
         board.motors_off();
     }
 
@@ -582,8 +596,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         loop {
             let now = board.now_ticks();
             self.looked_ticks = now as u32;
-            if self.wants_emergency_stop(board) && self.mode != Mode::EmergencyStopped {
+            if self.mode != Mode::EmergencyStopped
+                && (self.signs.emergency_stop.load(Ordering::Relaxed) || is_stop_pressed(board))
+            {
                 self.stop_for_emergency(board);
+            }
+            if self.waiting.is_some() {
+                self.refuse_late::<B>(now);
             }
             let Some(mission) = &mut self.mission else {
                 if self.waiting.is_some() {
@@ -598,6 +617,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 }
                 self.take_job_back(None);
                 self.feed_watchdog(board, now);
+                if self.mode == Mode::EmergencyStopped {
+                    self.hold_still(board);
+                }
                 board.motors_off();
                 self.tell_health();
                 return now + poll_ticks;
@@ -623,7 +645,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
             let interpreter = taken.slot == mission.interpreter_slot;
-            if interpreter && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
+            if PARAMS
+                && interpreter
+                && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
             {
                 set_param(&mut self.params, &mission.interpreter.tables(), letter);
                 // There is one letter, so that there is room for it.
@@ -819,7 +843,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             B::TICKS_PER_US,
         );
         if self.mode == Mode::EmergencyStopped {
-            board.motors_off();
+            self.hold_still(board);
         }
         if let Err(reason) = board.begin_occurrence(&start)
             && self.mode == Mode::Running
@@ -1179,7 +1203,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 swap,
                 saved,
             } => {
-                self.saved = saved;
+                self.saved.become_those(&saved);
                 self.swap(mission, swap, at)
             }
             _ => self.start_anew(at),
@@ -1194,11 +1218,19 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     fn swap(&mut self, new: Verified<BlobBuffer<'m>>, swap: Swap, at: Origin) -> Letter<'m> {
         let mission = new.hash();
         // What failed or stands still has nothing to hand over.
-        let warm = swap.warm && self.mode == Mode::Running;
-        let before = self.mission.take();
-        let running = before.as_ref().map(Mission::running);
+        let warm = WARM && swap.warm && self.mode == Mode::Running;
+        // Where nothing is ever handed over there is memory for one, which ends first.
+        let (before, ended) = match WARM {
+            true => (self.mission.take(), None),
+            false => (None, self.end_mission()),
+        };
+        let ended_running = ended.as_ref().map(|(_, running)| *running);
+        let running = before.as_ref().map(Mission::running).or(ended_running);
         let started = self.start_mission(new, running, at, before.as_ref().filter(|_| warm));
-        let old = before.map(|before| self.give_back(before.interpreter));
+        let old = match before {
+            Some(before) => Some(self.give_back(before.interpreter)),
+            None => ended.map(|(old, _)| old),
+        };
         match started {
             Ok(carried) => {
                 let on_trial = swap.trial_ms > 0;
@@ -1353,7 +1385,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.link_silent_us = 0;
         self.params = LiveParams::NONE;
         self.begin_health();
-        // There is one for each of two missions.
+        // There is one for each mission that is there at the same time.
         let Some(arena) = self.arenas.iter_mut().find_map(Option::take) else {
             return Err((LinkError::Busy, verified.into_bytes()));
         };
@@ -1385,17 +1417,24 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             };
             return Err((error, self.give_back(interpreter).into_bytes()));
         }
-        self.tasks.begin();
         self.executor.begin_carry();
-        let carried = before.map_or(0, |before| {
-            let mut carrying = Carrying {
-                tasks: &mut self.tasks,
-                executor: &mut self.executor,
-            };
-            let taken_over = interpreter.take_over(&before.interpreter, &mut carrying);
-            taken_over.regions
-        });
-        self.executor.end_carry(|place| self.tasks.serves(place));
+        let carried = if WARM {
+            self.tasks.begin();
+            let carried = before.map_or(0, |before| {
+                let mut carrying = Carrying {
+                    tasks: &mut self.tasks,
+                    executor: &mut self.executor,
+                };
+                let taken_over = interpreter.take_over(&before.interpreter, &mut carrying);
+                taken_over.regions
+            });
+            self.executor.end_carry(self.tasks.left_behind());
+            carried
+        } else {
+            self.executor.end_carry(self.tasks.left_behind());
+            self.tasks.begin();
+            0
+        };
         let tables = interpreter.tables();
         // What starts with the interpreter, and before it in the order of the slots, has been.
         while follows.is_some()
@@ -1441,9 +1480,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
     fn take_letter<B: Board>(&mut self, board: &mut B) {
-        let Some(letter) = self.from_link.dequeue() else {
+        let Some(Posted { letter, by_us }) = self.from_link.dequeue() else {
             return;
         };
+        if is_late::<B>(board.now_ticks(), by_us) {
+            self.send(letter);
+            return;
+        }
+        self.waiting_by_us = by_us;
         let answer = match &*letter {
             Letter::Swap { .. } => {
                 self.waiting = Some(letter);
@@ -1467,24 +1511,30 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 mission,
                 param,
                 value,
-            } => match self.check_param(mission, param, value) {
+            } if PARAMS => match self.check_param(mission, param, value) {
                 Ok(()) => {
                     self.waiting = Some(letter);
                     return;
                 }
                 Err(error) => Letter::Failed(error),
             },
-            &Letter::ReadChanged { mission } => match (&self.trial, self.mission_of(mission)) {
-                // So that what the mission before starts with is what was saved for it.
-                (Some(_), _) => Letter::Failed(LinkError::OnTrial),
-                (None, Ok(_)) => Letter::Changed(SavedParams::new(mission, self.params)),
-                (None, Err(error)) => Letter::Failed(error),
-            },
-            Letter::Saved(saved) => {
-                self.saved = *saved;
+            &Letter::ReadChanged { mission } if PARAMS => {
+                match (&self.trial, self.mission_of(mission)) {
+                    // So that what the mission before starts with is what was saved for it.
+                    (Some(_), _) => Letter::Failed(LinkError::OnTrial),
+                    (None, Ok(_)) => Letter::Changed(SavedParams::new(mission, self.params)),
+                    (None, Err(error)) => Letter::Failed(error),
+                }
+            }
+            Letter::Saved(saved) if PARAMS => {
+                self.saved.become_those(saved);
                 Letter::ParamsSaved {
                     count: self.saved.len(),
                 }
+            }
+            // Latched by the link, and not looked at in a slot yet.
+            Letter::Start if self.signs.emergency_stop.load(Ordering::Relaxed) => {
+                Letter::Failed(LinkError::EmergencyStopped)
             }
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
@@ -1504,11 +1554,12 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 self.set_stopped(Mode::Stopped, board);
                 Letter::Done
             }
-            Letter::Release if board.is_emergency_stop_pressed() => {
+            Letter::Release if is_stop_pressed(board) => {
                 Letter::Failed(LinkError::EmergencyStopped)
             }
             Letter::Release => {
                 self.signs.emergency_stop.store(false, Ordering::Relaxed);
+                self.signs.stop_pressed.store(false, Ordering::Relaxed);
                 if let Some(kept) = self.kept {
                     kept.set_emergency_stop(false);
                 }
@@ -1522,6 +1573,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         *letter = answer;
         self.tell_health();
         self.send(letter);
+    }
+
+    /// Hands what waits back if it is too late for it now.
+    #[inline(never)]
+    fn refuse_late<B: Board>(&mut self, now_ticks: u64) {
+        if is_late::<B>(now_ticks, self.waiting_by_us)
+            && let Some(letter) = self.waiting.take()
+        {
+            self.send(letter);
+        }
     }
 
     /// Whether the mission of this hash is on trial, and has not failed.
@@ -1602,7 +1663,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     Letter::Failed(LinkError::NoSuchIndex)
                 }
             }
-            Letter::ReadParam { mission, param } => {
+            Letter::ReadParam { mission, param } if PARAMS => {
                 match (self.mission_of(mission), tables.param(usize::from(param))) {
                     (Ok(_), Some(of_mission)) => Letter::Param {
                         value: self.params.get(param).unwrap_or(of_mission),
@@ -1667,6 +1728,12 @@ impl Trial<'_> {
     }
 }
 
+/// Whether somebody presses the emergency stop: asked here where an instruction more does not matter, so that the code for it is not there again and again.
+#[inline(never)]
+fn is_stop_pressed<B: Board>(board: &mut B) -> bool {
+    board.is_emergency_stop_pressed()
+}
+
 /// Whether what led to the safe state is the doing of the mission that runs, so that the one before would do without. A battery that is low or a body that is lost would be
 /// so with any mission, and motors must not start again for it.
 fn is_the_missions_fault(reason: SafeReason) -> bool {
@@ -1677,6 +1744,11 @@ fn is_the_missions_fault(reason: SafeReason) -> bool {
             | SafeReason::Overruns
             | SafeReason::Missed
     )
+}
+
+/// Whether the board's clock is past this time in microseconds.
+fn is_late<B: Board>(now_ticks: u64, by_us: u64) -> bool {
+    now_ticks > by_us * u64::from(B::TICKS_PER_US)
 }
 
 /// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for this mission: missions change where this is

@@ -5,12 +5,13 @@
 
 use esm_core::tables::Tables;
 
+use crate::features::PARAMS;
 use crate::link::message::LinkError;
 use crate::ports::Registry;
 use crate::task::{ParamDeclaration, ParamKind};
 
 /// How many parameters of a mission can differ from its blob at the same time.
-pub const MAX_CHANGED: usize = 8;
+pub const MAX_CHANGED: usize = if PARAMS { 8 } else { 0 };
 
 /// A place that no value is in. No parameter has this index, since a table has less than 65,535 records.
 const FREE: u16 = u16::MAX;
@@ -105,6 +106,14 @@ impl SavedParams {
     /// What differs now from the values of the mission of this hash.
     pub(crate) fn new(mission: u32, values: LiveParams) -> Self {
         SavedParams { mission, values }
+    }
+
+    /// Takes the place of these values. Part by part: where whole ones might overlap, a library routine would copy them, which takes a kilobyte and a half of flash.
+    pub(crate) fn become_those(&mut self, others: &SavedParams) {
+        self.mission = others.mission;
+        let (values, others) = (&mut self.values, &others.values);
+        values.params.copy_from_slice(&others.params);
+        values.values.copy_from_slice(&others.values);
     }
 
     /// The values for the mission of this hash.

@@ -4,6 +4,7 @@
 use esm_core::tables::Tables;
 
 use super::slots::SlotEntry;
+use crate::features::{MISSIONS, WARM};
 use crate::ports::{Registry, TaskPlace};
 
 /// Stands for no task instance.
@@ -78,7 +79,7 @@ impl Group {
 /// The task instances of a mission.
 pub(crate) struct TaskTable<'m> {
     entries: &'m mut [TaskEntry],
-    /// Those of the mission before, while the next one takes over from it.
+    /// Those of the mission before, while the next one takes over from it. None where it cannot.
     entries_before: &'m mut [TaskEntry],
     groups: &'m mut [Group],
     first_in_slot_0: Option<u16>,
@@ -88,13 +89,14 @@ pub(crate) struct TaskTable<'m> {
 }
 
 impl<'m> TaskTable<'m> {
-    pub(crate) fn new(
-        [entries, entries_before]: [&'m mut [TaskEntry]; 2],
+    pub(crate) fn new<const TASKS: usize>(
+        [entries, entries_before @ ..]: &'m mut [[TaskEntry; TASKS]; MISSIONS],
         groups: &'m mut [Group],
     ) -> Self {
+        entries.fill(TaskEntry::EMPTY);
         TaskTable {
             entries,
-            entries_before,
+            entries_before: entries_before.as_flattened_mut(),
             groups,
             first_in_slot_0: None,
             next_order: 0,
@@ -104,7 +106,9 @@ impl<'m> TaskTable<'m> {
 
     /// A mission takes over: from here to [`load`](Self::load) tasks of the one before can be [carried](Self::carry).
     pub(crate) fn begin(&mut self) {
-        core::mem::swap(&mut self.entries, &mut self.entries_before);
+        if WARM {
+            core::mem::swap(&mut self.entries, &mut self.entries_before);
+        }
         self.entries.fill(TaskEntry::EMPTY);
     }
 
@@ -115,7 +119,7 @@ impl<'m> TaskTable<'m> {
             order,
             activation,
             ..
-        } = *self.entries_before.get(before)?;
+        } = core::mem::replace(self.entries_before.get_mut(before)?, TaskEntry::EMPTY);
         *self.entries.get_mut(instance)? = TaskEntry {
             place,
             order,
@@ -125,9 +129,15 @@ impl<'m> TaskTable<'m> {
         (place.bank != NO_BANK).then_some(place)
     }
 
-    /// Whether a task serves an instance of the mission.
-    pub(crate) fn serves(&self, place: TaskPlace) -> bool {
-        self.entries.iter().any(|entry| entry.place == place)
+    /// The tasks that served the mission before and do not go on. Those that served nobody have nothing to forget. To be asked before it [begins](Self::begin) where none can go on.
+    pub(crate) fn left_behind(&self) -> impl Iterator<Item = TaskPlace> {
+        let before = if WARM {
+            &self.entries_before
+        } else {
+            &self.entries
+        };
+        let places = before.iter().map(|entry| entry.place);
+        places.filter(|place| place.bank != NO_BANK)
     }
 
     /// Starts with the task instances of a mission that was [checked](crate::check): gives each that nobody serves yet a task, in instance order, and
@@ -143,21 +153,25 @@ impl<'m> TaskTable<'m> {
         self.groups.fill(Group::FREE);
         self.first_in_slot_0 = None;
         self.look_for_jobs = true;
-        slots.fill(SlotEntry::EMPTY);
+        // Nobody looks at a slot that the mission does not have.
         for (entry, slot) in slots.iter_mut().zip(tables.slots()) {
+            *entry = SlotEntry::EMPTY;
             entry.set_duration_us(slot.duration_us);
         }
         for instance in 0..count {
             let state = tables.task_state_of(instance);
             let task = state.and_then(|state| tables.task(state.task));
-            let free = self.free_place(task.and_then(|task| registry.find(task.signature_hash)));
+            if self.entry(instance as u16).place.bank == NO_BANK {
+                let bank = task.and_then(|task| registry.find(task.signature_hash));
+                let free = self.free_place(count, bank);
+                if let Some(entry) = self.entries.get_mut(instance) {
+                    entry.place = free;
+                }
+            }
             let now = self.next_order;
             let Some(entry) = self.entries.get_mut(instance) else {
                 return;
             };
-            if entry.place.bank == NO_BANK {
-                entry.place = free;
-            }
             entry.group = task
                 .and_then(|task| task.exclusive)
                 .map_or(NO_GROUP, |group| group as u8);
@@ -204,14 +218,26 @@ impl<'m> TaskTable<'m> {
         }
     }
 
-    /// The first task of a bank that serves nobody.
-    fn free_place(&self, bank: Option<u8>) -> TaskPlace {
+    /// The first task of a bank that serves nobody among the first `count` instances.
+    fn free_place(&self, count: usize, bank: Option<u8>) -> TaskPlace {
         let bank = bank.unwrap_or(NO_BANK);
-        let mut place = TaskPlace { bank, place: 0 };
-        while bank != NO_BANK && place.place < u8::MAX && self.serves(place) {
-            place.place += 1;
+        let mut first = 0;
+        loop {
+            // As many at a time as a word has bits, so that as a rule one look at the instances is enough.
+            let mut taken: u32 = 0;
+            for entry in self.entries.iter().take(count) {
+                if entry.place.bank == bank {
+                    let bit = u32::from(entry.place.place).wrapping_sub(first);
+                    taken |= 1u32.checked_shl(bit).unwrap_or(0);
+                }
+            }
+            let place = first + taken.trailing_ones();
+            first += u32::BITS;
+            if place < first || first > u32::from(u8::MAX) {
+                let place = u8::try_from(place).unwrap_or(u8::MAX);
+                return TaskPlace { bank, place };
+            }
         }
-        place
     }
 
     fn entry(&self, instance: u16) -> TaskEntry {
@@ -380,16 +406,13 @@ mod tests {
     use super::*;
 
     fn with_group(test: impl FnOnce(&mut TaskTable<'_>)) {
-        let mut entries = [TaskEntry {
-            group: 0,
-            ..TaskEntry::EMPTY
-        }; 3];
-        let mut entries_before = [TaskEntry::EMPTY; 3];
+        let mut entries = [[TaskEntry::UNUSED; 3]; MISSIONS];
         let mut groups = [Group::FREE; 1];
-        test(&mut TaskTable::new(
-            [&mut entries, &mut entries_before],
-            &mut groups,
-        ));
+        let mut tasks = TaskTable::new(&mut entries, &mut groups);
+        for entry in tasks.entries.iter_mut() {
+            entry.group = 0;
+        }
+        test(&mut tasks);
     }
 
     fn holder(tasks: &TaskTable<'_>) -> u16 {
@@ -440,5 +463,25 @@ mod tests {
             assert!(tasks.is_fresh(1));
             assert_eq!(holder(tasks), 1);
         });
+    }
+
+    #[test]
+    fn a_task_gets_the_first_place_of_its_bank_that_is_free() {
+        let mut entries = [[TaskEntry::EMPTY; 80]; MISSIONS];
+        let tasks = TaskTable::new(&mut entries, &mut []);
+        let place = |tasks: &TaskTable<'_>| tasks.free_place(80, Some(3)).place;
+        for taken in 0..70 {
+            assert_eq!(place(&tasks), taken, "behind as many as are taken");
+            tasks.entries[usize::from(taken)].place = TaskPlace {
+                bank: 3,
+                place: taken,
+            };
+        }
+        for gap in [0, 31, 32, 69] {
+            tasks.entries[gap].place.bank = 4;
+            assert_eq!(usize::from(place(&tasks)), gap);
+            tasks.entries[gap].place.bank = 3;
+        }
+        assert_eq!(tasks.free_place(80, None).bank, NO_BANK);
     }
 }

@@ -14,6 +14,9 @@ use crate::link::record::{
 };
 use crate::ring::{Part, RecordRing, RingReader, RingWriter};
 
+/// Subscriptions are numbered in the low half of a word; in the high half, how often one came after a time in which nothing was wanted.
+const PAUSE: u32 = 1 << 16;
+
 /// Memory of a recorder for machines of up to so many words: ten bytes for each.
 pub(crate) struct RecorderMemory<const WORDS: usize> {
     ring: RecordRing<WORDS>,
@@ -49,7 +52,7 @@ impl<const WORDS: usize> RecorderMemory<WORDS> {
             RecordReader {
                 ring: reader,
                 asked,
-                subscriptions: 0,
+                subscription: 0,
             },
         )
     }
@@ -59,8 +62,8 @@ impl<const WORDS: usize> RecorderMemory<WORDS> {
 pub(crate) struct RecordReader<'m> {
     ring: RingReader<'m>,
     asked: &'m AtomicU32,
-    /// Recordings that were asked for so far.
-    subscriptions: u32,
+    /// Number of the last recording that was asked for.
+    subscription: u32,
 }
 
 impl RecordReader<'_> {
@@ -73,12 +76,16 @@ impl RecordReader<'_> {
         reason = "a firmware without this feature refuses"
     )]
     pub(crate) fn want(&mut self, wanted: bool) -> Result<(), LinkError> {
+        let number = self.subscription.wrapping_add(1) % PAUSE;
+        let mut pauses = self.subscription / PAUSE;
         if !self.is_wanted() {
             // What is left of a recording before is nothing of this one.
             self.ring.clear();
+            pauses = pauses.wrapping_add(1) % PAUSE;
         }
-        self.subscriptions = self.subscriptions.wrapping_add(1).max(1);
-        let asked = if wanted { self.subscriptions } else { 0 };
+        // Never 0, which is nobody's.
+        self.subscription = (pauses * PAUSE + number).max(1);
+        let asked = if wanted { self.subscription } else { 0 };
         self.asked.store(asked, Ordering::Relaxed);
         Ok(())
     }
@@ -122,9 +129,15 @@ impl Recorder<'_> {
         self.asked.load(Ordering::Relaxed) != 0
     }
 
-    /// Whether the reader knows all that was before.
+    /// Whether the reader has had all that it asked for.
     fn is_in_step(&self) -> bool {
         self.begun == self.asked.load(Ordering::Relaxed)
+    }
+
+    /// Whether the reader knows all that was before. One that asked anew does so until that was written, too, if it finds no room at once.
+    fn is_known(&self) -> bool {
+        let asked = self.asked.load(Ordering::Relaxed);
+        self.begun != 0 && self.begun / PAUSE == asked / PAUSE
     }
 
     /// A mission starts: from its beginning, or warm, with what it has taken over.
@@ -136,24 +149,24 @@ impl Recorder<'_> {
         if warm {
             // All that it is then is written before its first macro step; the end of the mission before belongs to what came so far.
             let quiet = self.quiet;
-            if self.is_in_step() {
+            if self.is_known() {
                 self.ring.record(0, |sink| write_quiet(sink, quiet));
             }
             self.begun = 0;
             return;
         }
         // Where something was lost before, the steps since then are of no use.
-        let quiet = if self.is_in_step() { self.quiet } else { 0 };
+        let quiet = if self.is_known() { self.quiet } else { 0 };
         let written = self.ring.record(0, |sink| {
             write_started(sink, quiet, mission, start_us);
         });
         self.known.fill(0);
-        self.end_record(written);
+        self.end_beginning(written);
     }
 
     /// Macro steps are left out before the next one.
     pub(crate) fn skipped(&mut self, missed: u32) {
-        if self.is_wanted() && self.is_in_step() {
+        if self.is_wanted() && self.is_known() {
             let quiet = self.quiet;
             let written = self
                 .ring
@@ -184,8 +197,7 @@ impl Recorder<'_> {
     /// Writes what changed since the last macro step, or all that there is if the reader does not know that one.
     #[inline(never)]
     fn write_inputs<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
-        if !self.is_in_step() {
-            self.begin_anew(interpreter);
+        if !self.is_in_step() && (self.begin_anew(interpreter) || !self.is_known()) {
             return;
         }
         let words = interpreter.input_words();
@@ -212,23 +224,25 @@ impl Recorder<'_> {
         }
     }
 
+    /// Writes all that the machine is, if there is room for it.
     #[cold]
     #[inline(never)]
-    fn begin_anew<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
+    fn begin_anew<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) -> bool {
         let words = interpreter.state_words();
         if !self
             .ring
             .has_room(STATE_HEAD_BYTES + STATE_WORD_BYTES * words.len())
         {
-            return;
+            return false;
         }
         let (mission, start_us) = self.mission;
         let progress = interpreter.progress();
         let written = self.ring.record(0, |sink| {
             write_state(sink, mission, start_us, &progress, words);
         });
-        self.end_record(written);
+        self.end_beginning(written);
         self.quiet = 1;
+        true
     }
 
     /// Keeps what the next macro step is compared with.
@@ -242,11 +256,15 @@ impl Recorder<'_> {
     /// A record was written, or found no room: then the reader has to begin anew.
     fn end_record(&mut self, written: bool) {
         self.quiet = 0;
-        self.begun = if written {
-            self.asked.load(Ordering::Relaxed)
-        } else {
-            0
-        };
+        if !written {
+            self.begun = 0;
+        }
+    }
+
+    /// The same of a record with which the reader knows all, whatever was before it.
+    fn end_beginning(&mut self, written: bool) {
+        self.begun = self.asked.load(Ordering::Relaxed);
+        self.end_record(written);
     }
 }
 

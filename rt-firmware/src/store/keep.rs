@@ -3,7 +3,7 @@
 use embedded_storage::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
 
-use super::records::{Found, Key, Records};
+use super::records::{Found, Key, PutError, Records};
 use super::{
     AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, SlotState,
     Store, TrialError,
@@ -68,7 +68,7 @@ pub enum Start {
         /// It was never confirmed: if it is not now, the other one is to run.
         on_trial: bool,
     },
-    /// Nothing: the flash never had a mission, and the firmware has none.
+    /// Nothing: the flash has no mission that may run, and the firmware has none.
     Nothing,
 }
 
@@ -94,6 +94,8 @@ pub struct Keep<'m, F> {
     records: Records<'m, F>,
     /// The mission that runs if the flash has none that may: the firmware's own.
     safe_default: Option<&'m [u8]>,
+    /// It was the one to start with.
+    own_ran: bool,
     kept: Kept,
 }
 
@@ -118,6 +120,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
             missions,
             records: Records::open(flash, layout, room)?,
             safe_default,
+            own_ran: false,
             kept: Kept {
                 runs: Source::Nothing,
                 slots: [SlotState::Empty; 2],
@@ -135,11 +138,21 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.kept
     }
 
-    /// Reads the mission that is to run from now on into `room`: the flash's, or the firmware's own where the flash had missions and none of them may run.
+    /// Lets the firmware's own mission rest, from the next start on: where the flash has no mission that may run, the robot waits for a host to bring one. So time on a
+    /// simulated robot begins with the mission that the run is of.
+    ///
+    /// # Errors
+    /// The flash does not take it.
+    pub fn wait_for_host(&mut self) -> Result<(), PutError> {
+        self.records.put(Key::WAITS, &[1])
+    }
+
+    /// Reads the mission that is to run from now on into `room`: the flash's, or the firmware's own where none of them may run.
     /// `accepts` is asked before a mission is taken.
     pub fn choose(&mut self, room: &mut [u8], mut accepts: impl FnMut(&[u8]) -> bool) -> Start {
         let Choice { mission, slots } = self.missions.choose(room, &mut accepts);
         self.kept.slots = slots;
+        self.own_ran = false;
         if let Some(mission) = mission {
             self.kept.runs = mission.slot.into();
             return Start::Mission {
@@ -148,12 +161,13 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
             };
         }
         self.kept.runs = Source::Nothing;
-        let is_new = slots == [SlotState::Empty; 2];
-        let own = self.safe_default.filter(|own| !is_new && accepts(own));
+        let waits = self.records.get(Key::WAITS).is_some();
+        let own = self.safe_default.filter(|own| !waits && accepts(own));
         match own.and_then(|own| Some((own, room.get_mut(..own.len())?))) {
             Some((own, room)) => {
                 room.copy_from_slice(own);
                 self.kept.runs = Source::Firmware;
+                self.own_ran = true;
                 Start::Mission {
                     len: own.len(),
                     on_trial: false,
@@ -238,7 +252,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
                 self.set(slot, SlotState::Runs);
                 slot.into()
             }
-            None if self.safe_default.is_some() => Source::Firmware,
+            None if self.own_ran => Source::Firmware,
             None => Source::Nothing,
         };
         true

@@ -82,6 +82,8 @@ mod layout;
 #[cfg(test)]
 mod nor;
 #[cfg(test)]
+mod own_mission;
+#[cfg(test)]
 pub(crate) mod planted;
 #[cfg(test)]
 mod power_cuts;

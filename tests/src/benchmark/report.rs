@@ -315,14 +315,12 @@ impl Report {
             Bound::AtLeast(20.0),
             self.settings[3].measured.event(OURS).map(|ns| 1e3 / ns),
         );
-        // Where no other one could be measured there is nothing to compare with, and the table says why.
-        if let Some(times) = self.times_faster() {
-            promise(
-                "host: times as fast as the fastest other interpreting engine".to_owned(),
-                Bound::AtLeast(10.0),
-                Some(times),
-            );
-        }
+        // Where no other one could be measured, the table of engines says why, and the promise is one that nobody knows to hold.
+        promise(
+            "host: times as fast as the fastest other interpreting engine".to_owned(),
+            Bound::AtLeast(10.0),
+            self.times_faster(),
+        );
         promises
     }
 

@@ -1,14 +1,23 @@
-//! A robot whose line brings anything.
+//! A robot whose line brings anything: with a flash for missions, parameters and a key, with a memory that outlasts resets, and with an owner who has a key.
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
 
-use rt_firmware::link::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::message::{
-    FromDevice, LinkError, MAX_CHUNK, Mode, Request, Response, Swap, ToDevice,
+use host_tools::keys::SigningKey;
+use host_tools::plant::flash::Flash;
+use rt_firmware::body::flash::ERASE_BYTES;
+use rt_firmware::link::access::{
+    self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
 };
+use rt_firmware::link::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
+use rt_firmware::link::message::{
+    FromDevice, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response, Status, Swap, ToDevice,
+};
+use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::store::keep::{Keep, RECORD_BYTES, flash_bytes};
 use rt_firmware::{
-    About, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
+    About, Bank, Board, Io, Kept, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
     registry, split, task,
 };
 use serde::Serialize;
@@ -43,7 +52,19 @@ mod part {
     pub const CHUNK: u8 = 4;
     /// An upload of the good mission begins.
     pub const BEGIN: u8 = 5;
-    pub const COUNT: u8 = 6;
+    /// The log has so many bytes more.
+    pub const LOG: u8 = 6;
+    /// The owner gives the robot his key.
+    pub const KEY: u8 = 7;
+    /// So many bytes that follow are a request that the owner signs.
+    pub const SIGNED: u8 = 8;
+    /// The owner signs the good mission.
+    pub const SIGN: u8 = 9;
+    /// So many bytes that follow are a request that is to be done within 20 ms.
+    pub const WITHIN: u8 = 10;
+    /// Power is lost and comes back, or the robot is reset.
+    pub const RESET: u8 = 11;
+    pub const COUNT: u8 = 12;
 }
 
 struct Lamp;
@@ -83,15 +104,23 @@ impl Board for Timer {
     fn motors_off(&mut self) {}
 }
 
-#[derive(Default)]
-struct Wire {
+/// The line, and what the board keeps.
+struct Wire<'k> {
     to_robot: VecDeque<u8>,
     to_host: Vec<u8>,
     /// Bytes that it takes.
     room: usize,
+    /// Bytes of the log.
+    log: usize,
+    now_us: u64,
+    keep: Keep<'k, Flash>,
 }
 
-impl LinkPort for Wire {
+impl LinkPort for Wire<'_> {
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
     }
@@ -104,6 +133,62 @@ impl LinkPort for Wire {
         self.to_host.push(byte);
         true
     }
+
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        let count = room.len().min(self.log);
+        self.log -= count;
+        count
+    }
+
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        Some(self)
+    }
+
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+        Some(&mut self.keep)
+    }
+}
+
+impl KeySafe for Wire<'_> {
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+
+    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.keep.records().read_of_key(record, room)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+        self.keep.records().write_of_key(record, bytes)
+    }
+}
+
+/// The owner's key, and how it is brought to a robot.
+fn owner() -> &'static SigningKey {
+    static KEY: OnceLock<SigningKey> = OnceLock::new();
+    KEY.get_or_init(|| SigningKey::of(b"the key of a robot in a fuzzer.."))
+}
+
+struct Installation {
+    key: [u8; KEY_BYTES],
+    signature: [u8; SIGNATURE_BYTES],
+}
+
+const SEED: [u8; SEED_BYTES] = [7; SEED_BYTES];
+
+fn installation() -> &'static Installation {
+    static MADE: OnceLock<Installation> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let key = owner().public().0;
+        let signature = owner().sign(&access::install(&key, &SEED));
+        Installation { key, signature }
+    })
+}
+
+/// A request as another one holds it.
+fn held(request: Request<'_>) -> Vec<u8> {
+    let mut room = [0; MAX_SIGNED_BYTES];
+    postcard::to_slice(&request, &mut room).map_or_else(|_| Vec::new(), |bytes| bytes.to_vec())
 }
 
 /// Bytes that are a message as they are.
@@ -128,20 +213,74 @@ fn framed(message: &impl Serialize) -> Vec<u8> {
 }
 
 /// The robot, its line, and a good client.
-struct Subject<'q, 'm> {
+struct Subject<'q, 'm, 'k> {
     real_time: RealTime<'q, 'm, SLOTS>,
     link: LinkSide<'q, 'm>,
     timer: Timer,
-    wire: Wire,
+    wire: Wire<'k>,
     reader: FrameReader,
     seq: u8,
+    /// What the robot said of its key last.
+    nonce: [u8; NONCE_BYTES],
+    counter: u64,
+    /// The signature of the upload that was signed last.
+    upload: [u8; SIGNATURE_BYTES],
 }
 
-impl Subject<'_, '_> {
+/// A robot from its start to its next one.
+fn life<R>(
+    flash: &Flash,
+    kept: &Kept,
+    reason: Option<ResetReason>,
+    live: impl FnOnce(&mut Subject<'_, '_, '_>) -> R,
+) -> R {
+    let mut lamps = Lamps {
+        lamp: Bank::new([Lamp, Lamp]),
+    };
+    let mut banks = lamps.banks();
+    let mut memory = Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, 4, 4, 1, 256>::new();
+    let mut mail = Mail::new();
+    let mut records = [0; RECORD_BYTES];
+    let Ok(keep) = Keep::open(flash.clone(), BLOB_BYTES as u32, None, &mut records) else {
+        panic!("the flash is large enough");
+    };
+    let about = About {
+        reset: kept.begin(reason),
+        kept: Some(kept),
+        ..About::new("lamps", "fuzzed")
+    };
+    let sides = split(&mut memory, &mut banks, &mut mail, about, Limits::default());
+    let Ok((real_time, _, link)) = sides else {
+        panic!("the registry is right");
+    };
+    let mut subject = Subject {
+        real_time,
+        link,
+        timer: Timer(0),
+        wire: Wire {
+            to_robot: VecDeque::new(),
+            to_host: Vec::new(),
+            room: usize::MAX,
+            log: 0,
+            now_us: 0,
+            keep,
+        },
+        reader: FrameReader::new(),
+        seq: 0,
+        nonce: [0; NONCE_BYTES],
+        counter: 0,
+        upload: NO_UPLOAD,
+    };
+    subject.link.start(&mut subject.wire);
+    live(&mut subject)
+}
+
+impl Subject<'_, '_, '_> {
     fn timer_comes(&mut self) {
         let next_ticks = self.real_time.on_timer(&mut self.timer);
         assert!(next_ticks > self.timer.0, "time goes on");
         self.timer.0 = next_ticks;
+        self.wire.now_us = next_ticks;
         self.poll();
     }
 
@@ -158,26 +297,27 @@ impl Subject<'_, '_> {
         }
     }
 
-    /// What came from the robot: each frame of it is a message. Answers the last reply.
-    fn heard(&mut self) -> Option<(u8, Result<(), LinkError>)> {
-        let mut last = None;
+    /// What came from the robot: each frame of it is a message.
+    fn heard(&mut self) {
         for byte in std::mem::take(&mut self.wire.to_host) {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
             match decode(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}")) {
-                FromDevice::Reply { seq, result } => last = Some((seq, result.map(drop))),
-                FromDevice::Stream(_) | FromDevice::News(_) => {}
+                FromDevice::Reply {
+                    result: Ok(Response::Challenge { nonce, counter, .. }),
+                    ..
+                } => (self.nonce, self.counter) = (nonce, counter),
+                FromDevice::Reply { .. } | FromDevice::Stream(_) | FromDevice::News(_) => {}
             }
         }
-        last
     }
 
-    /// Does what the bytes say.
-    fn suffer(&mut self, mut bytes: &[u8]) {
+    /// Does what the bytes say, up to the robot's next start. Returns why it starts, and the bytes behind that.
+    fn suffer<'b>(&mut self, mut bytes: &'b [u8]) -> Option<(u8, &'b [u8])> {
         while let [kind, count, rest @ ..] = bytes {
-            let count = usize::from(*count);
-            let (own, after) = rest.split_at(count.min(rest.len()));
+            let length = usize::from(*count);
+            let (own, after) = rest.split_at(length.min(rest.len()));
             bytes = rest;
             match kind % part::COUNT {
                 part::RAW => {
@@ -189,9 +329,9 @@ impl Subject<'_, '_> {
                     bytes = after;
                 }
                 part::TIMER => (0..count % 16).for_each(|_| self.timer_comes()),
-                part::WIRE => self.wire.room = count,
+                part::WIRE => self.wire.room = length,
                 part::CHUNK => {
-                    let offset = count * 8;
+                    let offset = length * 8;
                     let data = mission().get(offset..).unwrap_or_default();
                     let data = data.get(..MAX_CHUNK).unwrap_or(data);
                     self.request(Request::Chunk {
@@ -199,13 +339,46 @@ impl Subject<'_, '_> {
                         data,
                     });
                 }
-                _ => self.request(begin()),
+                part::BEGIN => self.request(begin()),
+                part::LOG => self.wire.log += length,
+                part::KEY => self.request(install()),
+                part::SIGNED => {
+                    bytes = after;
+                    self.request(Request::Challenge);
+                    self.poll();
+                    self.heard();
+                    let signature = owner().sign(&access::command(&self.nonce, &self.upload, own));
+                    self.request(Request::Signed {
+                        signature: &signature,
+                        request: own,
+                    });
+                }
+                part::SIGN => {
+                    self.request(Request::Challenge);
+                    self.poll();
+                    self.heard();
+                    let counter = self.counter.wrapping_add(1);
+                    self.upload = sign_mission(counter);
+                    let signature = self.upload;
+                    self.request(Request::Sign {
+                        counter,
+                        signature: &signature,
+                    });
+                }
+                part::WITHIN => {
+                    bytes = after;
+                    let by_us = self.wire.now_us + 20_000;
+                    let request = own.get(..MAX_SIGNED_BYTES).unwrap_or(own);
+                    self.request(Request::Within { by_us, request });
+                }
+                _ => return Some((*count, bytes)),
             }
             self.poll();
             self.heard();
         }
         self.wire.to_robot.extend(bytes);
         self.poll();
+        None
     }
 
     fn request(&mut self, request: Request<'_>) {
@@ -216,12 +389,12 @@ impl Subject<'_, '_> {
             .extend(framed(&ToDevice { seq, request }));
     }
 
-    /// Asks as a good client does, and reads the answer.
-    fn ask<T>(
+    /// Asks as a good client does, and reads the answer. Refused with `Busy` it asks anew, which must have an end.
+    fn try_ask<T>(
         &mut self,
         request: Request<'_>,
         mut read: impl FnMut(Response<'_>) -> Option<T>,
-    ) -> T {
+    ) -> Result<T, LinkError> {
         for _ in 0..SENDINGS {
             // Ends whatever came before.
             self.wire.to_robot.push_back(0);
@@ -255,13 +428,256 @@ impl Subject<'_, '_> {
                 self.timer_comes();
             }
             match answer {
-                Some(Ok(answer)) => return answer,
-                Some(Err(LinkError::Busy)) => self.timer_comes(),
-                Some(Err(error)) => panic!("{request:?} is refused: {error:?}"),
+                Some(Err(LinkError::Busy)) if !matches!(request, Request::Signed { .. }) => {
+                    self.timer_comes();
+                }
+                Some(answer) => return answer,
                 None => panic!("{request:?} is not answered"),
             }
         }
         panic!("the robot is busy for ever");
+    }
+
+    fn ask<T>(&mut self, request: Request<'_>, read: impl FnMut(Response<'_>) -> Option<T>) -> T {
+        self.try_ask(request, read)
+            .unwrap_or_else(|error| panic!("{request:?} is refused: {error:?}"))
+    }
+
+    fn access(&mut self) -> Access {
+        self.ask(Request::Hello, |response| match response {
+            Response::Hello(info) => Some(info.access),
+            _ => None,
+        })
+    }
+
+    fn status(&mut self) -> Status {
+        self.ask(Request::Status, |response| match response {
+            Response::Status(status) => Some(status),
+            _ => None,
+        })
+    }
+
+    /// Asks for a nonce; returns it with the number of the last upload.
+    fn challenge(&mut self) -> ([u8; NONCE_BYTES], u64) {
+        self.ask(Request::Challenge, |response| match response {
+            Response::Challenge { nonce, counter, .. } => Some((nonce, counter)),
+            _ => None,
+        })
+    }
+
+    /// Asks the robot to do something within a time, signed where it has a key.
+    fn command<T>(
+        &mut self,
+        access: Access,
+        request: Request<'_>,
+        mut read: impl FnMut(Response<'_>) -> Option<T>,
+    ) -> Result<T, LinkError> {
+        const PATIENCE_US: u64 = 1_000_000;
+        let upload = match request {
+            Request::Commit(_) => self.upload,
+            _ => NO_UPLOAD,
+        };
+        let request = &held(request)[..];
+        // One `TooSoon` lasts for a second at most, of which each call of the timer is some milliseconds.
+        for _ in 0..SENDINGS {
+            let now_us = self.ask(Request::Clock, |response| match response {
+                Response::Clock { now_us } => Some(now_us),
+                _ => None,
+            });
+            let by_us = now_us + PATIENCE_US;
+            let answer = if access == Access::Locked {
+                let request = &held(Request::Within { by_us, request })[..];
+                let (nonce, _) = self.challenge();
+                let signature = &owner().sign(&access::command(&nonce, &upload, request))[..];
+                self.try_ask(Request::Signed { signature, request }, &mut read)
+            } else {
+                self.try_ask(Request::Within { by_us, request }, &mut read)
+            };
+            match answer {
+                Err(LinkError::Busy) => self.timer_comes(),
+                Err(LinkError::TooSoon { ms }) => self.wait_us(u64::from(ms) * 1_000),
+                answer => return answer,
+            }
+        }
+        panic!("the robot is busy for ever");
+    }
+
+    fn wait_us(&mut self, us: u64) {
+        let until_us = self.wire.now_us + us;
+        while self.wire.now_us < until_us {
+            self.timer_comes();
+        }
+    }
+
+    /// A good client greets the robot, ends what it finds, uploads a mission, starts it, changes and keeps a parameter.
+    fn is_recovered(&mut self) -> u32 {
+        self.wire.room = usize::MAX;
+        self.poll();
+        let (firmware, chunk_bytes, access) = self.ask(Request::Hello, |response| match response {
+            Response::Hello(info) => Some((
+                info.firmware.to_owned(),
+                info.uploads.chunk_bytes,
+                info.access,
+            )),
+            _ => None,
+        });
+        assert_eq!(
+            (firmware.as_str(), usize::from(chunk_bytes)),
+            ("lamps", MAX_CHUNK)
+        );
+        // What was suffered may have been an emergency stop, which lasts until it is released, or a mission on trial, which leaves no room for another.
+        self.command(access, Request::Release, done)
+            .unwrap_or_else(|error| panic!("no release: {error:?}"));
+        let status = self.status();
+        if let (Some(_), Some(mission)) = (status.trial, status.mission) {
+            let ended = self.command(access, Request::FallBack { mission }, done);
+            assert!(
+                matches!(ended, Ok(()) | Err(LinkError::NotOnTrial)),
+                "{ended:?}"
+            );
+        }
+        let blob = mission();
+        let mut there = self.ask(begin(), received);
+        while there < blob.len() {
+            let end = blob.len().min(there + MAX_CHUNK);
+            let request = Request::Chunk {
+                offset: there as u32,
+                data: &blob[there..end],
+            };
+            assert_eq!(self.ask(request, received), end);
+            there = end;
+        }
+        if access == Access::Locked {
+            self.sign();
+        }
+        let committed =
+            self.command(
+                access,
+                Request::Commit(Swap::default()),
+                |response| match response {
+                    Response::Committed { mission, .. } => Some(mission),
+                    _ => None,
+                },
+            );
+        let hash = committed.unwrap_or_else(|error| panic!("no commit: {error:?}"));
+        let started = self.command(access, Request::Start, done);
+        assert_eq!(started, Ok(()));
+        self.drives(hash);
+        let (mission, param) = (hash, 0);
+        let set = self.command(
+            access,
+            Request::SetParam {
+                mission,
+                param,
+                value: LIMIT,
+            },
+            |response| matches!(response, Response::ParamSet { .. }).then_some(()),
+        );
+        assert_eq!(set, Ok(()));
+        let saved = self.command(access, Request::SaveParams { mission }, |response| {
+            matches!(response, Response::ParamsSaved { count: 1 }).then_some(())
+        });
+        assert_eq!(saved, Ok(()));
+        self.stands_when_told(access, hash);
+        hash
+    }
+
+    /// Signs the mission that was uploaded, as soon as the robot looks at signatures.
+    fn sign(&mut self) {
+        loop {
+            let (_, last) = self.challenge();
+            let counter = last + 1;
+            self.upload = sign_mission(counter);
+            let signature = self.upload;
+            let request = Request::Sign {
+                counter,
+                signature: &signature,
+            };
+            match self.try_ask(request, done) {
+                Err(LinkError::TooSoon { ms }) => self.wait_us(u64::from(ms) * 1_000),
+                signed => return assert_eq!(signed, Ok(())),
+            }
+        }
+    }
+
+    fn drives(&mut self, hash: u32) {
+        let before = self.status();
+        assert_eq!((before.mode, before.mission), (Mode::Running, Some(hash)));
+        (0..10).for_each(|_| self.timer_comes());
+        let after = self.status();
+        assert_eq!((after.mode, after.mission), (Mode::Running, Some(hash)));
+        assert!(after.steps > before.steps, "it drives");
+    }
+
+    /// What comes too late is not done, and an emergency stop is, until it is released.
+    fn stands_when_told(&mut self, access: Access, hash: u32) {
+        let late = Request::Within {
+            by_us: self.wire.now_us - 1,
+            request: &held(Request::Stop),
+        };
+        assert_eq!(self.try_ask(late, done), Err(LinkError::Late));
+        self.drives(hash);
+        self.ask(Request::EmergencyStop, done);
+        assert_eq!(self.status().mode, Mode::EmergencyStopped);
+        let refused = self.command(access, Request::Start, done);
+        assert_eq!(refused, Err(LinkError::EmergencyStopped));
+        assert_eq!(self.command(access, Request::Release, done), Ok(()));
+        assert_eq!(self.status().mode, Mode::Stopped);
+        assert_eq!(self.command(access, Request::Start, done), Ok(()));
+        self.drives(hash);
+    }
+
+    /// A robot that was switched off and on has kept what it was given.
+    fn has_kept(&mut self, hash: u32) {
+        (0..4).for_each(|_| self.timer_comes());
+        self.drives(hash);
+        let request = Request::Param {
+            mission: hash,
+            param: 0,
+        };
+        let value = self.ask(request, |response| match response {
+            Response::Param { value, .. } => Some(value),
+            _ => None,
+        });
+        assert_eq!(value, LIMIT);
+        // Streams come to a good client, too.
+        self.ask(
+            Request::Subscribe {
+                trace: true,
+                log: false,
+                record: true,
+            },
+            done,
+        );
+        let mut came = [false; 2];
+        for _ in 0..40 {
+            self.timer_comes();
+            for byte in std::mem::take(&mut self.wire.to_host) {
+                let Some(frame) = self.reader.push(byte) else {
+                    continue;
+                };
+                if let Ok(FromDevice::Stream(part)) = decode(frame) {
+                    came[usize::from(part.channel != rt_firmware::link::message::Channel::Trace)] =
+                        true;
+                }
+            }
+        }
+        assert_eq!(came, [true; 2], "trace and recording");
+        self.access();
+    }
+}
+
+/// A value of the mission's parameter that is not the mission's own.
+const LIMIT: u32 = 7;
+
+fn done(response: Response<'_>) -> Option<()> {
+    matches!(response, Response::Done).then_some(())
+}
+
+fn received(response: Response<'_>) -> Option<usize> {
+    match response {
+        Response::Received { len } => Some(len as usize),
+        _ => None,
     }
 }
 
@@ -273,87 +689,56 @@ fn begin() -> Request<'static> {
     }
 }
 
-/// Lets anything come over the line of a robot; then a good client greets it, uploads a mission and starts it.
+fn install() -> Request<'static> {
+    let Installation { key, signature } = installation();
+    Request::InstallKey {
+        key,
+        seed: &SEED,
+        signature,
+    }
+}
+
+fn sign_mission(counter: u64) -> [u8; SIGNATURE_BYTES] {
+    owner().sign(&access::upload(&counter.to_le_bytes(), mission()))
+}
+
+/// Lets anything come over the line of a robot, over as many of its starts as it may; then a good client greets it, uploads a mission and starts it, changes and
+/// keeps a parameter, stops it for an emergency; and then it is switched off and on.
 ///
 /// # Panics
-/// Where the robot does not answer that client within a few occurrences of its slots, or sends what is no message.
+/// Where the robot does not answer that client within a few occurrences of its slots, or sends what is no message; where it does what comes too late; where it does
+/// not do what it is asked to, or has not kept what it said that it kept.
 pub fn link(bytes: &[u8]) {
-    let mut lamps = Lamps {
-        lamp: Bank::new([Lamp, Lamp]),
-    };
-    let mut banks = lamps.banks();
-    let mut memory = Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, 4, 4, 1, 256>::new();
-    let mut mail = Mail::new();
-    let about = About::new("lamps", "fuzzed");
-    let sides = split(&mut memory, &mut banks, &mut mail, about, Limits::default());
-    let Ok((real_time, _, link)) = sides else {
-        panic!("the registry is right");
-    };
-    let mut subject = Subject {
-        real_time,
-        link,
-        timer: Timer(0),
-        wire: Wire {
-            room: usize::MAX,
-            ..Wire::default()
-        },
-        reader: FrameReader::new(),
-        seq: 0,
-    };
-    subject.suffer(bytes);
-
-    subject.wire.room = usize::MAX;
-    subject.poll();
-    let (firmware, chunk_bytes) = subject.ask(Request::Hello, |response| match response {
-        Response::Hello(info) => Some((info.firmware.to_owned(), info.uploads.chunk_bytes)),
-        _ => None,
-    });
-    assert_eq!(
-        (firmware.as_str(), usize::from(chunk_bytes)),
-        ("lamps", MAX_CHUNK)
-    );
-    let done = |response: Response<'_>| matches!(response, Response::Done).then_some(());
-    // What was suffered may have been an emergency stop, which lasts until it is released.
-    subject.ask(Request::Release, done);
-    let received = |response: Response<'_>| match response {
-        Response::Received { len } => Some(len as usize),
-        _ => None,
-    };
-    let blob = mission();
-    let mut there = subject.ask(begin(), received);
-    while there < blob.len() {
-        let end = blob.len().min(there + MAX_CHUNK);
-        let request = Request::Chunk {
-            offset: there as u32,
-            data: &blob[there..end],
+    let flash = Flash::blank(flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32));
+    let mut kept = Kept::new();
+    let mut reason = None;
+    let mut bytes = bytes;
+    let hash = loop {
+        let next = life(&flash, &kept, reason, |robot| match robot.suffer(bytes) {
+            Some(next) => Err(next),
+            None => Ok(robot.is_recovered()),
+        });
+        let (why, rest) = match next {
+            Ok(hash) => break hash,
+            Err(next) => next,
         };
-        assert_eq!(subject.ask(request, received), end);
-        there = end;
-    }
-    let hash = subject.ask(
-        Request::Commit(Swap::default()),
-        |response| match response {
-            Response::Committed { mission, .. } => Some(mission),
-            _ => None,
-        },
-    );
-    subject.ask(Request::Start, done);
-    let status = subject.ask(Request::Status, |response| match response {
-        Response::Status(status) => Some(status),
-        _ => None,
-    });
-    assert_eq!((status.mode, status.mission), (Mode::Running, Some(hash)));
-    let steps = status.steps;
-    (0..10).for_each(|_| subject.timer_comes());
-    let status = subject.ask(Request::Status, |response| match response {
-        Response::Status(status) => Some(status),
-        _ => None,
-    });
-    assert!(status.steps > steps, "it drives");
+        bytes = rest;
+        reason = match why % 3 {
+            0 => {
+                // Power was lost: nothing but the flash is as it was.
+                kept = Kept::new();
+                None
+            }
+            1 => Some(ResetReason::Software),
+            _ => Some(ResetReason::Watchdog),
+        };
+    };
+    life(&flash, &Kept::new(), None, |robot| robot.has_kept(hash));
 }
 
 /// Sessions of good clients, whole and in disorder.
 pub fn sessions() -> Vec<Seed> {
+    let mission = u32::from_le_bytes(*mission().last_chunk().unwrap_or(&[0; 4]));
     let requests = [
         ("hello", Request::Hello),
         ("begin", begin()),
@@ -388,6 +773,25 @@ pub fn sessions() -> Vec<Seed> {
                 period_ms: 10,
             },
         ),
+        ("last_words", Request::LastWords),
+        ("black_box", Request::BlackBox { from: None }),
+        ("clock", Request::Clock),
+        ("challenge", Request::Challenge),
+        ("emergency_stop", Request::EmergencyStop),
+        ("release", Request::Release),
+        ("remove_key", Request::RemoveKey),
+        ("param", Request::Param { mission, param: 0 }),
+        (
+            "set_param",
+            Request::SetParam {
+                mission,
+                param: 0,
+                value: 5,
+            },
+        ),
+        ("save_params", Request::SaveParams { mission }),
+        ("confirm", Request::Confirm { mission }),
+        ("fall_back", Request::FallBack { mission }),
     ];
     let message = |number: usize, request: Request<'_>| {
         // Made as a frame and read back: what postcard makes of it.
@@ -405,13 +809,13 @@ pub fn sessions() -> Vec<Seed> {
             bytes: message(number, *request),
         })
         .collect();
-    let chunks = (0..mission().len())
+    let chunks = (0..self::mission().len())
         .step_by(MAX_CHUNK)
         .flat_map(|offset| [part::CHUNK, (offset / 8) as u8]);
     let uploaded: Vec<u8> = [part::BEGIN, 0].into_iter().chain(chunks).collect();
     let whole = [
         message(100, Request::Hello),
-        uploaded,
+        uploaded.clone(),
         message(101, Request::Commit(Swap::default())),
         vec![part::TIMER, 3],
         requests
@@ -431,6 +835,114 @@ pub fn sessions() -> Vec<Seed> {
         name: "session_on_a_full_wire".into(),
         bytes: [vec![part::WIRE, 40], whole].concat(),
     });
+    let on_trial = Request::Commit(Swap {
+        warm: true,
+        trial_ms: 50,
+    });
+    let holding = |kind: u8, request: Request<'_>| {
+        let bytes = held(request);
+        [&[kind, bytes.len() as u8][..], &bytes].concat()
+    };
+    let tries = |trial: Vec<u8>, ends: &[Vec<u8>]| {
+        [&[uploaded.clone(), trial, vec![part::TIMER, 4]], ends]
+            .concat()
+            .concat()
+    };
+    let power = vec![part::RESET, 0];
+    let watchdog = vec![part::RESET, 2];
+    seeds.extend(
+        [
+            (
+                "trial_without_end",
+                tries(holding(part::WITHIN, on_trial), &[]),
+            ),
+            (
+                "trial_that_is_confirmed_and_power_that_is_lost",
+                tries(
+                    holding(part::WITHIN, on_trial),
+                    &[
+                        holding(part::WITHIN, Request::Confirm { mission }),
+                        vec![part::TIMER, 3],
+                        power.clone(),
+                        vec![part::TIMER, 3],
+                    ],
+                ),
+            ),
+            (
+                "power_that_is_lost_during_a_trial",
+                tries(
+                    holding(part::WITHIN, on_trial),
+                    std::slice::from_ref(&power),
+                ),
+            ),
+            (
+                "a_watchdog_again_and_again",
+                tries(
+                    holding(part::WITHIN, Request::Commit(Swap::default())),
+                    &vec![watchdog; 5],
+                ),
+            ),
+            (
+                "an_emergency_stop_and_power_that_is_lost",
+                [message(1, Request::EmergencyStop), power.clone()].concat(),
+            ),
+            (
+                "an_owner_with_a_key",
+                [
+                    vec![part::KEY, 0],
+                    uploaded.clone(),
+                    vec![part::SIGN, 0],
+                    holding(part::SIGNED, Request::Commit(Swap::default())),
+                    vec![part::TIMER, 3],
+                    holding(part::SIGNED, Request::Start),
+                    vec![part::TIMER, 3],
+                    power,
+                    message(1, Request::Start),
+                    holding(part::SIGNED, Request::RemoveKey),
+                ]
+                .concat(),
+            ),
+            (
+                "a_wrong_signature",
+                [
+                    vec![part::KEY, 0, part::SIGN, 0],
+                    holding(part::SIGNED, Request::Start),
+                    message(
+                        9,
+                        Request::Signed {
+                            signature: &[1; SIGNATURE_BYTES],
+                            request: &held(Request::Start),
+                        },
+                    ),
+                ]
+                .concat(),
+            ),
+            (
+                "a_parameter_that_is_kept",
+                tries(
+                    holding(part::WITHIN, Request::Commit(Swap::default())),
+                    &[
+                        message(
+                            50,
+                            Request::SetParam {
+                                mission,
+                                param: 0,
+                                value: 5,
+                            },
+                        ),
+                        vec![part::TIMER, 3],
+                        message(51, Request::SaveParams { mission }),
+                        vec![part::TIMER, 3, part::LOG, 200, part::RESET, 1],
+                        vec![part::TIMER, 3],
+                    ],
+                ),
+            ),
+        ]
+        .map(|(name, bytes)| Seed {
+            name: name.to_owned(),
+            bytes,
+        }),
+    );
     seeds.push(Seed {
         name: "noise".into(),
         bytes: [&[part::RAW, 200][..], &[0x55; 200], &[0]].concat(),

@@ -8,7 +8,7 @@
 //! | [`front_end`](fn@front_end) | a set of `.esm` files | what the front end says has a place in a file, and an order; right files compile |
 //! | [`verifier`](fn@verifier) | a blob, and the same with magic and CRC made right | what passes can be read everywhere and run |
 //! | [`interpreter`](fn@interpreter) | decisions about a machine and about what happens to it | it runs as the reference says, and keeps the laws of [`watched`] |
-//! | [`link`](fn@link) | what comes over a robot's line | nothing but messages comes back, and a good client can greet, upload and start afterwards |
+//! | [`link`](fn@link) | what comes over a robot's line, over its starts | nothing but messages comes back, and afterwards a good client, who may need his key, can do all that one can |
 //! | [`round_trip`](fn@round_trip) | a mission, or decisions about a machine | a blob comes back as source that makes the same blob |
 //!
 //! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it again.
@@ -82,7 +82,7 @@ pub const TARGETS: [Target; 5] = [
         name: "link",
         body: link,
         seeds: link::sessions,
-        short_runs: 3_000,
+        short_runs: 1_500,
     },
     Target {
         name: "round_trip",

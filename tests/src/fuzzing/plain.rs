@@ -118,6 +118,7 @@ impl<'a> Plain<'a> {
     }
 
     fn handle_all(&mut self) -> Result<(), Fault> {
+        self.run_timers();
         self.handle(None)?;
         while let Some(channel) = self.queue.pop_front() {
             if self.micro == MAX_MICRO_STEPS - 1 {
@@ -137,7 +138,6 @@ impl<'a> Plain<'a> {
         while let Some(region) = tables.region_instance(at) {
             let source = self.current[at];
             let state = tables.state(source).expect("it exists");
-            self.run_timer(at, &state);
             let event = channel.map_or(PULSE, |channel| channel.event);
             let hears = channel.is_none_or(|channel| tables.is_listening(&channel, at));
             let on_event = |transition: usize| {
@@ -162,6 +162,18 @@ impl<'a> Plain<'a> {
     fn first_flag(&self, region: usize, state: &State) -> usize {
         let region = self.tables.region_instance(region).expect("it exists");
         region.first_flag + state.first_flag
+    }
+
+    /// Runs the timers of all that is active. The language runs each when its region instance is looked at; who is left before takes its flag with it, so that nobody can tell.
+    fn run_timers(&mut self) {
+        let tables = self.tables;
+        let mut at = 0;
+        while let Some(region) = tables.region_instance(at) {
+            let state = tables.state(self.current[at]).expect("it exists");
+            self.run_timer(at, &state);
+            let inside = tables.first_region_inside(at, self.current[at]);
+            at = inside.unwrap_or(region.next);
+        }
     }
 
     fn run_timer(&mut self, region: usize, state: &State) {

@@ -239,6 +239,14 @@ fn write_frames(text: &mut String) {
         ),
         ("request emergency stop", Request::EmergencyStop),
         ("request release", Request::Release),
+        ("request clock", Request::Clock),
+        (
+            "request within a time",
+            Request::Within {
+                by_us: 1 << 40,
+                request: &[7],
+            },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -293,8 +301,9 @@ fn write_frames(text: &mut String) {
         saved_params: 201,
         record_dropped: 300,
         record_pending: true,
+        stop_pressed: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 51] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 53] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -521,6 +530,8 @@ fn write_frames(text: &mut String) {
         ("error no store", Err(LinkError::NoStore)),
         ("error emergency stopped", Err(LinkError::EmergencyStopped)),
         ("error stop not kept", Err(LinkError::StopNotKept)),
+        ("error late", Err(LinkError::Late)),
+        ("clock", Ok(Response::Clock { now_us: u64::MAX })),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(
@@ -736,6 +747,7 @@ impl Exchange<'_, '_, '_, '_, '_> {
     }
 
     fn poll(&mut self) -> Vec<u8> {
+        self.robot.wire.now_us = self.robot.world.now_us();
         while self.robot.link.poll(&mut self.robot.wire) {}
         self.robot.wire.to_host.drain(..).collect()
     }
@@ -772,6 +784,35 @@ impl Exchange<'_, '_, '_, '_, '_> {
         let heard = self.hear();
         let last = heard.strip_suffix(&[0]).unwrap().rsplit(|byte| *byte == 0);
         last.into_iter().next().unwrap().to_vec()
+    }
+
+    /// A request that is good for as long as a client waits for its answer, by the robot's clock, for which it asks.
+    fn in_time(&mut self, request: Request<'_>) -> Vec<u8> {
+        const PATIENCE_US: u64 = 6_000_000;
+        let mut frame = self.answer(Request::Clock);
+        let Ok(FromDevice::Reply {
+            result: Ok(Response::Clock { now_us }),
+            ..
+        }) = decode(&mut frame)
+        else {
+            panic!("the robot has a clock");
+        };
+        bytes_of(Request::Within {
+            by_us: now_us + PATIENCE_US,
+            request: &bytes_of(request),
+        })
+    }
+
+    /// Asks for something that changes what the robot does, as clients do.
+    fn command(&mut self, request: Request<'_>) {
+        let request = self.in_time(request);
+        self.ask(postcard::from_bytes(&request).unwrap());
+    }
+
+    /// The same of a robot with the test key.
+    fn command_signed(&mut self, upload: &[u8; SIGNATURE_BYTES], request: Request<'_>) {
+        let request = self.in_time(request);
+        self.ask_signed(&test_key(), upload, &request);
     }
 
     /// Asks for a nonce.
@@ -901,7 +942,7 @@ fn write_exchanges(text: &mut String) {
         for range in [0..176, 176..352, 352..528, 528..700] {
             line.ask(chunk(&junk, range));
         }
-        line.ask(Request::Commit(Swap::default()));
+        line.command(Request::Commit(Swap::default()));
         line.ask(Request::Abort);
     });
     exchange(text, "an upload of 700 bytes with chunks ahead", |line| {
@@ -978,7 +1019,7 @@ fn write_exchanges(text: &mut String) {
             record: false,
         });
         line.stage(&blob);
-        line.ask(Request::Commit(Swap::default()));
+        line.command(Request::Commit(Swap::default()));
         line.pass_us(45_000);
         line.ask(Request::Status);
         line.ask(Request::States { first: 0 });
@@ -986,11 +1027,38 @@ fn write_exchanges(text: &mut String) {
         line.ask(Request::TaskCounters { task_instance: 0 });
         line.ask(Request::Stop);
         line.ask(Request::Status);
-        line.ask(Request::Start);
+        line.command(Request::Start);
         line.ask(Request::Subscribe {
             trace: false,
             log: false,
             record: false,
+        });
+    });
+    exchange(text, "requests that come too late", |line| {
+        line.ask(Request::Hello);
+        // In time, then sent again after it: it was done, and is answered as before.
+        let stop = bytes_of(Request::Stop);
+        let in_time = line.in_time(Request::Stop);
+        let bytes = line.next(postcard::from_bytes(&in_time).unwrap());
+        line.send(&bytes);
+        line.hear();
+        line.pass_us(7_000_000);
+        line.send(&bytes);
+        line.hear();
+        // The same under another number, and one that is late by a microsecond or more.
+        line.ask(postcard::from_bytes(&in_time).unwrap());
+        line.ask(Request::Within {
+            by_us: 0,
+            request: &stop,
+        });
+        // What must not have a deadline.
+        line.ask(Request::Within {
+            by_us: u64::MAX,
+            request: &bytes_of(Request::Hello),
+        });
+        line.ask(Request::Within {
+            by_us: u64::MAX,
+            request: &in_time,
         });
     });
     write_exchanges_with_keys(text);
@@ -1006,9 +1074,9 @@ fn write_exchanges_with_keys(text: &mut String) {
         line.install_key();
         line.stage(&blob);
         let upload = line.sign(&blob);
-        line.ask_signed(&test_key(), &upload, &commit);
+        line.command_signed(&upload, Request::Commit(Swap::default()));
         line.ask(Request::Stop);
-        line.ask_signed(&test_key(), &NO_UPLOAD, &start);
+        line.command_signed(&NO_UPLOAD, Request::Start);
         line.ask(Request::Status);
         line.ask_signed(&test_key(), &NO_UPLOAD, &bytes_of(Request::RemoveKey));
         line.ask(Request::Hello);

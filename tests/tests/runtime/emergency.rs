@@ -1,12 +1,12 @@
 //! The emergency stop: what it stops, what does not end it, and what does.
 
-use rt_firmware::About;
 use rt_firmware::black_box::{Event, RECORD_BYTES, Record};
 use rt_firmware::kept::{Ending, Kept};
 use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason};
 
 use super::counting;
-use super::robot::{Answer, Bench, with_robot, with_robot_that_is};
+use super::keeping::with_kept;
+use super::robot::{Answer, Bench, with_robot};
 
 /// A robot that counts, and has done so for a while.
 fn with_counting_robot(test: impl Fn(&mut Bench<'_, '_, '_>)) {
@@ -103,16 +103,6 @@ fn an_emergency_stop_does_not_wait_for_the_request_before_and_a_start_that_waits
         assert_eq!(answers, [(robot.last_number(), Ok(Answer::Done))]);
         assert_stands_still(robot);
     });
-}
-
-/// A robot that starts, with what was kept of its runs before.
-fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
-    let about = About {
-        reset: kept.begin(None),
-        kept: Some(kept),
-        ..About::new("toy 0.1", "bench")
-    };
-    with_robot_that_is(about, test);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::robot::{Answer, Bench, with_robot_that_is};
 use super::{counting, hogging};
 
 /// A robot that starts, with what was kept of its runs before.
-fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+pub(crate) fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
     let about = About {
         reset: kept.begin(None),
         kept: Some(kept),

@@ -1025,6 +1025,30 @@ fn a_mission_that_does_not_fit_is_refused_and_the_robot_drives_on() {
 }
 
 #[test]
+fn slots_are_counted_before_they_are_held_against_each_other() {
+    let slots: Vec<(u32, u32, u32)> = (0..5).map(|slot| (10_000, 100, slot * 1_000)).collect();
+    let mut blob = Mission::new(&slots)
+        .region(&[("A", "", 0, &[])], &["initial -> A"])
+        .blob();
+    // The first slot's period becomes 0, which the verifier would refuse.
+    let period: [u8; 4] = 10_000_u32.to_le_bytes();
+    let place = blob
+        .windows(4)
+        .position(|bytes| *bytes == period)
+        .expect("it is there");
+    blob[place..place + 4].fill(0);
+    let end = blob.len() - 4;
+    let crc = esm_core::format::crc32(&blob[..end]).to_le_bytes();
+    blob[end..].copy_from_slice(&crc);
+    let expected = LinkError::CapacityExceeded {
+        what: Capacity::Slots,
+        needed: 5,
+        available: 4,
+    };
+    with_robot(|robot| assert_eq!(robot.upload(&blob), Err(expected)));
+}
+
+#[test]
 fn a_net_of_another_type_is_refused_with_the_task_that_is_on_it() {
     let mission = Mission::new(&SLOTS)
         .task(signature::HOG, None)

@@ -228,6 +228,8 @@ pub struct Wire {
     pub stuck: bool,
     /// It takes no more than so many bytes from the robot, if that is said.
     pub room: Option<usize>,
+    /// What the board's clock says to the link.
+    pub now_us: u64,
     /// What is remembered across a reset.
     pub memory: Memo,
     /// Where the robot keeps a key, if it can have one.
@@ -339,6 +341,10 @@ impl KeySafe for Safe {
 }
 
 impl LinkPort for Wire {
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+
     fn receive(&mut self) -> Option<u8> {
         self.to_robot.pop_front()
     }
@@ -483,6 +489,7 @@ pub enum Answer {
     ParamSet {
         before: u32,
     },
+    Clock(u64),
 }
 
 impl Bench<'_, '_, '_> {
@@ -515,6 +522,7 @@ impl Bench<'_, '_, '_> {
     /// Lets the link do its work; returns the answers that came, with their numbers.
     pub fn exchange(&mut self) -> Vec<(u8, Result<Answer, LinkError>)> {
         let mut answers = vec![];
+        self.wire.now_us = self.world.now_us();
         while self.link.poll(&mut self.wire) && !self.wire.stuck && self.wire.room != Some(0) {}
         while let Some(byte) = self.wire.to_host.pop_front() {
             let Some(frame) = self.reader.push(byte) else {
@@ -577,6 +585,7 @@ impl Bench<'_, '_, '_> {
                         },
                         Response::ParamsSaved { count } => Answer::ParamsSaved { count },
                         Response::ParamSet { before } => Answer::ParamSet { before },
+                        Response::Clock { now_us } => Answer::Clock(now_us),
                     }),
                 )),
             }

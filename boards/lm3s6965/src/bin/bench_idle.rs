@@ -9,13 +9,14 @@
 use core::array;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use lm3s6965::PINS;
 use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
 use lm3s6965::cortex_m::peripheral::NVIC;
 use lm3s6965::pac::Interrupt;
 use lm3s6965::registers::sys_tick;
 use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
-    AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
+    AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, StopPin, TriggerPin,
 };
 use rt_firmware::link::message::SafeReason;
 use rt_firmware::rover::RoverParts;
@@ -23,7 +24,7 @@ use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, Logger, Odometry, ProximityMonitor, SonarRing, Stop, Turn,
     WheelSpeed,
 };
-use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, registry, task};
+use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, WithStopButton, registry, task};
 
 /// Rounds of looks at the clock in one step of the task.
 const ROUNDS: u32 = 200;
@@ -236,7 +237,7 @@ impl Idle {
 lm3s6965::app! {
     firmware: concat!("bench ", env!("CARGO_PKG_VERSION")),
     robot: Idle = Idle::new,
-    board: CountingBoard = CountingBoard,
+    board: WithStopButton<CountingBoard, StopPin<'static>> = |board| WithStopButton::new(CountingBoard(board), PINS.stop_button()),
     memory: lm3s6965::Memory<'static>,
     slots: lm3s6965::settings::SLOTS,
 }

@@ -6,12 +6,13 @@ use core::hint::black_box;
 
 use esm_core::{Dispatcher, Interpreter, Observer, verify};
 use lm3s6965::cortex_m;
-use lm3s6965::settings::{ARENA_WORDS, BLOB_BYTES};
+use lm3s6965::settings::ARENA_WORDS;
+
+#[path = "../measured/common.rs"]
+mod common;
 
 /// Slots that the dispatcher has room for.
 const SLOTS: usize = 16;
-
-static BLOB: [u8; BLOB_BYTES] = [0; BLOB_BYTES];
 
 /// Looks at nothing.
 struct Nobody;
@@ -19,25 +20,27 @@ impl Observer for Nobody {}
 
 #[lm3s6965::rt::entry]
 fn main() -> ! {
-    let blob: &[u8] = black_box(&BLOB);
-    let mut arena = [0; ARENA_WORDS];
-    let mut dispatcher = Dispatcher::<SLOTS>::idle();
+    static mut ARENA: [u32; ARENA_WORDS] = [0; ARENA_WORDS];
+    static mut DISPATCHER: Dispatcher<SLOTS> = Dispatcher::idle();
+    let blob = common::blob();
     if let Ok(verified) = verify(blob)
-        && dispatcher
+        && DISPATCHER
             .restart_at(verified.tables().slots(), black_box(0))
             .is_ok()
-        && let Ok(mut interpreter) = Interpreter::new(verified, &mut arena)
+        && let Ok(mut interpreter) = Interpreter::new(verified, ARENA)
     {
         while let Ok(summary) = interpreter.macro_step(&mut Nobody) {
+            black_box(&summary);
             // What a firmware does between macro steps.
-            black_box(dispatcher.take(black_box(0)));
-            dispatcher.take_on_time();
-            black_box((dispatcher.next(), dispatcher.missed(black_box(0))));
-            interpreter.set_flag(black_box(0), black_box(0), true);
-            interpreter.set_busy(black_box(0), true);
-            interpreter.report_exit(black_box(0));
-            interpreter.clear_enabled(black_box(0));
-            black_box((summary, interpreter.is_enabled(black_box(0))));
+            let any = black_box(0);
+            black_box(&DISPATCHER.take(any as u64));
+            DISPATCHER.take_on_time();
+            black_box((DISPATCHER.next(), DISPATCHER.missed(any)));
+            interpreter.set_flag(any, any, true);
+            interpreter.set_busy(any, true);
+            interpreter.report_exit(any);
+            interpreter.clear_enabled(any);
+            black_box(interpreter.is_enabled(any));
         }
     }
     loop {

@@ -17,10 +17,12 @@ pub struct TopReport {
     pub board: String,
     /// Name and version of the firmware.
     pub firmware: String,
-    /// `empty`, `running`, `stopped` or `safe`.
+    /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
+    /// Whether the button of the emergency stop is pressed; looked at while a stop is latched.
+    pub stop_pressed: bool,
     /// Hash of its mission, if it has one.
     pub mission: Option<String>,
     /// Name of its mission's machine.
@@ -137,6 +139,7 @@ impl TopReport {
             firmware: status.firmware,
             mode: status.mode,
             safe_reason: status.safe_reason,
+            stop_pressed: status.stop_pressed,
             mission: status.mission,
             machine,
             active: status.active,
@@ -183,6 +186,8 @@ impl fmt::Display for TopReport {
         writeln!(f, "{} on {}", self.firmware, self.board)?;
         match self.safe_reason {
             Some(reason) => writeln!(f, "safe, motors off: {reason}")?,
+            None if self.stop_pressed => writeln!(f, "{}, its button is pressed", self.mode)?,
+            None if self.mode == "emergency stop" => writeln!(f, "{}, latched", self.mode)?,
             None if self.mission.is_none() => {
                 writeln!(f, "no mission: `esm upload FILE --port P` gives it one")?;
             }

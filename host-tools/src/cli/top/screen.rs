@@ -207,6 +207,10 @@ fn title<'v>(view: &'v View, palette: Palette) -> Line<'v> {
         ("running", _) => (mode.to_owned(), palette.good()),
         (_, Some(reason)) => (format!("safe, motors off: {reason}"), palette.bad()),
         ("stopped", _) => ("stopped, motors off".to_owned(), palette.warning()),
+        ("emergency stop", _) if status.stop_pressed => (
+            "emergency stop, its button is pressed".to_owned(),
+            palette.bad(),
+        ),
         ("emergency stop", _) => ("emergency stop, latched".to_owned(), palette.bad()),
         _ => ("no mission".to_owned(), Style::new()),
     };

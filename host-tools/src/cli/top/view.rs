@@ -402,6 +402,7 @@ pub(super) mod tests {
                 record_dropped: 0,
                 record_pending: false,
                 saved_params: 0,
+                stop_pressed: false,
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]

@@ -1,0 +1,19 @@
+//! What this firmware was built with. A request for what it was built without is refused with [`NotBuiltIn`](crate::link::message::LinkError::NotBuiltIn), and nothing changes.
+//!
+//! They are constants and not conditions on the code, so that each firmware is compiled from all of it: what a constant makes unreachable takes no flash, and what is as long as
+//! one says takes no memory.
+
+/// The robot can have a key (feature `keys`).
+pub const KEYS: bool = cfg!(feature = "keys");
+
+/// A mission can take over from another warm (feature `warm`). Without it, its slots and tasks begin anew and a request for a warm swap is refused.
+pub const WARM: bool = cfg!(feature = "warm");
+
+/// Parameters of the mission that runs can be read, changed and saved (feature `params`).
+pub const PARAMS: bool = cfg!(feature = "params");
+
+/// The robot tells news by itself, where a host wants them (feature `news`).
+pub const NEWS: bool = cfg!(feature = "news");
+
+/// Missions whose tables, tasks and nets are there at the same time: where one takes over from another warm, both are.
+pub const MISSIONS: usize = if WARM { 2 } else { 1 };

@@ -1,0 +1,112 @@
+//! When the mission that is compiled into a firmware runs.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::vec::Vec;
+
+use super::SlotState;
+use super::keep::{Keep, RECORD_BYTES, Source, Start, flash_bytes};
+use super::nor::{Chip, Geometry, Nor, Rewrite};
+
+const WRITE: usize = 8;
+const ERASE: usize = 1024;
+const BLOB_BYTES: u32 = 512;
+const OWN: &[u8] = b"the firmware's own";
+
+type Flash = Rc<RefCell<Nor>>;
+
+fn blank() -> Flash {
+    let geometry = Geometry {
+        write: WRITE,
+        rewrite: Rewrite::Refuse,
+    };
+    let bytes = flash_bytes(BLOB_BYTES, ERASE as u32) as usize;
+    Rc::new(RefCell::new(Nor::new(geometry, bytes)))
+}
+
+/// Switches on, does this, and switches off.
+fn with_keep<T>(flash: &Flash, act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T) -> T {
+    flash.borrow_mut().power_on();
+    let mut room = [0; RECORD_BYTES];
+    let chip = Chip::<WRITE, ERASE>(flash.clone());
+    let mut keep = Keep::open(chip, BLOB_BYTES, Some(OWN), &mut room).unwrap();
+    act(&mut keep)
+}
+
+/// What a robot starts with that refuses these missions, and where it says that it is.
+fn started(flash: &Flash, refused: &[&[u8]]) -> (Option<Vec<u8>>, Source) {
+    with_keep(flash, |keep| {
+        let mut room = [0; BLOB_BYTES as usize];
+        let start = keep.choose(&mut room, |blob| !refused.contains(&blob));
+        let mission = match start {
+            Start::Mission { len, on_trial } => {
+                assert!(!on_trial);
+                Some(room[..len].to_vec())
+            }
+            Start::Nothing => None,
+        };
+        (mission, keep.kept().runs)
+    })
+}
+
+/// A flash with two confirmed missions, `first` and then `second`.
+fn with_two() -> Flash {
+    let flash = blank();
+    for mission in [&b"first"[..], b"second"] {
+        with_keep(&flash, |keep| {
+            let mut room = [0; BLOB_BYTES as usize];
+            keep.choose(&mut room, |_| true);
+            keep.begin_trial(mission).unwrap();
+            keep.confirm().unwrap();
+        });
+    }
+    flash
+}
+
+#[test]
+fn the_firmwares_own_mission_runs_where_none_of_the_flashs_may() {
+    let own = (Some(OWN.to_vec()), Source::Firmware);
+    assert_eq!(started(&blank(), &[]), own, "a blank flash");
+    let two = with_two();
+    let second = (Some(b"second".to_vec()), Source::B);
+    assert_eq!(started(&two, &[]), second);
+    let first = (Some(b"first".to_vec()), Source::A);
+    assert_eq!(started(&two, &[b"second"]), first);
+    assert_eq!(started(&two, &[b"first", b"second"]), own, "both refused");
+    // It is judged as any other.
+    let nothing = (None, Source::Nothing);
+    assert_eq!(started(&two, &[b"first", b"second", OWN]), nothing);
+    assert_eq!(started(&blank(), &[OWN]), nothing);
+}
+
+#[test]
+fn a_mission_that_fails_its_trial_over_the_firmwares_own_gives_way_to_it() {
+    let flash = blank();
+    with_keep(&flash, |keep| {
+        let mut room = [0; BLOB_BYTES as usize];
+        keep.choose(&mut room, |_| true);
+        keep.begin_trial(b"first").unwrap();
+        assert_eq!(keep.kept().runs, Source::A);
+        assert!(keep.fall_back());
+        assert_eq!(keep.kept().runs, Source::Firmware);
+        assert_eq!(keep.kept().slots[0], SlotState::TrialFailed);
+    });
+    // Where it was not the one before, it is not the one after.
+    with_keep(&flash, |keep| {
+        let mut room = [0; BLOB_BYTES as usize];
+        keep.choose(&mut room, |_| false);
+        keep.begin_trial(b"second").unwrap();
+        assert!(keep.fall_back());
+        assert_eq!(keep.kept().runs, Source::Nothing);
+    });
+}
+
+#[test]
+fn a_robot_that_is_to_wait_for_a_host_does_not_start_with_the_firmwares_own() {
+    let flash = blank();
+    with_keep(&flash, |keep| keep.wait_for_host()).unwrap();
+    assert_eq!(started(&flash, &[]), (None, Source::Nothing));
+    let two = with_two();
+    with_keep(&two, |keep| keep.wait_for_host()).unwrap();
+    assert_eq!(started(&two, &[]).1, Source::B, "a host has brought one");
+}

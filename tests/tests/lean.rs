@@ -1,0 +1,71 @@
+//! The default firmware without its features, in the emulator: it drives as the other does, and says of what it cannot do that it was built without it.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::path::Path;
+
+use esm_tests::command::{Robot, esm, firmware, lean_firmware};
+
+/// What its stack may take, as `board.toml` says in `limits.lean`.
+const STACK_BYTES: u64 = 3_584;
+
+/// The trace of a mission on the board with this firmware.
+fn trace_of(firmware: &Path, mission: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("trace.jsonl");
+    let mission = format!("missions/{mission}.esm");
+    esm(&[
+        "run",
+        &mission,
+        "--board",
+        "lm3s6965",
+        "--world",
+        "office",
+        "--until",
+        "30 s",
+        "--link",
+        "uart",
+        "--firmware",
+        firmware.to_str().unwrap(),
+        "--trace",
+        trace.to_str().unwrap(),
+    ])
+    .good();
+    std::fs::read_to_string(trace).unwrap()
+}
+
+#[test]
+fn a_mission_runs_on_the_lean_firmware_as_on_the_full_one() {
+    let lean = trace_of(&lean_firmware(), "patrol");
+    assert!(lean.lines().count() > 100, "{lean}");
+    assert_eq!(lean, trace_of(&firmware("rover"), "patrol"));
+}
+
+#[test]
+fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
+    let robot = Robot::start("lm3s6965", Some(&lean_firmware()));
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+    let running = robot.status()["mission"].clone();
+    assert!(running.is_object() || running.is_string(), "{running}");
+    for refused in [
+        &["param", "get"][..],
+        &["param", "save"],
+        &["upload", "--warm", "missions/follow_wall.esm"],
+        &["log"],
+    ] {
+        let done = robot.esm(refused).ended(1);
+        assert!(
+            done.err.contains("built without"),
+            "{refused:?} says why: {done:#?}"
+        );
+        let status = robot.status();
+        assert_eq!(status["mission"], running, "after {refused:?}");
+    }
+    // What was refused warm is taken cold, with what was uploaded already.
+    robot.esm(&["upload", "missions/follow_wall.esm"]).good();
+    let status = robot.status();
+    assert_ne!(status["mission"], running);
+    assert_eq!(status["slots_missed"], 0, "{status:#}");
+    let stack = status["deepest_stack_bytes"].as_u64().unwrap();
+    assert!(stack <= STACK_BYTES, "{stack} bytes of stack");
+}
