@@ -4,6 +4,9 @@
 //! counts these swaps, and nothing else. While the client thinks, no swap is answered; while it waits, for bytes or for time to pass, swaps go on until
 //! what it waits for is there. So who comes first never depends on this machine, and two runs are equal to the byte.
 //!
+//! The line's time begins with the board's first swap: whatever the client does before waits for that. So it does not depend on this machine either
+//! which of the two comes first to the line.
+//!
 //! Each swap carries what a line of 115,200 baud carries in its time, in each direction, and what is sent to an idle line does not come faster.
 
 use std::collections::VecDeque;
@@ -109,6 +112,19 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// The line once its time has begun, with the board's first swap, or once the board is gone.
+    fn begun(&self) -> io::Result<MutexGuard<'_, State>> {
+        let not_begun = |state: &mut State| state.swaps == 0 && !state.board_gone;
+        let (state, timeout) = self
+            .changed
+            .wait_timeout_while(self.lock(), STANDSTILL_LIMIT, not_begun)
+            .unwrap_or_else(PoisonError::into_inner);
+        if timeout.timed_out() {
+            return Err(standstill());
+        }
+        Ok(state)
+    }
+
     /// The client waits, for `time` at most. Answers how it is then.
     fn wait_for<'s>(
         &'s self,
@@ -128,16 +144,20 @@ impl Shared {
             state = woken;
             if timeout.timed_out() && state.swaps == seen && state.wait.is_some() {
                 state.wait = None;
-                return Err(io::Error::new(
-                    io::ErrorKind::TimedOut,
-                    "the board has swapped no bytes with its plant for too long; if its firmware cannot, give `--link uart`",
-                ));
+                return Err(standstill());
             }
             seen = state.swaps;
         }
         state.wait = None;
         Ok(state)
     }
+}
+
+fn standstill() -> io::Error {
+    io::Error::new(
+        io::ErrorKind::TimedOut,
+        "the board has swapped no bytes with its plant for too long; if its firmware cannot, give `--link uart`",
+    )
 }
 
 /// Swaps in a time, begun ones included.
@@ -147,12 +167,15 @@ fn swaps_in(time: Duration) -> u64 {
 
 impl SimulatedTime for Shared {
     fn elapsed(&self) -> Duration {
-        Duration::from_micros(self.lock().swaps.saturating_mul(INTERVAL_US.into()))
+        // The first swap is where time begins.
+        let swaps = self.lock().swaps.saturating_sub(1);
+        Duration::from_micros(swaps.saturating_mul(INTERVAL_US.into()))
     }
 
     fn pause(&self, time: Duration) {
         // A board that is gone lets no time pass, which whoever waits notices at the next byte.
-        drop(self.wait_for(self.lock(), Awaited::Time, time));
+        let waited = (self.begun()).and_then(|state| self.wait_for(state, Awaited::Time, time));
+        drop(waited);
     }
 }
 
@@ -169,6 +192,9 @@ impl BoardEnd {
         let mut answer = LinePart::new(0);
         let mut state = self.shared.lock();
         state.swaps += 1;
+        if state.swaps == 1 {
+            self.shared.changed.notify_all();
+        }
         state.to_client.extend(from_board.carried());
         state.fill(&mut answer, room);
         if state.wait.is_some_and(|wait| state.is_over(wait)) {
@@ -197,7 +223,7 @@ pub struct ClientEnd {
 
 impl ByteLink for ClientEnd {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        let mut state = self.shared.lock();
+        let mut state = self.shared.begun()?;
         if state.to_client.is_empty() && !state.board_gone && !timeout.is_zero() {
             state = self.shared.wait_for(state, Awaited::Bytes, timeout)?;
         }
@@ -212,7 +238,7 @@ impl ByteLink for ClientEnd {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let mut state = self.shared.lock();
+        let mut state = self.shared.begun()?;
         state.to_board.extend(bytes);
         while !state.has_room() && !state.board_gone {
             let before = state.to_board.len();
@@ -323,19 +349,18 @@ mod tests {
             let board = echo(board, PART_BYTES);
             let mut client = Noisy::new(client, Noise::of_each(Noise::WHOLE / 50), 9);
             let clock = client.clock();
+            let begun = clock.now();
             let mut heard = Vec::new();
             for round in 0..200_u32 {
                 client.send(&round.to_le_bytes().repeat(7)).unwrap();
                 let mut buffer = [0; 64];
                 let wait = Duration::from_millis(u64::from(round % 9));
                 let count = client.receive(&mut buffer, wait).unwrap();
-                heard.push((clock.now(), buffer[..count].to_vec()));
+                heard.push((clock.since(begun), buffer[..count].to_vec()));
             }
             drop(client);
             board.join().unwrap();
-            let begun = heard[0].0;
-            let times = heard.into_iter().map(|(at, bytes)| (at - begun, bytes));
-            times.collect::<Vec<_>>()
+            heard
         };
         assert_eq!(run(), run());
     }
