@@ -14,6 +14,7 @@ mod process;
 mod python;
 mod setup;
 mod size;
+mod tally;
 mod test;
 
 use std::path::{Path, PathBuf};
@@ -29,7 +30,8 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
-  test       Run every check that CI runs; ends with a line `N passed, M failed`
+  test       Run every check that CI runs; ends with a line `N passed, M failed`. TARGET: only such a part of them: checks (form, lints, documentation,
+             planted bugs), builds (firmware, sizes, the command), robots (the demo, tests of the whole, which need the builds), libraries
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
@@ -128,7 +130,8 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
 
 fn run(command: &str, options: &Options) -> Result<(), Failure> {
     let root = root();
-    if let Some(surplus) = options.targets.first().filter(|_| command != "fuzz") {
+    let takes_words = matches!(command, "fuzz" | "test");
+    if let Some(surplus) = options.targets.first().filter(|_| !takes_words) {
         return Err(Failure::Usage(format!("{command} takes no {surplus}")));
     }
     let choice = match options.toolchain {
@@ -161,7 +164,14 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(drop)
         }
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
-        "test" => test::command(&root, choice, options.quick),
+        "test" => test::command(
+            &root,
+            test::Selection {
+                parts: &options.targets,
+                quick: options.quick,
+                toolchain: choice,
+            },
+        ),
         "demo" => demo::command(&root, choice),
         "fuzz" => {
             let minutes = options.minutes.unwrap_or(fuzz::DEFAULT_MINUTES);

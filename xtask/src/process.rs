@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::setup::host_cargo;
+
 /// Why a command of ours ended badly.
 #[derive(Debug)]
 pub enum Failure {
@@ -116,6 +118,13 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new("setpriv");
     command.args(["--pdeathsig", "TERM"]).arg(program);
     command
+}
+
+/// The host's cargo in `folder`.
+pub fn cargo(folder: &Path) -> Command {
+    let mut cargo = command(host_cargo());
+    cargo.current_dir(folder);
+    cargo
 }
 
 /// The command as a person would type it.

@@ -62,6 +62,15 @@ impl Choice {
         }
     }
 
+    /// Its name, as [`Choice::from_name`] takes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Choice::Auto => "auto",
+            Choice::Rustup => "rustup",
+            Choice::Debian => "debian",
+        }
+    }
+
     /// What `ESM_TOOLCHAIN` says.
     ///
     /// # Errors
@@ -84,6 +93,14 @@ pub enum Toolchain {
 }
 
 impl Toolchain {
+    /// The name of the choice that is this compiler.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Toolchain::Rustup => Choice::Rustup.name(),
+            Toolchain::Debian { .. } => Choice::Debian.name(),
+        }
+    }
+
     /// A cargo command in `folder`, which builds with this compiler.
     pub fn cargo(&self, folder: &Path) -> Command {
         let mut cargo;

@@ -1,8 +1,6 @@
-//! `cargo xtask test`: every check, one after another; what fails does not keep the rest from running.
+//! `cargo xtask test`: every check, in parts; what fails does not keep the rest from running.
 
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::Path;
 use std::time::Instant;
 
 use crate::bench;
@@ -11,208 +9,182 @@ use crate::firmware::{
     self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
 };
 use crate::fuzz;
-use crate::process::{self, Failure, shown};
+use crate::process::{self, Failure, cargo};
 use crate::python;
 use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
 use crate::size;
+use crate::tally::Tally;
 
 /// Tells the example's tests where its firmware is.
 const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_MY_ROBOT_FIRMWARE";
 
-/// What has been counted so far: a step is one, and each test of a test program is one.
-#[derive(Default)]
-struct Tally {
-    passed: usize,
-    failed: usize,
-    failures: Vec<String>,
+/// The parts of the checks, which can be asked for alone.
+pub const PARTS: [&str; 4] = ["checks", "builds", "robots", "libraries"];
+
+/// What is asked for.
+#[derive(Clone, Copy)]
+pub struct Selection<'a> {
+    /// Of [`PARTS`]; all if there is none.
+    pub parts: &'a [String],
+    /// Leave out what needs firmware or an emulator.
+    pub quick: bool,
+    /// Which compiler builds firmware.
+    pub toolchain: Choice,
 }
 
-impl Tally {
-    /// Runs one step and tells how it went.
-    fn step(&mut self, name: &str, run: impl FnOnce() -> Result<(), Failure>) {
-        println!("\n== {name}");
-        let started = Instant::now();
-        let result = run();
-        let seconds = started.elapsed().as_secs_f32();
-        match result {
-            Ok(()) => {
-                self.passed += 1;
-                println!("== {name}: ok ({seconds:.0} s)");
-            }
-            Err(failure) => {
-                self.failed += 1;
-                println!("== {name}: FAILED ({seconds:.0} s): {failure}");
-                self.failures.push(name.to_owned());
-            }
-        }
-    }
-
-    /// A step that is a run of `cargo test`, whose tests are counted each.
-    fn tests(
-        &mut self,
-        name: &str,
-        folder: &Path,
-        arguments: &[&str],
-        variable: Option<(&str, PathBuf)>,
-    ) {
-        let (mut passed, mut failed) = (0, 0);
-        self.step(name, || {
-            let mut cargo = cargo(folder);
-            cargo
-                .args(["test", "--no-fail-fast"])
-                .args(arguments)
-                .envs(variable)
-                .stdout(Stdio::piped());
-            let command = shown(&cargo);
-            let start = |cause| Failure::Start {
-                command: command.clone(),
-                cause,
-            };
-            let mut child = cargo.spawn().map_err(start)?;
-            for line in child
-                .stdout
-                .take()
-                .into_iter()
-                .flat_map(|out| BufReader::new(out).lines())
-            {
-                let line = line.map_err(start)?;
-                println!("{line}");
-                if let Some((now_passed, now_failed)) = counts(&line) {
-                    passed += now_passed;
-                    failed += now_failed;
-                }
-            }
-            let status = child.wait().map_err(start)?;
-            if status.success() {
-                Ok(())
-            } else {
-                Err(Failure::Ended {
-                    command: command.clone(),
-                    status,
-                })
-            }
-        });
-        self.passed += passed;
-        self.failed += failed;
-    }
-
-    /// A step that does not apply here.
-    fn skip(&self, name: &str, reason: &str) {
-        println!("\n== {name}: left out: {reason}");
-    }
-}
-
-/// Runs every check; `quick` leaves out what needs firmware or an emulator.
+/// Runs checks.
+///
+/// Of all of them two parts at a time run side by side, where one is mostly for the compiler, or waits for emulators: the machine has two cores at least.
 ///
 /// # Errors
-/// [`Failure::Checks`] if one did not hold.
-pub fn command(root: &Path, choice: Choice, quick: bool) -> Result<(), Failure> {
+/// [`Failure::Checks`] if one did not hold, [`Failure::Usage`] for an unknown part.
+pub fn command(root: &Path, selection: Selection<'_>) -> Result<(), Failure> {
+    if let Some(unknown) = (selection.parts.iter()).find(|part| !PARTS.contains(&part.as_str())) {
+        let parts = PARTS.join(", ");
+        let problem = format!("test has no part {unknown}; its parts are {parts}");
+        return Err(Failure::Usage(problem));
+    }
+    if selection.quick && !selection.parts.is_empty() {
+        let problem = "--quick leaves parts out by itself: give it, or the parts";
+        return Err(Failure::Usage(problem.to_owned()));
+    }
     let started = Instant::now();
     let mut tally = Tally::default();
-    host_checks(root, &mut tally);
-    // One line for each: where it was planted, its name, what it breaks, and what noticed it.
-    tally.tests(
-        "planted bugs",
-        root,
-        &[
-            "--package",
-            "rt-firmware",
-            "--package",
-            "host-tools",
-            "--features",
-            "rt-firmware/keys,rt-firmware/black-box",
-            "--lib",
-            "planted_defect_of_the_",
-            "--",
-            "--nocapture",
-            "--test-threads=1",
-        ],
-        None,
-    );
-    if quick {
+    if selection.quick {
+        checks(root, &mut tally);
         tally.tests(
             "tests of the libraries",
             root,
             &["--workspace", "--lib", "--bins"],
             None,
         );
+    } else if selection.parts.is_empty() {
+        all(root, selection.toolchain, &mut tally);
     } else {
-        let mut toolchain = None;
-        tally.step("set-up", || {
-            setup::emulator()?;
-            toolchain = Some(setup::toolchain(choice)?);
-            Ok(())
-        });
-        if let Some(toolchain) = &toolchain {
-            firmware_checks(root, toolchain, &mut tally);
-        }
-        tally.step("the command esm, optimised", || {
-            process::run(cargo(root).args([
-                "build",
-                "--release",
-                "--package",
-                "host-tools",
-                "--bin",
-                "esm",
-            ]))
-        });
-        match python::find() {
-            Some(python) => tally.step("the link's client in Python", || {
-                python::test(root, &python, &root.join("target/release/esm"))
-            }),
-            None => tally.skip(
-                "the link's client in Python",
-                "there is no python3 with venv",
-            ),
-        }
-        tally.step("the demo, and its deepest stack", || {
-            size::check_stack(root, &demo::drive(root)?.join("summary.json"))
-        });
-        tally.tests("tests of the workspace", root, &["--workspace"], None);
-        tally.tests(
-            "the interpreter that is compiled for size",
-            root,
-            &[
-                "--package",
-                "esm-tests",
-                "--features",
-                "esm-core/small",
-                "--test",
-                "fuzzing",
-                "--test",
-                "differential",
-            ],
-            None,
-        );
-        let target = root.join(bench::MACHINES_TARGET);
-        tally.tests(
-            "tests of the machines that are compared",
-            &root.join(bench::MACHINES_FOLDER),
-            &[
-                "--package",
-                "bench-machines",
-                "--target-dir",
-                &target.to_string_lossy(),
-            ],
-            None,
-        );
-        if let Some(toolchain) = &toolchain {
-            example_checks(root, toolchain, &mut tally);
+        for part in selection.parts {
+            match part.as_str() {
+                "checks" => checks(root, &mut tally),
+                "builds" => builds(root, selection.toolchain, &mut tally),
+                "robots" => robots(root, &mut tally),
+                _ => libraries(root, selection.toolchain, &mut tally),
+            }
         }
     }
     println!("\nTook {:.0} s.", started.elapsed().as_secs_f32());
-    for failure in &tally.failures {
-        println!("failed: {failure}");
+    tally.end()
+}
+
+/// Every part.
+fn all(root: &Path, choice: Choice, tally: &mut Tally) {
+    let mut toolchain = choice.name();
+    tally.step("set-up", || {
+        setup::emulator()?;
+        // What was found is not looked for again.
+        toolchain = setup::toolchain(choice)?.name();
+        Ok(())
+    });
+    let beside = |part: &'static str| {
+        let log = root.join(format!("target/test/{part}.log"));
+        Tally::beside(part, &["--toolchain", toolchain], log)
+    };
+    let builds = beside("builds");
+    checks(root, tally);
+    tally.step("tests of the workspace: compiled", || {
+        process::run(cargo(root).args(["test", "--workspace", "--no-run"]))
+    });
+    tally.join(builds);
+    let libraries = beside("libraries");
+    robots(root, tally);
+    tally.join(libraries);
+}
+
+/// What is built optimised: the command, and firmware, with its sizes and lints.
+fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
+    if let Some(toolchain) = compiler(choice, tally) {
+        firmware_checks(root, &toolchain, tally);
     }
-    println!("{} passed, {} failed", tally.passed, tally.failed);
-    match tally.failed {
-        0 => Ok(()),
-        failed => Err(Failure::Checks { failed }),
+    tally.step("the command esm, optimised", || {
+        process::run(cargo(root).args([
+            "build",
+            "--release",
+            "--package",
+            "host-tools",
+            "--bin",
+            "esm",
+        ]))
+    });
+}
+
+/// What drives robots, on the host and in the emulator: the demo, and the tests of the whole. Needs what [`builds`] makes.
+fn robots(root: &Path, tally: &mut Tally) {
+    match python::find() {
+        Some(python) => tally.step("the link's client in Python", || {
+            python::test(root, &python, &root.join("target/release/esm"))
+        }),
+        None => tally.skip(
+            "the link's client in Python",
+            "there is no python3 with venv",
+        ),
+    }
+    tally.step("the demo, and its deepest stack", || {
+        size::check_stack(root, &demo::drive(root)?.join("summary.json"))
+    });
+    tally.tests(
+        "tests of the whole",
+        root,
+        &["--workspace", "--test", "*"],
+        None,
+    );
+}
+
+/// Tests of each library for itself, of the interpreter in its other form, of the machines that it is compared with, and of a robot outside the workspace.
+fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
+    tally.tests(
+        "tests of the libraries",
+        root,
+        &["--workspace", "--lib", "--bins"],
+        None,
+    );
+    tally.tests(
+        "examples in the documentation",
+        root,
+        &["--workspace", "--doc"],
+        None,
+    );
+    tally.tests(
+        "the interpreter that is compiled for size",
+        root,
+        &[
+            "--package",
+            "esm-tests",
+            "--features",
+            "esm-core/small",
+            "--test",
+            "fuzzing",
+            "--test",
+            "differential",
+        ],
+        None,
+    );
+    let target = root.join(bench::MACHINES_TARGET);
+    tally.tests(
+        "tests of the machines that are compared",
+        &root.join(bench::MACHINES_FOLDER),
+        &[
+            "--package",
+            "bench-machines",
+            "--target-dir",
+            &target.to_string_lossy(),
+        ],
+        None,
+    );
+    if let Some(toolchain) = compiler(choice, tally) {
+        example_checks(root, &toolchain, tally);
     }
 }
 
-/// What needs no firmware: form, lints, documentation.
-fn host_checks(root: &Path, tally: &mut Tally) {
+/// What needs no firmware: form, lints, documentation, and whether the tests notice bugs that are planted.
+fn checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
@@ -279,6 +251,20 @@ fn host_checks(root: &Path, tally: &mut Tally) {
             "--no-deps",
         ]))
     });
+    // One line for each: where it was planted, its name, what it breaks, and what noticed it.
+    tally.tests(
+        "planted bugs",
+        root,
+        &[
+            "--workspace",
+            "--lib",
+            "planted_defect_of_the_",
+            "--",
+            "--nocapture",
+            "--test-threads=1",
+        ],
+        None,
+    );
 }
 
 /// What is built for the board's core.
@@ -336,51 +322,18 @@ fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     );
 }
 
-/// The host's cargo in `folder`.
-fn cargo(folder: &Path) -> Command {
-    let mut cargo = process::command(host_cargo());
-    cargo.current_dir(folder);
-    cargo
+/// The compiler for firmware; a step that failed if there is none.
+fn compiler(choice: Choice, tally: &mut Tally) -> Option<Toolchain> {
+    match setup::toolchain(choice) {
+        Ok(toolchain) => Some(toolchain),
+        Err(failure) => {
+            tally.step("compiler for firmware", || Err(failure));
+            None
+        }
+    }
 }
 
 /// Whether the host's cargo has the subcommand `name`.
 fn has_component(name: &str) -> bool {
     process::output(process::command(host_cargo()).args([name, "--version"])).is_some()
-}
-
-/// Passed and failed tests of a test program's last line.
-fn counts(line: &str) -> Option<(usize, usize)> {
-    let line = line.strip_prefix("test result: ")?;
-    let before = |word: &str| {
-        line.split(word)
-            .next()?
-            .split_whitespace()
-            .last()?
-            .parse()
-            .ok()
-    };
-    Some((before(" passed;")?, before(" failed;")?))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::counts;
-
-    #[test]
-    fn the_last_line_of_a_test_program_is_counted() {
-        for (line, expected) in [
-            (
-                "test result: ok. 12 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s",
-                Some((12, 0)),
-            ),
-            (
-                "test result: FAILED. 3 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.01s",
-                Some((3, 2)),
-            ),
-            ("test result: unknown", None),
-            ("running 3 tests", None),
-        ] {
-            assert_eq!(counts(line), expected, "{line}");
-        }
-    }
 }
