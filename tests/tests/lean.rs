@@ -45,23 +45,44 @@ fn a_mission_runs_on_the_lean_firmware_as_on_the_full_one() {
 fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
     let robot = Robot::start("lm3s6965", Some(&lean_firmware()));
     robot.esm(&["upload", "missions/patrol.esm"]).good();
-    let running = robot.status()["mission"].clone();
+    let status = robot.status();
+    let all = [
+        "record",
+        "log",
+        "news",
+        "params",
+        "warm",
+        "keys",
+        "store",
+        "black-box",
+    ];
+    assert_eq!(
+        status["built_without"],
+        serde_json::json!(all),
+        "{status:#}"
+    );
+    let running = status["mission"].clone();
     assert!(running.is_object() || running.is_string(), "{running}");
-    for refused in [
-        &["param", "get"][..],
-        &["param", "save"],
-        &["upload", "--warm", "missions/follow_wall.esm"],
-        &["log"],
+    for (refused, feature) in [
+        (&["param", "get"][..], "params"),
+        (&["param", "save"], "params"),
+        (&["upload", "--warm", "missions/follow_wall.esm"], "warm"),
+        (
+            &["upload", "--key", "none", "missions/follow_wall.esm"],
+            "keys",
+        ),
+        (&["log"], "log"),
+        (&["log", "--news"], "news"),
+        (&["log", "--record", "none.rec"], "record"),
+        (&["blackbox"], "black-box"),
     ] {
         let done = robot.esm(refused).ended(1);
-        assert!(
-            done.err.contains("built without"),
-            "{refused:?} says why: {done:#?}"
-        );
+        let why = format!("built without the feature `{feature}`");
+        assert!(done.err.contains(&why), "{refused:?} says why: {done:#?}");
         let status = robot.status();
         assert_eq!(status["mission"], running, "after {refused:?}");
     }
-    // What was refused warm is taken cold, with what was uploaded already.
+    // What was refused warm is taken cold.
     robot.esm(&["upload", "missions/follow_wall.esm"]).good();
     let status = robot.status();
     assert_ne!(status["mission"], running);

@@ -7,7 +7,8 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicI32;
 
 use rt_firmware::body::flash::{
-    BodyFlash, ERASE_BYTES, FlashRequest, FlashWire, MAX_PART_BYTES, REQUEST_HEAD_BYTES, status_of,
+    BodyFlash, ERASE_BYTES, ERASE_US, FlashRequest, FlashWire, MAX_PART_BYTES, REQUEST_HEAD_BYTES,
+    WRITE_BYTES, WRITE_US, status_of,
 };
 use rt_firmware::store::keep::{self, Keep};
 
@@ -24,6 +25,14 @@ static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 
 /// Bytes of the flash.
 pub const BYTES: u32 = keep::flash_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
+
+/// Milliseconds that it takes at most to keep a mission: its slot is erased and written; reading it back, checking it and the slots that run meanwhile take as long again.
+pub const LONGEST_MS: u16 = {
+    let slot_bytes = keep::slot_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
+    let us =
+        slot_bytes / ERASE_BYTES as u32 * ERASE_US + slot_bytes / WRITE_BYTES as u32 * WRITE_US;
+    (2 * us / 1_000) as u16
+};
 
 /// The flash, and what is kept in it.
 pub type BoardKeep = Keep<'static, BodyFlash<Wire>>;

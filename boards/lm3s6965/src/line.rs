@@ -13,7 +13,7 @@ use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide};
 
-use crate::flash::BoardKeep;
+use crate::flash::{self, BoardKeep};
 #[cfg(feature = "log")]
 use crate::log;
 use crate::{clock, plant_line, stack, uart};
@@ -144,6 +144,7 @@ impl LinkEnd {
 
 impl LinkPort for LinkEnd {
     const KEEPS_LOG: bool = cfg!(feature = "log");
+    const FLASH_MS: u16 = flash::LONGEST_MS;
 
     fn now_us(&mut self) -> u64 {
         clock::now_us()

@@ -1,5 +1,8 @@
 //! A firmware that keeps no missions: it is built without the feature `store`.
 
+/// Nothing takes any time.
+pub const LONGEST_MS: u16 = 0;
+
 /// Nothing is kept.
 pub enum BoardKeep {}
 

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 
-from . import Client, Key, KeyProblem, LinkLost, Malformed, NoReply, OtherKey, OtherVersion, Refused, open_port
+from . import Client, Key, KeyProblem, LinkLost, Malformed, NoReply, NotBuiltIn, OtherKey, OtherVersion, Refused, open_port
 
 DONE, REFUSED, WORLD_FAILED = 0, 1, 3
 
@@ -20,6 +20,7 @@ def main(arguments=None) -> int:
     for name, text in (
         ("hello", "who the robot is"),
         ("status", "how it is"),
+        ("features", "what its firmware was built with, and without"),
         ("stop", "motors off, until `start`"),
         ("start", "the mission runs again"),
     ):
@@ -38,6 +39,9 @@ def main(arguments=None) -> int:
                 print(json.dumps(dataclasses.asdict(robot)))
             elif options.command == "status":
                 print(json.dumps(dataclasses.asdict(client.status())))
+            elif options.command == "features":
+                features = client.features()
+                print(json.dumps({**dataclasses.asdict(features), "built_without": features.left_out()}))
             elif options.command == "upload":
                 blob = options.blob.read()
                 is_terminal = sys.stderr.isatty()
@@ -58,7 +62,7 @@ def main(arguments=None) -> int:
             else:
                 getattr(client, options.command)()
         return DONE
-    except (OtherKey, Refused) as error:
+    except (NotBuiltIn, OtherKey, Refused) as error:
         print(f"esm-link: {error}", file=sys.stderr)
         return REFUSED
     except (KeyProblem, LinkLost, Malformed, NoReply, OtherVersion, OSError) as error:

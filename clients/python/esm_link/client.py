@@ -21,6 +21,11 @@ NOISY_DEADLINE_S = 30.0
 # A robot does not do what it is asked for after nobody waits for it any more: a client gives up no sooner.
 COMMAND_TIME_US = int(SILENT_DEADLINE_S * 1_000_000)
 
+# Before their answers the robot may write its flash.
+KEPT = (
+    messages.COMMIT, messages.CONFIRM, messages.FALL_BACK, messages.SAVE_PARAMS, messages.RELEASE, messages.INSTALL_KEY, messages.REMOVE_KEY,
+)  # fmt: skip
+
 SMALLEST_CHUNK = 16
 CHUNKS_BEFORE_GROWTH = 4
 MAX_CHUNKS_AHEAD = 8
@@ -51,6 +56,14 @@ class OtherKey(Exception):
         super().__init__(f"the robot has the key {robot.hex()}, {have}")
         self.robot = robot
         self.ours = ours
+
+
+class NotBuiltIn(Exception):
+    """The robot's firmware was built without what was asked for."""
+
+    def __init__(self, feature: str) -> None:
+        super().__init__(f"the robot's firmware was built without the feature `{feature}`")
+        self.feature = feature
 
 
 class Refused(Exception):
@@ -97,6 +110,7 @@ class Client:
         self._reader = FrameReader()
         self._reply_time = None
         self._robot: Optional[messages.Hello] = None
+        self._features: Optional[messages.Features] = None
         self._trace = Assembler()
         self._records: List[dict] = []
         self._news: List[messages.News] = []
@@ -114,7 +128,31 @@ class Client:
         if robot.protocol != messages.PROTOCOL_VERSION:
             raise OtherVersion(robot.protocol)
         self._robot = robot
+        # It may have another firmware than before.
+        self._features = None
         return robot
+
+    def features(self) -> messages.Features:
+        """What the robot's firmware was built with. It is asked once a session."""
+        if self._features is None:
+            patience = _Patience()
+            # A firmware of before there was this request does not understand it, however often it is sent; noise comes once.
+            for _ in range(2):
+                body = self._exchange("features", patience, messages.FEATURES)
+                if isinstance(body, messages.Features):
+                    break
+                if not isinstance(body, Error):
+                    raise Malformed(f"the robot answered `features` with {body}")
+                if body.name != "Malformed":
+                    raise Refused("features", body)
+                body = messages.UNTOLD
+            self._features = body
+        return self._features
+
+    def require(self, feature: str) -> None:
+        """Raises NotBuiltIn where the robot's firmware was built without this, before anything is asked for that needs it."""
+        if not self.features().has(feature):
+            raise NotBuiltIn(feature)
 
     def status(self) -> messages.Status:
         return self._ask("status", messages.Status, messages.STATUS)
@@ -154,24 +192,32 @@ class Client:
 
     def param(self, mission: int, index: int) -> messages.Param:
         """Bits of a parameter of the running mission, and of the value that the mission gives it."""
+        self.require("params")
         return self._ask("param", messages.Param, messages.PARAM, mission, index)
 
     def set_param(self, mission: int, index: int, value: int) -> int:
         """Gives a parameter of the running mission another value, by its bits. Returns the bits of the value before."""
+        self.require("params")
         return self._command("set param", messages.ParamSet, messages.SET_PARAM, mission, index, value).before
 
     def save_params(self, mission: int) -> int:
         """Lets the robot keep the values that differ now, and start the mission with them from now on. Returns how many there are."""
+        self.require("params")
         return self._command("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
 
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
 
     def subscribe(self, trace: bool = False, log: bool = False, record: bool = False) -> None:
+        for feature, wanted in (("log", log), ("record", record)):
+            if wanted:
+                self.require(feature)
         self._ask("subscribe", messages.Done, messages.SUBSCRIBE, trace, log, record)
 
     def watch(self, period_ms: Optional[int] = 0) -> None:
         """Lets the robot tell whenever its mission, the trial of that or its mode changes, and each period of the mission's time; with None no more."""
+        if period_ms is not None:
+            self.require("news")
         self._ask("watch", messages.Done, messages.WATCH, period_ms is not None, period_ms or 0)
 
     def news(self, seconds: float) -> Iterator[messages.News]:
@@ -216,6 +262,8 @@ class Client:
 
     def upload(self, blob: bytes, progress: Optional[Callable[[int], None]] = None, trial_ms: int = 0, warm: bool = False) -> int:
         """Brings a mission to the robot and lets it take over, on trial for so long if that is above 0. Returns its hash when it runs."""
+        if warm:
+            self.require("warm")
         self.stage(blob, progress)
         return self._command("commit", messages.Committed, messages.COMMIT, warm, trial_ms).mission
 
@@ -343,6 +391,7 @@ class Client:
 
     def _command(self, name: str, wanted: type, kind: int, *fields):
         """Asks for something that changes what the robot does. It is not done after its answer was waited for, and a robot that has a key takes it signed only."""
+        longer = self._longer(kind)
         begun = _Patience()
         while True:
             by_us = self.clock() + COMMAND_TIME_US
@@ -351,29 +400,34 @@ class Client:
             fields_in_time = (by_us, messages.without_number(kind, *fields))
             if self._is_locked():
                 upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
-                body = self._exchange_signed(name, patience, upload, messages.WITHIN, *fields_in_time)
+                body = self._exchange_signed(name, patience, upload, messages.WITHIN, *fields_in_time, longer=longer)
             else:
-                body = self._exchange(name, patience, messages.WITHIN, *fields_in_time)
+                body = self._exchange(name, patience, messages.WITHIN, *fields_in_time, longer=longer)
             if not self._is_to_repeat(name, wanted, body, begun):
                 return body
 
     def _key_command(self, name: str, wanted: type, kind: int, *fields):
         """Asks for something that is about keys. A robot that has one takes it signed only."""
+        longer = self._longer(kind)
         patience = _Patience()
         while True:
             if self._is_locked():
-                body = self._exchange_signed(name, patience, NO_UPLOAD, kind, *fields)
+                body = self._exchange_signed(name, patience, NO_UPLOAD, kind, *fields, longer=longer)
             else:
-                body = self._exchange(name, patience, kind, *fields)
+                body = self._exchange(name, patience, kind, *fields, longer=longer)
             if not self._is_to_repeat(name, wanted, body, patience):
                 return body
 
-    def _exchange_signed(self, name: str, patience: _Patience, upload: bytes, kind: int, *fields) -> object:
+    def _longer(self, kind: int) -> float:
+        """Seconds that the robot may take longer for this than for others."""
+        return self.features().flash_ms / 1000 if kind in KEPT else 0.0
+
+    def _exchange_signed(self, name: str, patience: _Patience, upload: bytes, kind: int, *fields, longer: float) -> object:
         """One exchange: it cannot be sent a second time after an answer, for the nonce is used up."""
         request = messages.without_number(kind, *fields)
         key, challenge = self._challenge()
         signature = key.sign(command_message(challenge.nonce, upload, request))
-        return self._exchange(name, patience, messages.SIGNED, signature, request)
+        return self._exchange(name, patience, messages.SIGNED, signature, request, longer=longer)
 
     # Requests.
 
@@ -399,7 +453,7 @@ class Client:
             if not self._is_to_repeat(name, wanted, body, patience):
                 return body
 
-    def _exchange(self, name: str, patience: _Patience, kind: int, *fields) -> object:
+    def _exchange(self, name: str, patience: _Patience, kind: int, *fields, longer: float = 0.0) -> object:
         self._seq = (self._seq + 1) % 256
         request = messages.request(self._seq, kind, *fields)
         self._other_version = None
@@ -407,7 +461,7 @@ class Client:
         while True:
             self._write(request)
             sent = time.monotonic()
-            deadline = sent + self._wait(attempt, len(request) + 7)
+            deadline = sent + self._wait(attempt, len(request) + 7) + longer
             while time.monotonic() < deadline:
                 spoiled = self._reader.spoiled
                 answers = self._receive(deadline - time.monotonic())
@@ -422,7 +476,7 @@ class Client:
                     # With the number that a session happens to begin with, an answer of the session before may still be on its way.
                     is_old = kind == messages.HELLO and not isinstance(answer.body, messages.Hello)
                     if answer.seq == self._seq and not is_old:
-                        if attempt == 0:
+                        if attempt == 0 and not longer:
                             self._answer_took(time.monotonic() - sent)
                         return answer.body
             patience.check(name)

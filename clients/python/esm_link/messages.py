@@ -9,8 +9,8 @@ PROTOCOL_VERSION = 3
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
-    CLOCK, WITHIN,
-) = range(31)  # fmt: skip
+    CLOCK, WITHIN, FEATURES,
+) = range(32)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -45,6 +45,8 @@ SLOT_STATES = (
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
 CHANNELS = ("trace", "log", "record")
 ACCESS = ("unsupported", "open", "locked", "unreadable")
+# Each by its bit.
+FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box")
 CAUSES = ("begun", "period", "mission", "trial", "mode")
 
 
@@ -251,6 +253,26 @@ class Clock:
     """Microseconds since the robot started."""
 
     now_us: int
+
+
+@dataclass
+class Features:
+    """What a firmware was built with."""
+
+    #: A set of bits, of which FEATURE_NAMES names those that are known here.
+    built_in: int
+    #: So much longer than others a request may take that lets the robot write its flash.
+    flash_ms: int
+
+    def has(self, name: str) -> bool:
+        return self.built_in >> FEATURE_NAMES.index(name) & 1 == 1
+
+    def left_out(self) -> List[str]:
+        return [name for name in FEATURE_NAMES if not self.has(name)]
+
+
+# Of a firmware that does not say it: the robot itself refuses what it lacks.
+UNTOLD = Features(2**32 - 1, 0)
 
 
 @dataclass
@@ -474,6 +496,8 @@ def _answer(fields: Fields) -> object:
         return ParamsSaved(fields.u8())
     if kind == 16:
         return Clock(fields.number())
+    if kind == 17:
+        return Features(fields.number(32), fields.number(16))
     raise Malformed(f"an answer of kind {kind}")
 
 

@@ -6,7 +6,7 @@ import tempfile
 import unittest
 
 import vectors
-from esm_link import Client, Key, KeyProblem, OtherKey, OtherVersion, Refused, frames, keys, messages
+from esm_link import Client, Key, KeyProblem, NotBuiltIn, OtherKey, OtherVersion, Refused, frames, keys, messages
 from esm_link.frames import FrameReader
 from esm_link.messages import Answer, Malformed, Part
 
@@ -92,6 +92,7 @@ class Messages(unittest.TestCase):
             "request remove key": (messages.REMOVE_KEY,),
             "request param": (messages.PARAM, 0x1234ABCD, 300),
             "request clock": (messages.CLOCK,),
+            "request features": (messages.FEATURES,),
             "request within a time": (messages.WITHIN, 2**40, messages.without_number(messages.START)),
         }
         for name, (kind, *fields) in requests.items():
@@ -130,6 +131,9 @@ class Messages(unittest.TestCase):
         self.assertEqual(box.end, 70_003)
         self.assertEqual([(record.sequence, record.kind) for record in box.records], [(70_000, 1), (70_001, 4), (70_002, 5)])
         self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
+        features = self.read("answer features").body
+        self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
+        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box"])
         error = self.read("answer error capacity exceeded").body
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
         news = self.read("news")
@@ -235,6 +239,7 @@ class Exchanges(unittest.TestCase):
         client = Client(None, number=0)
         client._robot = messages.Hello(*[None] * 14, "locked")
         answers = {messages.CHALLENGE: challenge, messages.CLOCK: messages.Clock(0)}
+        client._features = messages.UNTOLD
         client._ask = lambda name, wanted, kind, *fields: answers.get(kind) or self.fail(name)
         for act in (client.start, lambda: client.confirm(1), lambda: client.set_param(1, 2, 3), client.remove_key):
             with self.assertRaises(OtherKey):
@@ -303,6 +308,36 @@ class Exchanges(unittest.TestCase):
         self.assertEqual(told[0], 176)
         client.abort()
         self.assertTrue(port.is_done())
+
+    def test_what_the_firmware_lacks_is_not_asked_for(self):
+        port = line("what the firmware was built with")
+        client = Client(port, number=0)
+        client.hello()
+        with self.assertRaises(NotBuiltIn) as lacking:
+            client.require("store")
+        self.assertEqual(lacking.exception.feature, "store")
+        # It is asked once.
+        client.require("warm")
+        self.assertTrue(port.is_done())
+
+    def test_a_firmware_that_does_not_say_what_it_has_may_have_all(self):
+        class Older:
+            timeout = 0.0
+            answer = b""
+            asked = 0
+
+            def write(self, sent: bytes) -> None:
+                self.asked += 1
+                seq = frames.decode(sent[1:-1])[0]
+                self.answer = frames.encode(bytes([0, seq, 1, 0]))
+
+            def read(self, size: int) -> bytes:
+                answer, self.answer = self.answer[:size], self.answer[size:]
+                return answer
+
+        port = Older()
+        self.assertEqual(Client(port).features(), messages.UNTOLD)
+        self.assertEqual(port.asked, 2)
 
     def test_a_mission_its_trace_and_a_stop(self):
         port = line("a mission, its trace, a stop")

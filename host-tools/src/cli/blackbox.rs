@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use rt_firmware::black_box::Event;
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::LinkError;
 
 use super::console::Console;
@@ -53,6 +54,7 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
         missions.insert(mission.hash, mission.directory);
     }
     let (mut robot, _) = args.robot.connect()?;
+    robot.require(Feature::BlackBox)?;
     let records = robot.black_box()?;
     let is_wanted = |hash: u32| {
         let is_its_start =
@@ -73,8 +75,7 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
         }
     }
     if records.is_empty() {
-        console
-            .note("the robot has written nothing down: its firmware was built without a recorder");
+        console.note("the robot has written nothing down");
     }
     Ok(())
 }

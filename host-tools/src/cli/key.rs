@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
+use rt_firmware::features::Feature;
 use rt_firmware::link::access::Access;
 use serde::Serialize;
 
@@ -13,6 +14,7 @@ use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{self, LineArgs, RobotArgs};
 use crate::keys::{KeyError, SigningKey, default_path};
+use crate::link_client::ClientError;
 
 /// Makes and installs the key without which a robot takes no commands
 ///
@@ -204,10 +206,10 @@ fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError
             )));
         }
         (Access::Unsupported, _) => {
-            return Err(CommandError::Input(anyhow!(
-                "the robot cannot have a key: its firmware ({}) has no room for one",
-                info.firmware
-            )));
+            return Err(ClientError::NotBuiltIn {
+                feature: Feature::Keys,
+            }
+            .into());
         }
         (Access::Unreadable, _) => {
             return Err(CommandError::World(anyhow!(

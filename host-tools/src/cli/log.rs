@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Channel, Mode};
 use rt_firmware::link::news::{Cause, News};
 
@@ -15,8 +16,9 @@ use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
 use super::{file, stage};
 use crate::host_board;
+use crate::link_client::error::without;
 use crate::link_client::log_lines::LogReader;
-use crate::link_client::{RobotInfo, StreamEvent, Streams};
+use crate::link_client::{ClientError, StreamEvent, Streams};
 use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
@@ -57,13 +59,6 @@ pub struct LogArgs {
     pub record: Option<PathBuf>,
 }
 
-/// What is wanted beside a recording.
-const LOG: Streams = Streams {
-    trace: false,
-    log: true,
-    record: false,
-};
-
 /// Runs the command.
 ///
 /// # Errors
@@ -74,11 +69,18 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
     }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
-    let log = reader(&info.board, args.firmware.as_deref(), console)?;
+    let wanted = wanted(args, &mut robot, console)?;
+    let log = if wanted.log {
+        reader(&info.board, args.firmware.as_deref(), console)?
+    } else {
+        LogReader::text()
+    };
     let recording = match &args.record {
-        Some(path) => Some(begin(path, &mut robot, &info)?),
+        Some(path) => Some(LiveRecording::begin(&mut robot, &info, wanted, || {
+            file::create(path, "recording")
+        })?),
         None => {
-            robot.subscribe(LOG)?;
+            robot.subscribe(wanted)?;
             None
         }
     };
@@ -94,9 +96,38 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
     listener.finish(args.record.as_deref(), ended, console)
 }
 
-/// Begins a recording in a file, with all that the robot's machine is now.
-fn begin(path: &Path, robot: &mut Robot, info: &RobotInfo) -> Result<Recording, CommandError> {
-    LiveRecording::begin(robot, info, LOG, || file::create(path, "recording"))
+/// What is wanted beside a recording: the log. A robot that keeps none can be listened to all the same, if there is something else to hear.
+fn wanted(
+    args: &LogArgs,
+    robot: &mut Robot,
+    console: &mut Console,
+) -> Result<Streams, CommandError> {
+    if args.record.is_some() {
+        robot.require(Feature::Record)?;
+    }
+    if args.news.is_some() {
+        robot.require(Feature::News)?;
+    }
+    let log = match robot.require(Feature::Log) {
+        Err(ClientError::NotBuiltIn { feature })
+            if args.record.is_some() || args.news.is_some() =>
+        {
+            console.note(&format!(
+                "the robot's firmware was built without the feature `{}`: {}",
+                feature.name(),
+                without(feature)
+            ));
+            false
+        }
+        required => {
+            required?;
+            true
+        }
+    };
+    Ok(Streams {
+        log,
+        ..Streams::NONE
+    })
 }
 
 type Recording = LiveRecording<BufWriter<File>>;

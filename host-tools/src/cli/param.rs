@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::LinkError;
 use serde::Serialize;
 
@@ -161,6 +162,7 @@ pub fn execute(args: &ParamArgs, console: &mut Console) -> Result<(), CommandErr
 
 fn get(args: &GetArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, _) = args.robot.connect()?;
+    robot.require(Feature::Params)?;
     let known = Known::read(&mut robot)?;
     let wanted = match &args.name {
         Some(name) => std::slice::from_ref(known.find(name)?),
@@ -222,6 +224,7 @@ fn get(args: &GetArgs, console: &mut Console) -> Result<(), CommandError> {
 
 fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, _) = args.robot.connect()?;
+    robot.require(Feature::Params)?;
     let known = Known::read(&mut robot)?;
     let parameter = known.find(&args.name)?;
     let kind = parameter.kind;
@@ -264,6 +267,7 @@ fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
 
 fn save(args: &SaveArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
+    robot.require(Feature::Params)?;
     let mission = info.mission.ok_or_else(|| {
         CommandError::Input(anyhow!(
             "the robot has no mission; `esm upload` gives it one"

@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use rt_firmware::features::Feature;
 use rt_firmware::link::access::Access;
 
 use super::argument::Port;
@@ -22,13 +23,16 @@ pub struct RobotArgs {
     pub port: Port,
 
     /// The key that the robot has, if it has one [default: esm/key in the folder for configuration, ~/.config]
-    #[arg(long, value_name = "FILE", env = "ESM_KEY")]
+    #[arg(long, value_name = "FILE", env = KEY_VARIABLE)]
     pub key: Option<PathBuf>,
 
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
     pub line: LineArgs,
 }
+
+/// Names the key of those who name none on the command line.
+const KEY_VARIABLE: &str = "ESM_KEY";
 
 /// How fast a robot's line is.
 #[derive(Clone, Copy, Debug, Args)]
@@ -77,6 +81,16 @@ impl RobotArgs {
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_quietly(&self) -> Result<(Robot, RobotInfo), CommandError> {
         let (mut robot, info) = open(&self.port, self.line)?;
+        // Whoever names a key counts on it. What the environment names is for all robots, those without one among them.
+        let of_environment = std::env::var_os(KEY_VARIABLE);
+        let is_named = (self.key.as_deref())
+            .is_some_and(|key| of_environment.is_none_or(|of_all| key.as_os_str() != of_all));
+        if is_named && info.access == Access::Unsupported {
+            return Err(ClientError::NotBuiltIn {
+                feature: Feature::Keys,
+            }
+            .into());
+        }
         robot.use_key(key_at(self.key.as_deref()));
         Ok((robot, info))
     }
@@ -133,9 +147,9 @@ fn warning(access: Access) -> Option<&'static str> {
 impl From<ClientError> for CommandError {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } | ClientError::OtherKey { .. } => {
-                CommandError::Input(error.into())
-            }
+            ClientError::Refused { .. }
+            | ClientError::OtherKey { .. }
+            | ClientError::NotBuiltIn { .. } => CommandError::Input(error.into()),
             _ => CommandError::World(error.into()),
         }
     }

@@ -501,7 +501,7 @@ impl From<RunError> for CommandError {
             RunError::Trace(error) | RunError::Recording(error) => error.into(),
             RunError::Board(error) => error.into(),
             RunError::Link {
-                cause: ClientError::OtherKey { .. },
+                cause: ClientError::OtherKey { .. } | ClientError::NotBuiltIn { .. },
                 ..
             } => CommandError::Input(error.into()),
             RunError::Plant(_) | RunError::Refused { .. } | RunError::OtherMissions { .. } => {

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use clap::Args;
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::{LastWords, Mode, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
 use rt_firmware::store::SlotState;
@@ -42,6 +43,8 @@ pub struct StatusReport {
     pub board: String,
     /// Name and version of the firmware.
     pub firmware: String,
+    /// Features that it was built without.
+    pub built_without: Vec<&'static str>,
     /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
     /// Why it is in its safe state, if it is.
@@ -277,7 +280,9 @@ pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandEr
     let (mut robot, info) = args.robot.connect()?;
     let reading = Reader::default().read(&mut robot, Tasks::None)?;
     let (words, file) = robot.last_words()?;
+    let left_out = robot.built_in()?.left_out();
     let report = StatusReport {
+        built_without: left_out.into_iter().map(Feature::name).collect(),
         last_words: LastWordsReport::new(words, file),
         ..StatusReport::new(info, reading)
     };
@@ -300,13 +305,14 @@ pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
 }
 
 impl StatusReport {
-    /// What a robot that says this of itself has told; nothing of how its last run ended.
+    /// What a robot that says this of itself has told; nothing of how its last run ended, and of what its firmware lacks.
     pub fn new(info: RobotInfo, reading: Reading) -> Self {
         let status = reading.status;
         let (mode, safe_reason) = mode_words(status.mode);
         StatusReport {
             board: info.board,
             firmware: info.firmware,
+            built_without: Vec::new(),
             mode,
             safe_reason,
             stop_pressed: status.stop_pressed,
@@ -338,6 +344,9 @@ impl fmt::Display for StatusReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<24} {value}");
         row("robot", format!("{} on {}", self.firmware, self.board))?;
+        if !self.built_without.is_empty() {
+            row("built without", self.built_without.join(", "))?;
+        }
         let mode = match self.safe_reason {
             Some(reason) => format!("safe, motors off: {reason}"),
             None if self.stop_pressed => {

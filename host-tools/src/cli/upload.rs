@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use clap::Args;
 use esm_core::Verified;
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Status, Swap};
 use serde::Serialize;
 
@@ -165,6 +166,9 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     let mut staged = stage::mission(&args.file, console)?;
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
+    if args.warm {
+        robot.require(Feature::Warm)?;
+    }
     let running = running_mission(&mut robot)?;
     let handover = match &running {
         Some(running) => staged.follow(&SlotTable::of(&running.tables()), args.no_gap, console)?,
@@ -220,12 +224,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         Some(refusal) => CommandError::Input(anyhow!(
             "the robot refused {}: {}; it goes on with what it had",
             mission.file.display(),
-            match refusal {
-                LinkError::NotBuiltIn => {
-                    "its firmware was built without warm swaps; without `--warm` it takes the mission, which then begins anew".into()
-                }
-                refusal => mission.refusal(refusal),
-            }
+            mission.refusal(refusal)
         )),
         None if matches!(error, ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. }) => error.into(),
         None => CommandError::World(anyhow!(

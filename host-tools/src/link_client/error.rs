@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 use std::io;
 use std::time::Duration;
 
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Capacity, LinkError, PROTOCOL_VERSION};
 use thiserror::Error;
 
@@ -62,6 +63,16 @@ pub enum ClientError {
         /// Why.
         error: LinkError,
     },
+    /// The robot's firmware was built without what was to be asked for.
+    #[error(
+        "the robot's firmware was built without the feature `{}`: {}; build it with that feature of its board's crate (`cargo xtask firmware` builds lm3s6965 with all of them) and flash it",
+        feature.name(),
+        without(*feature)
+    )]
+    NotBuiltIn {
+        /// Which feature.
+        feature: Feature,
+    },
     /// The robot has a key, and this session has none.
     #[error("the robot takes this from the owner of its key alone, and no key was given")]
     NoKey,
@@ -93,6 +104,20 @@ impl ClientError {
             ClientError::Refused { error, .. } | ClientError::UploadStuck { error } => Some(*error),
             _ => None,
         }
+    }
+}
+
+/// What a robot does not do whose firmware was built without this.
+pub fn without(feature: Feature) -> &'static str {
+    match feature {
+        Feature::Record => "what enters its machine cannot be recorded",
+        Feature::Log => "it keeps no log",
+        Feature::News => "it tells no news",
+        Feature::Params => "parameters are read and changed with a new mission alone",
+        Feature::Warm => "each mission begins anew, without `--warm`",
+        Feature::Keys => "it can have no key, and takes commands from anyone",
+        Feature::Store => "it keeps nothing in a flash, or has none",
+        Feature::BlackBox => "it has no flight recorder",
     }
 }
 

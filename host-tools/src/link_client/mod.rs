@@ -31,6 +31,7 @@ mod upload;
 use std::time::Duration;
 
 use rt_firmware::black_box::{RECORD_BYTES, Record};
+use rt_firmware::features::{Feature, Features};
 use rt_firmware::link::access::{Access, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, needs};
 use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
@@ -86,6 +87,31 @@ pub struct RobotInfo {
     pub uploads: Uploads,
     /// Whether it has a key.
     pub access: Access,
+}
+
+/// What a robot says of its firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BuiltIn {
+    /// What it was built with.
+    pub features: Features,
+    /// So much longer than others a request may take that lets the robot write its flash.
+    pub flash_time: Duration,
+}
+
+impl BuiltIn {
+    /// Of a firmware that does not say it: the robot itself refuses what it lacks.
+    const UNTOLD: BuiltIn = BuiltIn {
+        features: Features(u32::MAX),
+        flash_time: Duration::ZERO,
+    };
+
+    /// Features that the firmware was built without.
+    pub fn left_out(&self) -> Vec<Feature> {
+        Feature::ALL
+            .into_iter()
+            .filter(|feature| !self.features.has(*feature))
+            .collect()
+    }
 }
 
 /// A mission that has taken over.
@@ -159,6 +185,8 @@ pub struct LinkClient<L> {
     counts: LinkCounts,
     /// What the robot said of uploads.
     uploads: Uploads,
+    /// What it said of its firmware, once it was asked.
+    built_in: Option<BuiltIn>,
     /// Whether whoever waits for an answer has had enough.
     stop: Option<Box<dyn Fn() -> bool + Send>>,
     signing: Signing,
@@ -194,6 +222,7 @@ impl<L: ByteLink> LinkClient<L> {
                 chunk_bytes: 1,
                 window_bytes: 1,
             },
+            built_in: None,
             stop: None,
             signing: Signing::default(),
         };
@@ -214,8 +243,62 @@ impl<L: ByteLink> LinkClient<L> {
             return Err(ClientError::OtherVersion { robot: protocol });
         }
         self.uploads = info.uploads;
+        // It may have another firmware than before.
+        self.built_in = None;
         self.signing.access = info.access;
         Ok(info)
+    }
+
+    /// What the robot's firmware was built with. It is asked once a session.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn built_in(&mut self) -> Result<BuiltIn, ClientError> {
+        if let Some(known) = self.built_in {
+            return Ok(known);
+        }
+        let name = "features";
+        let mut patience = Patience::new(self.clock.now());
+        let mut read = |response: Response<'_>| match response {
+            Response::Features { built_in, flash_ms } => Some(BuiltIn {
+                features: built_in,
+                flash_time: Duration::from_millis(flash_ms.into()),
+            }),
+            _ => None,
+        };
+        // A firmware of before there was this request does not understand it, however often it is sent; noise comes once.
+        let mut built_in = BuiltIn::UNTOLD;
+        for _ in 0..2 {
+            let request = Request::Features;
+            match self.exchange(name, request, Duration::ZERO, &mut patience, &mut read)? {
+                Ok(Some(told)) => {
+                    built_in = told;
+                    break;
+                }
+                Ok(None) => return Err(ClientError::BadAnswer { request: name }),
+                Err(LinkError::Malformed) => {}
+                Err(error) => {
+                    return Err(ClientError::Refused {
+                        request: name,
+                        error,
+                    });
+                }
+            }
+        }
+        self.built_in = Some(built_in);
+        Ok(built_in)
+    }
+
+    /// Fails where the robot's firmware was built without this, before anything is asked for that needs it.
+    ///
+    /// # Errors
+    /// [`ClientError::NotBuiltIn`], and what else [`ClientError`] knows.
+    pub fn require(&mut self, feature: Feature) -> Result<(), ClientError> {
+        if self.built_in()?.features.has(feature) {
+            Ok(())
+        } else {
+            Err(ClientError::NotBuiltIn { feature })
+        }
     }
 
     /// How the robot is.
@@ -656,14 +739,19 @@ impl<L: ByteLink> LinkClient<L> {
         request: Request<'_>,
         mut read: impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<T, ClientError> {
+        let longer = if is_kept(&request) && !planted!(FlashForgotten) {
+            self.built_in()?.flash_time
+        } else {
+            Duration::ZERO
+        };
         let mut patience = Patience::new(self.clock.now());
         loop {
             let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
-                self.exchange_in_time(name, request, &mut read)?
+                self.exchange_in_time(name, request, longer, &mut read)?
             } else if self.signing.is_for(&request) {
-                self.exchange_signed(name, request, NO_UPLOAD, &mut patience, &mut read)?
+                self.exchange_signed(name, request, NO_UPLOAD, longer, &mut patience, &mut read)?
             } else {
-                self.exchange(name, request, &mut patience, &mut read)?
+                self.exchange(name, request, longer, &mut patience, &mut read)?
             };
             match answer {
                 Ok(Some(answer)) => return Ok(answer),
@@ -694,6 +782,7 @@ impl<L: ByteLink> LinkClient<L> {
         &mut self,
         name: &'static str,
         command: Request<'_>,
+        longer: Duration,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
         let mut room = [0; MAX_SIGNED_BYTES];
@@ -711,20 +800,21 @@ impl<L: ByteLink> LinkClient<L> {
             request: bytes,
         };
         if !self.signing.is_for(&command) {
-            return self.exchange(name, request, &mut patience, read);
+            return self.exchange(name, request, longer, &mut patience, read);
         }
         let upload = match command {
             Request::Commit(_) => self.signing.upload,
             _ => NO_UPLOAD,
         };
-        self.exchange_signed(name, request, upload, &mut patience, read)
+        self.exchange_signed(name, request, upload, longer, &mut patience, read)
     }
 
-    /// Sends a request under a new number until its answer is there.
+    /// Sends a request under a new number until its answer is there, for which the robot may take `longer` than for others.
     fn exchange<T>(
         &mut self,
         name: &'static str,
         request: Request<'_>,
+        longer: Duration,
         patience: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
@@ -739,7 +829,7 @@ impl<L: ByteLink> LinkClient<L> {
             if is_verified(&request) {
                 wait = wait.max(VERIFICATION_WAIT);
             }
-            let mut deadline = sent + wait;
+            let mut deadline = sent + wait + longer;
             let mut answer = None;
             while answer.is_none() {
                 let now = self.clock.now();
@@ -774,7 +864,7 @@ impl<L: ByteLink> LinkClient<L> {
                 }
             }
             if let Some(answer) = answer {
-                if attempt == 0 && !is_verified(&request) {
+                if attempt == 0 && !is_verified(&request) && longer.is_zero() {
                     self.reply_time.seen(self.clock.since(sent));
                 }
                 return Ok(answer);
@@ -783,7 +873,7 @@ impl<L: ByteLink> LinkClient<L> {
             attempt += 1;
             self.counts.retries += 1;
             if planted!(Renumbered) {
-                return self.exchange(name, request, patience, read);
+                return self.exchange(name, request, longer, patience, read);
             }
         }
     }
@@ -820,6 +910,20 @@ impl<L: ByteLink> LinkClient<L> {
 fn is_command(request: &Request<'_>) -> bool {
     needs(request) == Needs::Key
         && !matches!(request, Request::InstallKey { .. } | Request::RemoveKey)
+}
+
+/// Whether the robot keeps something in its flash before it answers. An emergency stop is among them, but must not wait for anything.
+fn is_kept(request: &Request<'_>) -> bool {
+    matches!(
+        request,
+        Request::Commit(_)
+            | Request::Confirm { .. }
+            | Request::FallBack { .. }
+            | Request::SaveParams { .. }
+            | Request::Release
+            | Request::InstallKey { .. }
+            | Request::RemoveKey
+    )
 }
 
 /// Whether the robot verifies a signature before it answers.

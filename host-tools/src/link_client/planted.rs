@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use rt_firmware::features::Features;
 use rt_firmware::link::access::Access;
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
@@ -38,6 +39,7 @@ bugs! {
     OtherVersionAsked: "a robot of another version is asked as if it were of this one",
     DeadlineForgotten: "a command is sent without its deadline",
     DeadlineTooFar: "a command may be carried out after nobody waits any more",
+    FlashForgotten: "a robot that writes its flash is asked again before it can have done that",
     MixedBlobTaken: "a blob that was read in parts of two missions is taken",
     WindowOverrun: "more of an upload is on its way than the robot allows",
     ResumedElsewhere: "an upload goes on at another byte than the robot named",
@@ -124,6 +126,9 @@ impl ByteLink for Line {
 /// What a frame takes on the line.
 const FRAME_TIME: Duration = Duration::from_millis(2);
 
+/// How long the robot's flash takes.
+const FLASH_MS: u16 = 900;
+
 const CHUNK_BYTES: usize = 100;
 const WINDOW_BYTES: usize = 300;
 
@@ -166,6 +171,13 @@ fn session(
                 (seq, Ok(Response::Done)),
                 (seq, Ok(hello(PROTOCOL_VERSION))),
             ],
+            Request::Features => {
+                let told = Response::Features {
+                    built_in: Features::NONE,
+                    flash_ms: FLASH_MS,
+                };
+                vec![(seq, Ok(told))]
+            }
             request => behave(seq, request),
         }),
     };
@@ -309,6 +321,25 @@ const LAWS: &[(&str, Law)] = &[
         let left = Duration::from_micros(by_us - NOW_US);
         holds("it is as far as the client waits", left <= waited)?;
         holds("and no nearer", left >= REQUEST_DEADLINE)
+    }),
+    ("a robot gets the time that its flash takes", || {
+        let sent = Arc::new(Mutex::new(0));
+        let of_robot = sent.clone();
+        let (mut client, time) = session(move |seq, request| match *request {
+            Request::Clock => vec![(seq, Ok(Response::Clock { now_us: 0 }))],
+            Request::Within { .. } => {
+                *of_robot.lock().expect("nobody panics with it") += 1;
+                vec![]
+            }
+            _ => vec![],
+        })?;
+        let before = time.elapsed();
+        let given_up = matches!(client.confirm(1), Err(ClientError::NoReply { .. }));
+        let waited = time.elapsed() - before;
+        holds("there is no answer", given_up)?;
+        let flash = Duration::from_millis(FLASH_MS.into());
+        let sent = *sent.lock().expect("nobody panics with it");
+        holds("before each sending but the first", flash * sent <= waited)
     }),
     ("a blob is that of one mission", || {
         let missions = [blob(100, 1), blob(100, 2)];

@@ -1,5 +1,7 @@
 //! A robot with a key: requests that change something are signed, each one for itself.
 
+use std::time::Duration;
+
 use rt_firmware::link::access::{
     self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, Needs, SIGNATURE_BYTES, needs,
 };
@@ -155,6 +157,7 @@ impl<L: ByteLink> LinkClient<L> {
         name: &'static str,
         request: Request<'_>,
         upload: [u8; SIGNATURE_BYTES],
+        longer: Duration,
         patience: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
@@ -170,7 +173,7 @@ impl<L: ByteLink> LinkClient<L> {
             signature: &signature,
             request: bytes,
         };
-        self.exchange(name, signed, patience, read)
+        self.exchange(name, signed, longer, patience, read)
     }
 
     /// The session's key, if it is the robot's.

@@ -287,6 +287,7 @@ fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
             seq: 0,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
+            built_in: None,
             signing: Signing::default(),
             uploads: Uploads {
                 chunk_bytes: 176,
@@ -446,6 +447,7 @@ fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> Lin
         reply_time: client.reply_time,
         counts: client.counts,
         uploads: client.uploads,
+        built_in: client.built_in,
         stop: client.stop,
         signing: client.signing,
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Channel, LinkError, Mode, Status, Swap};
 use rt_firmware::link::trace::TraceRecord;
 use thiserror::Error;
@@ -329,6 +330,7 @@ impl<W: Write> Driver<W> {
     ) -> Result<bool, RunError> {
         {
             let _hold = self.hold();
+            self.check_features()?;
             self.subscribe()?;
         }
         self.upload_next(watch)?;
@@ -549,21 +551,28 @@ impl<W: Write> Driver<W> {
         Ok(())
     }
 
+    /// Fails where the plan needs what the robot's firmware was built without, before anything of it is done.
+    fn check_features(&mut self) -> Result<(), RunError> {
+        let records = self.recording.is_some();
+        let goes_warm = self.missions.iter().any(|planned| planned.warm);
+        for (feature, is_needed) in [(Feature::Record, records), (Feature::Warm, goes_warm)] {
+            if is_needed {
+                self.link(|robot| robot.require(feature))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Asks for what is wanted of the robot; where it keeps no log, for all but that.
     fn subscribe(&mut self) -> Result<(), RunError> {
-        let streams = Streams {
-            trace: true,
-            log: true,
-            record: self.recording.is_some(),
-        };
-        self.link(|robot| match robot.subscribe(streams) {
-            Err(refused) if refused.refusal() == Some(LinkError::NotBuiltIn) => {
-                robot.subscribe(Streams {
-                    log: false,
-                    ..streams
-                })
-            }
-            subscribed => subscribed,
+        let record = self.recording.is_some();
+        self.link(|robot| {
+            let log = robot.built_in()?.features.has(Feature::Log);
+            robot.subscribe(Streams {
+                trace: true,
+                log,
+                record,
+            })
         })
     }
 

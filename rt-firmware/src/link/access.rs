@@ -72,6 +72,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::BlackBox { .. }
         | Request::Param { .. }
         | Request::Clock
+        | Request::Features
         | Request::Challenge => Needs::Nothing,
         // What it holds is looked at in its place.
         Request::Within { .. } => Needs::Nothing,

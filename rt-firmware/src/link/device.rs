@@ -18,8 +18,9 @@ use super::message::{
 };
 use super::news::{News, Watch};
 use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
+use crate::black_box::KEEPS_RECORDS;
 use crate::check::{check, check_slots};
-use crate::features::{KEYS, NEWS, PARAMS, WARM};
+use crate::features::{Feature, Features, KEYS, NEWS, PARAMS, RECORD, WARM};
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::params::SavedParams;
@@ -46,6 +47,10 @@ pub trait LinkPort {
 
     /// Whether the board keeps what is logged. A host that wants the log of one that does not is refused.
     const KEEPS_LOG: bool = true;
+
+    /// Milliseconds that the board's flash takes at most for what one request has it keep: to erase and write the place of a mission. A host waits so much longer
+    /// for the answer before it asks again.
+    const FLASH_MS: u16 = 0;
 
     /// Microseconds since the robot started, on the clock that [`Board::now_ticks`](crate::Board::now_ticks) counts.
     fn now_us(&mut self) -> u64;
@@ -716,6 +721,7 @@ impl<'m> Desk<'_, 'm> {
             Request::Clock => Reaction::Answer(Ok(Response::Clock {
                 now_us: port.now_us(),
             })),
+            Request::Features => Reaction::Answer(Ok(self.features(port))),
             // They hold a plain one: `allowed` gives nothing else out.
             Request::Signed { .. } | Request::Within { .. } => {
                 Reaction::Answer(Err(LinkError::Malformed))
@@ -854,6 +860,27 @@ impl<'m> Desk<'_, 'm> {
                 window_bytes,
             },
             access,
+        }
+    }
+
+    /// What this firmware was built with, as far as its board has the parts for it.
+    fn features<P: LinkPort>(&self, port: &mut P) -> Response<'static> {
+        let has_store = port.keeper().is_some();
+        let built_in = Features::NONE
+            .with(Feature::Record, RECORD)
+            .with(Feature::Log, P::KEEPS_LOG)
+            .with(Feature::News, NEWS)
+            .with(Feature::Params, PARAMS)
+            .with(Feature::Warm, WARM)
+            .with(Feature::Keys, port.key_safe().is_some())
+            .with(Feature::Store, has_store)
+            .with(
+                Feature::BlackBox,
+                KEEPS_RECORDS && self.about.kept.is_some(),
+            );
+        Response::Features {
+            built_in,
+            flash_ms: if has_store { P::FLASH_MS } else { 0 },
         }
     }
 

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::access::{Access, KEY_BYTES, NONCE_BYTES};
 use super::news::News;
 use super::trial::{FallBack, Trial};
+use crate::features::Features;
 use crate::store::keep::Kept;
 use crate::supervision::Silent;
 
@@ -196,6 +197,8 @@ pub enum Request<'a> {
         /// The request as it is serialized, without a number; one that [may have a deadline](super::access::may_have_deadline).
         request: &'a [u8],
     },
+    /// What was the firmware built with, and how long does its flash take? Answer: [`Response::Features`].
+    Features,
 }
 
 /// How a mission takes over.
@@ -348,6 +351,13 @@ pub enum Response<'a> {
     Clock {
         /// Microseconds since the robot started.
         now_us: u64,
+    },
+    /// To [`Request::Features`].
+    Features {
+        /// What it was built with.
+        built_in: Features,
+        /// Milliseconds that a request may take longer than others because its flash is written; 0 where nothing is.
+        flash_ms: u16,
     },
 }
 
@@ -963,6 +973,10 @@ mod tests {
             Response::BlackBox {
                 end: u32::MAX,
                 records: &part,
+            },
+            Response::Features {
+                built_in: Features(u32::MAX),
+                flash_ms: u16::MAX,
             },
             Response::Slot(SlotCounters {
                 number: u32::MAX,

@@ -23,7 +23,8 @@ pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
     2 * (slot_bytes(blob_bytes, erase_bytes) + slot_bytes(RECORD_BYTES as u32, erase_bytes))
 }
 
-const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
+/// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for them.
+pub const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
     (HEAD_BYTES + payload_bytes).next_multiple_of(erase_bytes)
 }
 

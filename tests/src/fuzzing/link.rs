@@ -776,6 +776,7 @@ pub fn sessions() -> Vec<Seed> {
         ("last_words", Request::LastWords),
         ("black_box", Request::BlackBox { from: None }),
         ("clock", Request::Clock),
+        ("features", Request::Features),
         ("challenge", Request::Challenge),
         ("emergency_stop", Request::EmergencyStop),
         ("release", Request::Release),

@@ -6,6 +6,7 @@ use std::fmt::Write;
 use esm_tests::command::root;
 use host_tools::keys::SigningKey;
 use rt_firmware::black_box::{Event, Record};
+use rt_firmware::features::{Feature, Features};
 use rt_firmware::link::access::{
     self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
 };
@@ -240,6 +241,7 @@ fn write_frames(text: &mut String) {
         ("request emergency stop", Request::EmergencyStop),
         ("request release", Request::Release),
         ("request clock", Request::Clock),
+        ("request features", Request::Features),
         (
             "request within a time",
             Request::Within {
@@ -303,7 +305,7 @@ fn write_frames(text: &mut String) {
         record_pending: true,
         stop_pressed: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 53] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 54] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -532,6 +534,15 @@ fn write_frames(text: &mut String) {
         ("error stop not kept", Err(LinkError::StopNotKept)),
         ("error late", Err(LinkError::Late)),
         ("clock", Ok(Response::Clock { now_us: u64::MAX })),
+        (
+            "features",
+            Ok(Response::Features {
+                built_in: Features::NONE
+                    .with(Feature::Record, true)
+                    .with(Feature::Keys, true),
+                flash_ms: 300,
+            }),
+        ),
     ];
     for ((name, result), seq) in answers.into_iter().zip(100..) {
         write_frame(
@@ -731,6 +742,8 @@ struct Exchange<'t, 'b, 'q, 'm, 'w> {
     text: &'t mut String,
     robot: &'b mut Bench<'q, 'm, 'w>,
     seq: u8,
+    /// The client of this session knows what the firmware was built with.
+    knows_features: bool,
 }
 
 impl Exchange<'_, '_, '_, '_, '_> {
@@ -741,6 +754,7 @@ impl Exchange<'_, '_, '_, '_, '_> {
     }
 
     fn next(&mut self, request: Request<'_>) -> Vec<u8> {
+        self.knows_features &= request != Request::Hello;
         self.seq += 1;
         let seq = self.seq;
         [&[0][..], &frame_of(&ToDevice { seq, request })].concat()
@@ -786,9 +800,20 @@ impl Exchange<'_, '_, '_, '_, '_> {
         last.into_iter().next().unwrap().to_vec()
     }
 
+    /// What the firmware was built with, which a client asks for once a session, before the first request that may have the robot write its flash.
+    fn features(&mut self) {
+        if !self.knows_features {
+            self.ask(Request::Features);
+            self.knows_features = true;
+        }
+    }
+
     /// A request that is good for as long as a client waits for its answer, by the robot's clock, for which it asks.
     fn in_time(&mut self, request: Request<'_>) -> Vec<u8> {
         const PATIENCE_US: u64 = 6_000_000;
+        if matches!(request, Request::Commit(_)) {
+            self.features();
+        }
         let mut frame = self.answer(Request::Clock);
         let Ok(FromDevice::Reply {
             result: Ok(Response::Clock { now_us }),
@@ -842,6 +867,7 @@ impl Exchange<'_, '_, '_, '_, '_> {
         let key = test_key();
         let public = key.public().0;
         let signature = key.sign(&access::install(&public, TEST_SEED));
+        self.features();
         self.ask(Request::InstallKey {
             key: &public,
             seed: TEST_SEED,
@@ -902,6 +928,7 @@ fn exchange(text: &mut String, name: &str, happen: impl FnOnce(&mut Exchange<'_,
             text,
             robot,
             seq: 0,
+            knows_features: false,
         });
     });
 }
@@ -934,6 +961,10 @@ fn write_exchanges(text: &mut String) {
             offset: 0,
         });
         line.ask(Request::Abort);
+    });
+    exchange(text, "what the firmware was built with", |line| {
+        line.ask(Request::Hello);
+        line.features();
     });
     let junk = junk(700);
     exchange(text, "an upload of 700 bytes that are no mission", |line| {
@@ -1078,6 +1109,7 @@ fn write_exchanges_with_keys(text: &mut String) {
         line.ask(Request::Stop);
         line.command_signed(&NO_UPLOAD, Request::Start);
         line.ask(Request::Status);
+        line.features();
         line.ask_signed(&test_key(), &NO_UPLOAD, &bytes_of(Request::RemoveKey));
         line.ask(Request::Hello);
     });
@@ -1173,6 +1205,10 @@ fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
         format!("| `bytes` | bytes | at most {MAX_STREAM_BYTES} |"),
         format!("A window of {} bytes", 3 * MAX_CHUNK),
     ] {
+        assert!(page.contains(&told), "docs/link.md does not say {told:?}");
+    }
+    for (bit, feature) in Feature::ALL.into_iter().enumerate() {
+        let told = format!("\n| {bit} | `{}` | ", feature.name());
         assert!(page.contains(&told), "docs/link.md does not say {told:?}");
     }
 }

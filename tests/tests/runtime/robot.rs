@@ -490,6 +490,7 @@ pub enum Answer {
         before: u32,
     },
     Clock(u64),
+    Features,
 }
 
 impl Bench<'_, '_, '_> {
@@ -586,6 +587,7 @@ impl Bench<'_, '_, '_> {
                         Response::ParamsSaved { count } => Answer::ParamsSaved { count },
                         Response::ParamSet { before } => Answer::ParamSet { before },
                         Response::Clock { now_us } => Answer::Clock(now_us),
+                        Response::Features { .. } => Answer::Features,
                     }),
                 )),
             }
