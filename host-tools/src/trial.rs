@@ -53,6 +53,18 @@ pub fn trial_time(interpreter_period_us: u32) -> Duration {
 /// # Errors
 /// [`ClientError`]: the robot does not answer any more. It falls back by itself.
 pub fn watch<L: ByteLink>(robot: &mut LinkClient<L>, mission: u32) -> Result<Outcome, ClientError> {
+    watch_and(robot, mission, |_| Ok(()))
+}
+
+/// The same, with something else to do meanwhile, again and again.
+///
+/// # Errors
+/// [`ClientError`], as whatever `meanwhile` has.
+pub fn watch_and<L: ByteLink, E: From<ClientError>>(
+    robot: &mut LinkClient<L>,
+    mission: u32,
+    mut meanwhile: impl FnMut(&mut LinkClient<L>) -> Result<(), E>,
+) -> Result<Outcome, E> {
     let mut last_us = 0;
     let mut moved_at = Instant::now();
     loop {
@@ -67,7 +79,7 @@ pub fn watch<L: ByteLink>(robot: &mut LinkClient<L>, mission: u32) -> Result<Out
                 Ok(()) => return Ok(Outcome::Confirmed),
                 // It failed in this moment: the next status says how.
                 Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => {}
-                Err(error) => return Err(error),
+                Err(error) => return Err(error.into()),
             }
         }
         if status.t_us != last_us {
@@ -76,6 +88,7 @@ pub fn watch<L: ByteLink>(robot: &mut LinkClient<L>, mission: u32) -> Result<Out
         } else if moved_at.elapsed() > STANDSTILL_LIMIT {
             return Ok(Outcome::Standstill);
         }
+        meanwhile(robot)?;
         std::thread::sleep(LOOK_TIME);
     }
 }

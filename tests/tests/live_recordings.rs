@@ -4,24 +4,28 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use esm_tests::command::{Robot, esm, esm_for, firmware, root};
+use esm_tests::command::{Robot, esm, esm_binary, esm_for, firmware, root};
 use host_tools::compile::compile;
 use host_tools::link_client::{LinkClient, RobotInfo, Streams};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::recording::file::FileEnd;
+use host_tools::recording::file::{self, FileEnd, Frame};
 use host_tools::recording::live::{LiveError, LiveRecording, Noted};
-use host_tools::recording::player::{Recording, replay};
+use host_tools::recording::player::{Recording, ReplayError, replay};
 use host_tools::recording::writer::Counts;
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::run::mission::Mission;
 use host_tools::run::story::Story;
 use host_tools::serial::ByteLink;
+use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::world::World;
 use host_tools::{host_board, lang};
@@ -80,6 +84,10 @@ impl<L: ByteLink> ByteLink for Tap<L> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.line.send(bytes)
     }
+
+    fn clock(&self) -> Clock {
+        self.line.clock()
+    }
 }
 
 type Line = Noisy<Tap<Box<dyn ByteLink>>>;
@@ -96,11 +104,12 @@ struct Session {
 }
 
 impl Session {
+    /// Board and host share one virtual time, so that a session repeats to the byte.
     fn start(board: Board, noise: u32, seed: u64) -> Self {
         let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
         let plant = Plant::new(world, BodyParameters::default(), seed).unwrap();
-        let plant = PlantSide::new(plant, Pace::new(true), None);
-        let (board, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart).unwrap();
+        let plant = PlantSide::new(plant, Pace::new(false), None);
+        let (board, line) = RunningBoard::start(board, &plant, None, LinkWay::Exchange).unwrap();
         let tapped = Arc::new(Mutex::new(Tapped::default()));
         let line = Tap {
             line,
@@ -121,7 +130,7 @@ impl Session {
     }
 
     fn record(&mut self) {
-        let begun = LiveRecording::begin(&mut self.robot, &self.info, TRACE, || {
+        let begun = LiveRecording::begin(&mut self.robot, &self.info, TRACE, &[], || {
             Ok::<_, LiveError>(Vec::new())
         });
         self.recording = Some(begun.unwrap());
@@ -142,8 +151,9 @@ impl Session {
 
     /// Lets the robot drive for so long.
     fn drive(&mut self, seconds: f64) {
-        let end = Instant::now() + Duration::from_secs_f64(seconds);
-        while Instant::now() < end {
+        let clock = self.robot.clock().clone();
+        let end = clock.now() + Duration::from_secs_f64(seconds);
+        while clock.now() < end {
             self.robot.listen(LISTEN_TIME).unwrap();
             self.take();
             if let Some(recording) = &mut self.recording {
@@ -496,6 +506,169 @@ fn on_a_bad_line_what_is_known_is_as_it_was_and_gaps_are_told() {
         sessions.map(|session| session.join().unwrap()).iter().sum()
     });
     assert!(gaps > 0, "the line was too good");
+}
+
+#[test]
+fn on_a_bad_line_sessions_with_the_emulated_board_are_known_as_they_were_and_repeat() {
+    for seed in [1, 2] {
+        let what = format!("seed {seed}");
+        assert!(check_noisy(&what, in_the_emulator(), seed) > 0, "{what}");
+    }
+    let made = || {
+        let mut session = Session::start(in_the_emulator(), BAD, 3);
+        session.upload("patrol", false, NO_TRIAL);
+        session.record();
+        session.drive(2.0);
+        session.finish().bytes
+    };
+    assert_eq!(made(), made(), "the same noise on the same bytes");
+}
+
+/// A subscription that is gone, and parts that are numbered anew: so a robot that was reset looks from outside.
+#[test]
+fn a_robot_that_has_forgotten_who_listens_is_asked_anew_and_the_gap_is_told() {
+    let mut session = Session::start(on_the_host(), 0, 1);
+    session.record();
+    session.upload("patrol", false, NO_TRIAL);
+    session.drive(3.0);
+    session.robot.hello().unwrap();
+    // Longer than a silence may last.
+    session.drive(8.0);
+    let made = session.finish();
+    assert_eq!(made.counts.gaps, 1, "{:?}", made.counts);
+    let recording = Recording::read(&made.bytes).unwrap();
+    assert_eq!(recording.end, FileEnd::Whole);
+    let mut before = Vec::new();
+    let (outcome, error) = replay(&recording, false, &mut before).unwrap_err();
+    assert!(matches!(error, ReplayError::Gap { .. }), "{error}");
+    assert!(outcome.steps > 100, "{outcome:?}");
+    let outcome = replay(&recording, true, io::sink()).unwrap();
+    assert!(outcome.checks > 0, "{outcome:?}");
+    assert_eq!(outcome.steps, made.counts.steps);
+}
+
+/// `esm log --record`, as a process of its own.
+struct Recorder {
+    child: Child,
+    file: PathBuf,
+    said: PathBuf,
+}
+
+impl Recorder {
+    fn start(robot: &Robot, folder: &Path, name: &str) -> Self {
+        let (file, said) = (folder.join(name), folder.join(format!("{name}.err")));
+        let child = Command::new(esm_binary())
+            .args(["log", "--port", robot.port(), "--record"])
+            .arg(&file)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(File::create(&said).unwrap())
+            .spawn()
+            .unwrap();
+        Recorder { child, file, said }
+    }
+
+    /// Waits until more is in the file than its beginning.
+    fn has_records(&mut self) {
+        let records = |path: &Path| {
+            let bytes = std::fs::read(path).unwrap_or_default();
+            let (frames, _) = file::read(&bytes).unwrap_or((Vec::new(), FileEnd::Whole));
+            let is_records = |frame: &&Frame| matches!(frame, Frame::Records(_));
+            frames.iter().filter(is_records).count()
+        };
+        self.wait_for("records", |it| records(&it.file) >= 3);
+    }
+
+    /// Waits for its end.
+    fn ended(&mut self) -> (Option<i32>, String) {
+        self.wait_for("its end", |it| it.child.try_wait().unwrap().is_some());
+        let status = self.child.wait().unwrap();
+        (status.code(), std::fs::read_to_string(&self.said).unwrap())
+    }
+
+    fn wait_for(&mut self, what: &str, mut is_there: impl FnMut(&mut Self) -> bool) {
+        let begun = Instant::now();
+        while !is_there(self) {
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {what}");
+            std::thread::sleep(LISTEN_TIME);
+        }
+    }
+
+    /// What `esm replay` says of the file.
+    fn replayed(&self) -> serde_json::Value {
+        let file = self.file.to_str().unwrap();
+        esm(&["replay", file, "--json"]).good().json()
+    }
+}
+
+/// How long a command may take to come to what a test waits for.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+#[test]
+fn whatever_ends_the_command_what_it_recorded_can_be_replayed() {
+    let robot = Robot::start("host", None);
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+
+    // No room on the disk: the robot is left as it is.
+    let full = robot.esm(&["log", "--record", "/dev/full"]).ended(3);
+    assert!(
+        full.err.contains("cannot write the recording /dev/full"),
+        "{full:#?}"
+    );
+    let before = robot.status()["mission"].clone();
+    robot
+        .esm(&["upload", "missions/stand_by.esm", "--record", "/dev/full"])
+        .ended(3);
+    assert_eq!(robot.status()["mission"], before);
+
+    // `kill -9`.
+    let mut killed = Recorder::start(&robot, folder.path(), "killed.rec");
+    killed.has_records();
+    killed.child.kill().unwrap();
+    killed.child.wait().unwrap();
+    let told = killed.replayed();
+    assert!(told["macro_steps"].as_u64().unwrap() > 0, "{told}");
+    assert_eq!(told["gaps"], 0, "{told}");
+
+    // What a robot did cannot be had again.
+    let bytes = std::fs::read(&killed.file).unwrap();
+    let again = robot
+        .esm(&["log", "--record", &name("killed.rec")])
+        .ended(2);
+    assert!(again.err.contains("holds a recording"), "{again:#?}");
+    assert_eq!(std::fs::read(&killed.file).unwrap(), bytes);
+
+    // An upload, from before it to its confirmation.
+    for (file, how) in [("cold.rec", &[][..]), ("warm.rec", &["--warm"])] {
+        let mission = ["missions/follow_wall.esm", "missions/patrol.esm"];
+        let mission = mission[usize::from(file == "warm.rec")];
+        let record = name(file);
+        let upload = [&["upload", mission, "--record", &record], how].concat();
+        let done = robot.esm(&upload).good();
+        assert!(done.err.contains("recorded in"), "{done:#?}");
+        let told = esm(&["replay", &record, "--json"]).good().json();
+        let missions = told["missions"].as_array().unwrap();
+        assert_eq!(missions.len(), 2, "{told}");
+        assert!(missions.iter().all(|it| it["macro_steps"] != 0), "{told}");
+        // At the end it was what the robot's machine was.
+        assert!(told["checks"].as_u64().unwrap() >= 1, "{told}");
+        assert_eq!((&told["gaps"], &told["file"]), (&0.into(), &"whole".into()));
+    }
+
+    // The cable is pulled out.
+    let mut lost = Recorder::start(&robot, folder.path(), "lost.rec");
+    lost.has_records();
+    drop(robot);
+    let (status, said) = lost.ended();
+    assert_eq!(status, Some(3), "{said}");
+    assert!(said.contains("the line to the robot is lost"), "{said}");
+    assert!(said.contains("recorded in"), "{said}");
+    assert!(said.contains("`esm replay "), "{said}");
+    let told = lost.replayed();
+    assert_eq!(told["file"], "whole", "{told}");
+    assert!(told["macro_steps"].as_u64().unwrap() > 0, "{told}");
 }
 
 #[test]

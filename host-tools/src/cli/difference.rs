@@ -13,6 +13,11 @@ const MAX_SHOWN_CHARACTERS: usize = 120;
 
 /// The first lines in which two texts differ: those that go with `-`, those that come with `+`, under the number of the first one.
 pub fn first(before: &str, after: &str) -> String {
+    first_behind(0, before, after)
+}
+
+/// The same of what stands behind so many lines that both have.
+pub fn first_behind(lines: usize, before: &str, after: &str) -> String {
     let same = before
         .split_inclusive('\n')
         .zip(after.split_inclusive('\n'))
@@ -23,7 +28,7 @@ pub fn first(before: &str, after: &str) -> String {
         lines.skip(same).take(MAX_COMPARED_LINES).collect()
     };
     let (before, after) = (from(before), from(after));
-    let mut text = format!("  line {}:\n", same + 1);
+    let mut text = format!("  line {}:\n", lines + same + 1);
     for (shown, (sign, line)) in first_changes(&before, &after).into_iter().enumerate() {
         if shown == MAX_SHOWN_LINES {
             text.push_str("  …\n");

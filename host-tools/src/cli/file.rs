@@ -1,7 +1,7 @@
 //! Files that commands read and write.
 
 use std::fs::{self, File, OpenOptions, Permissions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -16,6 +16,26 @@ pub fn read(path: &Path, what: &str) -> Result<Vec<u8>, CommandError> {
     fs::read(path)
         .with_context(|| format!("cannot read the {what} {}", path.display()))
         .map_err(CommandError::Input)
+}
+
+/// Reads a whole input file that is no longer than `most_bytes`.
+///
+/// # Errors
+/// If it cannot be read, or is longer: then the input has an error.
+pub fn read_at_most(path: &Path, most_bytes: u64, what: &str) -> Result<Vec<u8>, CommandError> {
+    let mut bytes = Vec::new();
+    File::open(path)
+        // A device or pipe has no length.
+        .and_then(|file| file.take(most_bytes + 1).read_to_end(&mut bytes))
+        .with_context(|| format!("cannot read the {what} {}", path.display()))
+        .map_err(CommandError::Input)?;
+    if bytes.len() as u64 > most_bytes {
+        return Err(CommandError::Input(anyhow!(
+            "the {what} {} is longer than {most_bytes} bytes, which is the most that is read",
+            path.display()
+        )));
+    }
+    Ok(bytes)
 }
 
 /// Reads a whole input file of text.
@@ -100,6 +120,66 @@ pub fn write_whole(path: &Path, bytes: &[u8], what: &str) -> Result<(), CommandE
         .map_err(CommandError::World)
 }
 
+/// An output that is written part by part, and appears complete or not at all.
+pub struct Draft {
+    what: String,
+    out: BufWriter<File>,
+    /// Where it is until it is complete, and where it will be; none of a device or a pipe.
+    places: Option<(PathBuf, PathBuf)>,
+}
+
+impl Draft {
+    /// Begins one.
+    ///
+    /// # Errors
+    /// If it cannot be written: then the outside world has failed.
+    pub fn begin(path: &Path, what: &str) -> Result<Self, CommandError> {
+        let what = unwritten(path, what);
+        let begun = draft(path).with_context(|| what.clone());
+        let (file, places) = begun.map_err(CommandError::World)?;
+        let out = BufWriter::new(file);
+        Ok(Draft { what, out, places })
+    }
+
+    /// Puts it in its place.
+    ///
+    /// # Errors
+    /// If it cannot be written: then the outside world has failed.
+    pub fn finish(mut self) -> Result<(), CommandError> {
+        let ended = self.out.flush().and_then(|()| match &self.places {
+            Some((from, to)) => {
+                self.out.get_ref().sync_all()?;
+                fs::rename(from, to)
+            }
+            None => Ok(()),
+        });
+        if ended.is_ok() {
+            self.places = None;
+        }
+        let ended = ended.with_context(|| self.what.clone());
+        ended.map_err(CommandError::World)
+    }
+}
+
+impl Write for Draft {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.out.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        if let Some((draft, _)) = &self.places {
+            // There is nobody to tell.
+            let _ = fs::remove_file(draft);
+        }
+    }
+}
+
 /// What is said of an output that could not be written.
 fn unwritten(path: &Path, what: &str) -> String {
     let said = format!("cannot write the {what} {}", path.display());
@@ -115,9 +195,28 @@ fn unwritten(path: &Path, what: &str) -> String {
 }
 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let (mut file, places) = draft(path)?;
+    let written = file.write_all(bytes);
+    let Some((draft, target)) = places else {
+        return written;
+    };
+    let written = written
+        .and_then(|()| file.sync_all())
+        .and_then(|()| fs::rename(&draft, &target));
+    if written.is_err() {
+        // The error that counts is the first.
+        let _ = fs::remove_file(&draft);
+    }
+    written
+}
+
+/// What an output is written to, and, if it takes a name only when it is complete, the names before and then.
+fn draft(path: &Path) -> io::Result<(File, Option<(PathBuf, PathBuf)>)> {
     // A link keeps pointing to the file that it names, and a device or pipe is written to, never replaced.
     let target = match fs::metadata(path) {
-        Ok(found) if !found.is_file() => return fs::write(path, bytes),
+        Ok(found) if !found.is_file() => {
+            return Ok((OpenOptions::new().write(true).open(path)?, None));
+        }
         Ok(_) => fs::canonicalize(path)?,
         Err(_) => path.to_path_buf(),
     };
@@ -128,17 +227,12 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
             "it may not be written to",
         ));
     }
-    let (draft_path, mut draft) = draft_beside(&target)?;
-    let permitted = permissions.map_or(Ok(()), |it| draft.set_permissions(it));
-    let written = permitted
-        .and_then(|()| draft.write_all(bytes))
-        .and_then(|()| draft.sync_all())
-        .and_then(|()| fs::rename(&draft_path, &target));
-    if written.is_err() {
-        // The error that counts is the first.
+    let (draft_path, draft) = draft_beside(&target)?;
+    if let Some(Err(error)) = permissions.map(|it| draft.set_permissions(it)) {
         let _ = fs::remove_file(&draft_path);
+        return Err(error);
     }
-    written
+    Ok((draft, Some((draft_path, target))))
 }
 
 /// A new file in the same directory, so that renaming it is one step of the file system.

@@ -1,7 +1,6 @@
 //! `esm log`: what a robot says.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -13,13 +12,13 @@ use rt_firmware::link::news::{Cause, News};
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
+use super::recorder::{Recorder, keep_recording};
 use super::robot::{Robot, RobotArgs};
-use super::{file, stage};
+use super::stage;
 use crate::host_board;
 use crate::link_client::error::without;
 use crate::link_client::log_lines::LogReader;
 use crate::link_client::{ClientError, StreamEvent, Streams};
-use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
@@ -65,7 +64,7 @@ pub struct LogArgs {
 /// What kept it from ending well.
 pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(output) = &args.record {
-        file::keep_sources(output, &[])?;
+        keep_recording(output, &[])?;
     }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
@@ -76,9 +75,7 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         LogReader::text()
     };
     let recording = match &args.record {
-        Some(path) => Some(LiveRecording::begin(&mut robot, &info, wanted, || {
-            file::create(path, "recording")
-        })?),
+        Some(path) => Some(Recorder::begin(path, &mut robot, &info, wanted, &[])?),
         None => {
             robot.subscribe(wanted)?;
             None
@@ -92,8 +89,16 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         log,
         recording,
     };
-    let ended = listener.listen(interrupt, console);
-    listener.finish(args.record.as_deref(), ended, console)
+    // What is asked of the robot meanwhile need not come to its end.
+    listener
+        .robot
+        .stop_when(Some(Box::new(move || interrupt.is_requested())));
+    let ended = match listener.listen(interrupt, console) {
+        Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
+        ended => ended,
+    };
+    listener.robot.stop_when(None);
+    listener.finish(ended, console)
 }
 
 /// What is wanted beside a recording: the log. A robot that keeps none can be listened to all the same, if there is something else to hear.
@@ -130,13 +135,11 @@ fn wanted(
     })
 }
 
-type Recording = LiveRecording<BufWriter<File>>;
-
 /// Who listens to a robot.
 struct Listener {
     robot: Robot,
     log: LogReader,
-    recording: Option<Recording>,
+    recording: Option<Recorder>,
 }
 
 impl Listener {
@@ -146,7 +149,7 @@ impl Listener {
             self.robot.listen(LISTEN_TIME)?;
             for event in self.robot.take_events() {
                 if let Some(recording) = &mut self.recording {
-                    tell(recording.take(&mut self.robot, &event)?, console);
+                    recording.take(&mut self.robot, &event, console)?;
                 }
                 self.hear(&event, console)?;
             }
@@ -168,7 +171,10 @@ impl Listener {
             StreamEvent::Gap {
                 channel: Channel::Log,
                 missing,
-            } => console.note(&format!("({missing} lines or pieces did not come)")),
+            } => {
+                self.log.gap();
+                console.note(&format!("({missing} lines or pieces did not come)"));
+            }
             StreamEvent::News(news) => {
                 writeln!(console.out(), "{}", told(news))?;
                 console.flush()?;
@@ -181,55 +187,19 @@ impl Listener {
     /// Ends streams and recording, whatever has ended the listening.
     fn finish(
         mut self,
-        path: Option<&Path>,
         ended: Result<(), CommandError>,
         console: &mut Console,
     ) -> Result<(), CommandError> {
-        let (Some(recording), Some(path)) = (self.recording, path) else {
+        let ended = match self.recording {
+            Some(recording) => recording.finish(&mut self.robot, ended, console),
+            None => ended,
+        };
+        if ended.is_ok() {
             // Should the robot have gone meanwhile, there is nothing left to end.
             let _ = self.robot.subscribe(Streams::NONE);
             let _ = self.robot.watch(None);
-            return ended;
-        };
-        let written = match &ended {
-            Ok(()) => recording.finish(&mut self.robot),
-            Err(_) => recording
-                .break_off()
-                .map(|(out, counts)| (out, counts, None)),
-        };
-        let (_, counts, lost) = written.map_err(LiveError::from)?;
-        console.note(&format!("recorded in {}: {counts}", path.display()));
-        if let Some(lost) = lost {
-            console.note(&format!("the last of it may be missing: {lost}"));
         }
-        let _ = self.robot.watch(None);
         ended
-    }
-}
-
-/// Says what is missing in the recording.
-fn tell(noted: Option<Noted>, console: &mut Console) {
-    match noted {
-        Some(Noted::Gap(missing)) => console.note(&format!(
-            "the recording has a gap: {missing} records or parts did not come"
-        )),
-        Some(Noted::Missed(hash)) => console.note(&format!(
-            "the mission {} ran for too short a time to be read: what it did cannot be replayed",
-            hash_text(hash)
-        )),
-        None => {}
-    }
-}
-
-impl From<LiveError> for CommandError {
-    fn from(error: LiveError) -> Self {
-        match error {
-            LiveError::Client(error) => error.into(),
-            LiveError::File(_) => CommandError::World(error.into()),
-            LiveError::BadMission { .. } | LiveError::NoNames { .. } => {
-                CommandError::Input(error.into())
-            }
-        }
     }
 }
 

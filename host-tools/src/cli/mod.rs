@@ -36,6 +36,7 @@ pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod param;
+pub mod recorder;
 pub mod replay;
 pub mod robot;
 pub mod run;

@@ -1,6 +1,6 @@
 //! `esm replay`: a recorded run once more, from what entered its interpreter.
 
-use std::io::{BufRead, Write};
+use std::io::{self, BufRead, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
+use super::file::Draft;
 use super::run::read_recording;
 use super::{difference, file};
 use crate::recording::file::FileEnd;
@@ -102,16 +103,28 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         .as_deref()
         .map(|path| file::read_text(path, "trace"))
         .transpose()?;
-    let mut trace = Vec::new();
-    let ended = replay(&recording, args.over_gaps, &mut trace);
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
-    match args.trace.as_deref() {
-        Some(_) if to_standard_output => console.out().write_all(&trace)?,
-        Some(path) => file::write_whole(path, &trace, "trace")?,
-        None => {}
+    let mut trace = Trace {
+        out: match &args.trace {
+            Some(_) if to_standard_output => Some(BufWriter::new(io::stdout())),
+            _ => None,
+        },
+        file: match &args.trace {
+            Some(path) if !to_standard_output => Some(Draft::begin(path, "trace")?),
+            _ => None,
+        },
+        compared: expected.as_deref().map(Compared::with),
+    };
+    let ended = replay(&recording, args.over_gaps, &mut trace);
+    if let (Some(file), false) = (
+        trace.file,
+        matches!(&ended, Err((_, ReplayError::Trace(_)))),
+    ) {
+        file.finish()?;
     }
     let (outcome, error) = match ended {
         Ok(outcome) => (outcome, None),
+        Err((_, ReplayError::Trace(error))) => return Err(unwritten(error)),
         Err((outcome, error)) => (outcome, Some(error)),
     };
     if args.json {
@@ -125,10 +138,102 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     if let Some(error) = error {
         return Err(CommandError::Input(error.into()));
     }
-    if let (Some(expected), Some(path)) = (expected, &args.expect) {
-        compare(&expected, &trace, path, console)?;
+    if let (Some(compared), Some(path)) = (trace.compared, &args.expect)
+        && let Some(difference) = compared.difference()
+    {
+        console.note(&format!(
+            "the replay is not what {} says:\n{}",
+            path.display(),
+            difference.trim_end()
+        ));
+        return Err(CommandError::Told);
     }
     Ok(())
+}
+
+/// Where a trace goes as it comes.
+struct Trace<'e> {
+    out: Option<BufWriter<io::Stdout>>,
+    file: Option<Draft>,
+    compared: Option<Compared<'e>>,
+}
+
+impl Write for Trace<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if let Some(out) = &mut self.out {
+            out.write_all(bytes)?;
+        }
+        if let Some(file) = &mut self.file {
+            file.write_all(bytes)?;
+        }
+        if let Some(compared) = &mut self.compared {
+            compared.take(bytes);
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.as_mut().map_or(Ok(()), Write::flush)
+    }
+}
+
+/// A trace could not be written: nobody reads it any more, or the world is broken.
+fn unwritten(error: io::Error) -> CommandError {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => CommandError::NobodyListens,
+        _ => CommandError::World(ReplayError::Trace(error).into()),
+    }
+}
+
+/// A trace that is compared with another one as it comes.
+struct Compared<'e> {
+    /// What has not come yet, from the beginning of a line.
+    expected: &'e str,
+    /// Lines that came, and were as expected.
+    lines: usize,
+    /// What came behind them.
+    found: Vec<u8>,
+}
+
+/// How much of a trace is kept from where it differs.
+const KEPT_BYTES: usize = 64 << 10;
+
+impl<'e> Compared<'e> {
+    fn with(expected: &'e str) -> Self {
+        Compared {
+            expected,
+            lines: 0,
+            found: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8]) {
+        if self.found.len() > KEPT_BYTES {
+            return;
+        }
+        self.found.extend_from_slice(bytes);
+        while let Some(end) = self.found.iter().position(|byte| *byte == b'\n') {
+            let (line, rest) = self.found.split_at(end + 1);
+            let Some(expected) = self.expected.as_bytes().strip_prefix(line) else {
+                return;
+            };
+            let rest = rest.to_vec();
+            // A line ends where a character does.
+            let at = self.expected.len() - expected.len();
+            self.expected = self.expected.get(at..).unwrap_or_default();
+            self.lines += 1;
+            self.found = rest;
+        }
+    }
+
+    /// Where they differ first, if they do.
+    fn difference(&self) -> Option<String> {
+        if self.found == self.expected.as_bytes() {
+            return None;
+        }
+        let found = String::from_utf8_lossy(&self.found);
+        Some(difference::first_behind(self.lines, self.expected, &found))
+    }
 }
 
 /// Walks through a recording as standard input says.
@@ -183,25 +288,6 @@ fn walk(
         Some(error) => Err(CommandError::Input(error.into())),
         None => Ok(()),
     }
-}
-
-/// Says where the trace of the replay is not the one that was expected.
-fn compare(
-    expected: &str,
-    trace: &[u8],
-    path: &Path,
-    console: &mut Console,
-) -> Result<(), CommandError> {
-    let trace = String::from_utf8_lossy(trace);
-    if trace == expected {
-        return Ok(());
-    }
-    console.note(&format!(
-        "the replay is not what {} says:\n{}",
-        path.display(),
-        difference::first(expected, &trace).trim_end()
-    ));
-    Err(CommandError::Told)
 }
 
 /// Says where a file ends that does not end well.

@@ -18,6 +18,7 @@ use crate::host_board::{HostBoardError, RobotMaker};
 use crate::link_client::ClientError;
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
+use crate::recording::file::MAX_FILE_BYTES;
 use crate::recording::player::Recording;
 use crate::run::board::{BoardError, LinkWay};
 use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
@@ -322,7 +323,7 @@ fn read_entered(path: &Path) -> Result<Entered, CommandError> {
 /// # Errors
 /// If it cannot be read, or is none.
 pub fn read_recording(path: &Path) -> Result<Recording, CommandError> {
-    let bytes = file::read(path, "recording")?;
+    let bytes = file::read_at_most(path, MAX_FILE_BYTES, "recording")?;
     Recording::read(&bytes)
         .with_context(|| format!("cannot replay {}", path.display()))
         .map_err(CommandError::Input)

@@ -14,11 +14,13 @@ use serde::Serialize;
 use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
+use super::recorder::{self, Recorder, keep_recording};
 use super::robot::{Robot, RobotArgs};
 use super::stage;
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
-use crate::link_client::{ClientError, RobotInfo};
+use crate::link_client::{ClientError, RobotInfo, Streams};
+use crate::recording::live;
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
@@ -36,6 +38,8 @@ use crate::trial::{self, Outcome};
 /// An upload that was broken off (a lost line, a host that was switched off) goes on where it was when the same is uploaded again. Ctrl-C ends it in order: the robot
 /// forgets what it has of the new mission, or goes back to the one before where the new one runs on trial already.
 ///
+/// With `--record`, what enters the robot's interpreter is kept for `esm replay`, from before the upload to the confirmation.
+///
 /// What changes against the mission that runs is shown before it is sent: states, transitions, parameters, slots, by name. With `--warm` also what goes on.
 ///
 /// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
@@ -48,6 +52,7 @@ Examples:
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm --diff
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --trial '60 s'
+  esm upload missions/patrol.esm --port /dev/ttyUSB0 --record swap.rec
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --no-gap --json")]
 pub struct UploadArgs {
     /// The mission, or a blob that `esm build` made of it
@@ -69,6 +74,10 @@ pub struct UploadArgs {
     /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to the one before. 1 s to 3600 s
     #[arg(long, value_name = "TIME", value_parser = trial_time)]
     pub trial: Option<Time>,
+
+    /// Keeps what enters the interpreter meanwhile, to be run again with `esm replay`
+    #[arg(long, value_name = "REC", conflicts_with = "diff")]
+    pub record: Option<PathBuf>,
 
     /// For programs: what was sent, and what becomes of the slots that both missions have
     #[arg(long)]
@@ -163,11 +172,17 @@ fn show(preview: Option<Preview>, json: bool, console: &mut Console) -> Result<(
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandError> {
+    if let Some(output) = &args.record {
+        keep_recording(output, &[args.file.as_path()])?;
+    }
     let mut staged = stage::mission(&args.file, console)?;
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
     if args.warm {
         robot.require(Feature::Warm)?;
+    }
+    if args.record.is_some() {
+        robot.require(Feature::Record)?;
     }
     let running = running_mission(&mut robot)?;
     let handover = match &running {
@@ -186,6 +201,49 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         console.text(&preview.text(SHOWN))?;
     }
     check_room(mission, &info)?;
+    let mut recorder = match &args.record {
+        Some(path) => {
+            let running = running.map(live::mission_of).transpose();
+            let running = running.map_err(|error| recorder::failed(error, path))?;
+            let known: Vec<&Mission> = running.iter().collect();
+            Some(Recorder::begin(path, &mut robot, &info, RECORD, &known)?)
+        }
+        None => None,
+    };
+    let ended = install(
+        args,
+        mission,
+        (handover, preview),
+        interrupt,
+        &mut robot,
+        &mut recorder,
+        console,
+    );
+    match recorder {
+        Some(recorder) => recorder.finish(&mut robot, ended, console),
+        None => ended,
+    }
+}
+
+/// What is wanted beside the answers: a recording.
+const RECORD: Streams = Streams {
+    record: true,
+    ..Streams::NONE
+};
+
+/// Sends the mission, lets it take over, and waits for what becomes of its trial, if that is not somebody else's.
+fn install(
+    args: &UploadArgs,
+    mission: &Mission,
+    (handover, preview): (Handover, Option<Preview>),
+    interrupt: Interrupt,
+    robot: &mut Robot,
+    recorder: &mut Option<Recorder>,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    if let Some(recorder) = recorder {
+        recorder.expect(mission, robot, console)?;
+    }
     let bar = console.progress(
         &format!("uploading {}", mission.name),
         mission.blob.len() as u64,
@@ -215,9 +273,15 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         ));
     }
     let uploaded = match sent {
-        Err(ClientError::Interrupted { .. }) => return Err(aborted(&mut robot)),
-        Ok(()) if interrupt.is_requested() => return Err(aborted(&mut robot)),
-        sent => sent.and_then(|()| robot.commit(swap)),
+        Err(ClientError::Interrupted { .. }) => return Err(aborted(robot)),
+        Ok(()) if interrupt.is_requested() => return Err(aborted(robot)),
+        // What the line lost meanwhile is asked for, so that the swap follows from what was before.
+        sent => sent
+            .and_then(|()| match recorder {
+                Some(recorder) => recorder.expect(mission, robot, console),
+                None => Ok(()),
+            })
+            .and_then(|()| robot.commit(swap)),
     };
     let upload_s = started.elapsed().as_secs_f64();
     let committed = uploaded.map_err(|error| match error.refusal() {
@@ -235,11 +299,14 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         Some(_) => None,
         None => {
             robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
-            let outcome = trial::watch(&mut robot, committed.mission);
+            let outcome = trial::watch_and(robot, committed.mission, |robot| match recorder {
+                Some(recorder) => recorder.keep_up(robot, console),
+                None => Ok(()),
+            });
             robot.stop_when(None);
             match outcome {
                 Err(ClientError::Interrupted { .. }) => {
-                    return Err(given_up(&mut robot, committed.mission));
+                    return Err(given_up(robot, committed.mission));
                 }
                 outcome => Some(outcome?),
             }
@@ -272,7 +339,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         tell_carried(&told, console)?;
         tell_trial(&told, args.trial, outcome, console)?;
     }
-    failure(&told, outcome, &mut robot)
+    failure(&told, outcome, robot)
 }
 
 /// Lets the robot forget the upload, and says what it runs.

@@ -110,7 +110,15 @@ pub enum LogReader {
     Text {
         /// The beginning of a line whose end has not come yet.
         pending: Vec<u8>,
+        /// Something was lost: what comes up to the next end of a line is the rest of one.
+        is_torn: bool,
     },
+}
+
+/// Passes over bytes up to the end of a line or frame whose beginning is lost.
+fn behind(end: u8, bytes: &[u8]) -> &[u8] {
+    let end = bytes.iter().position(|byte| *byte == end);
+    end.and_then(|end| bytes.get(end + 1..)).unwrap_or_default()
 }
 
 impl LogReader {
@@ -118,6 +126,7 @@ impl LogReader {
     pub fn text() -> Self {
         LogReader::Text {
             pending: Vec::new(),
+            is_torn: false,
         }
     }
 
@@ -131,11 +140,28 @@ impl LogReader {
         )?)))
     }
 
+    /// Something between the bytes that came and those that will come is missing. What is left of the two lines around it is not shown as one.
+    pub fn gap(&mut self) {
+        match self {
+            LogReader::Firmware(decoder) => decoder.gap(),
+            LogReader::Text { pending, is_torn } => {
+                pending.clear();
+                *is_torn = true;
+            }
+        }
+    }
+
     /// Takes bytes as they come and answers the lines that are complete.
     pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
-        let pending = match self {
+        let (pending, is_torn) = match self {
             LogReader::Firmware(decoder) => return decoder.lines(bytes),
-            LogReader::Text { pending } => pending,
+            LogReader::Text { pending, is_torn } => (pending, is_torn),
+        };
+        let bytes = if *is_torn {
+            *is_torn = !bytes.contains(&b'\n');
+            behind(b'\n', bytes)
+        } else {
+            bytes
         };
         pending.extend_from_slice(bytes);
         let Some(last_end) = pending.iter().rposition(|&byte| byte == b'\n') else {
@@ -157,6 +183,8 @@ impl LogReader {
 /// Makes lines of `defmt` frames, with the texts of one firmware.
 pub struct LogDecoder {
     table: Table,
+    /// Something was lost: what comes up to the next end of a frame is the rest of one.
+    is_torn: bool,
     /// What came after the last end of a frame.
     pending: Vec<u8>,
     bad_frames: u64,
@@ -179,6 +207,7 @@ impl LogDecoder {
         match table {
             Some(table) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
                 table,
+                is_torn: false,
                 pending: Vec::new(),
                 bad_frames: 0,
             }),
@@ -188,8 +217,20 @@ impl LogDecoder {
         }
     }
 
+    /// Something between the bytes that came and those that will come is missing. The two pieces of a frame are not to be read as one.
+    pub fn gap(&mut self) {
+        self.pending.clear();
+        self.is_torn = true;
+    }
+
     /// Takes bytes as they come and answers the lines that are complete. What is no frame is counted and passed over.
     pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
+        let bytes = if self.is_torn {
+            self.is_torn = !bytes.contains(&FRAME_END);
+            behind(FRAME_END, bytes)
+        } else {
+            bytes
+        };
         self.pending.extend_from_slice(bytes);
         let Some(last_end) = self.pending.iter().rposition(|&byte| byte == FRAME_END) else {
             if self.pending.len() > FRAME_LIMIT_BYTES {
@@ -241,5 +282,18 @@ mod tests {
         assert_eq!(texts(b"one\ntw"), ["one"]);
         assert!(texts(b"").is_empty());
         assert_eq!(texts(b"o\nthree\n"), ["two", "three"]);
+    }
+
+    #[test]
+    fn pieces_of_two_lines_around_a_loss_are_not_one() {
+        let mut log = LogReader::text();
+        assert!(log.lines(b"the beginning").is_empty());
+        log.gap();
+        assert!(log.lines(b" of the end").is_empty());
+        let lines = log.lines(b" of it\nwhole\n");
+        assert_eq!(
+            lines.iter().map(|it| &it.text[..]).collect::<Vec<_>>(),
+            ["whole"]
+        );
     }
 }

@@ -15,7 +15,7 @@
 //! |---|---|---|
 //! | 1 | head, first and once | board, firmware, program that wrote it: texts; 0, or 1 and the seed of a simulated run as a number |
 //! | 2 | mission | its name: text; its blob to the end of the content, which is known by its hash, the blob's last four bytes |
-//! | 3 | records | whole records, as the robot sent them |
+//! | 3 | records | whole records, with more macro steps in their counts than a robot's |
 //! | 4 | gap | how many records or parts did not come: number |
 //! | 5 | ends of slot-0 runs of a simulated run | three numbers each: which mission in the order of the run, slot occurrence, task instance |
 //! | 6 | end | macro steps of the last mission that the recording holds, counted from its beginning: number |
@@ -27,11 +27,14 @@ use std::io::{self, Write};
 use rt_firmware::link::frame::checksum;
 use thiserror::Error;
 
-/// The form of files that this program writes and reads.
-pub const VERSION: u16 = 1;
+/// The form of files that this program writes. It reads those before it, too: in form 1 records are as the robot sent them.
+pub const VERSION: u16 = 2;
 
 /// The first bytes of every recording.
-const MARK: &[u8; 6] = b"ESMREC";
+pub const MARK: &[u8; 6] = b"ESMREC";
+
+/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and takes some forty times as much there. Two months of a robot on patrol take so many.
+pub const MAX_FILE_BYTES: u64 = 16 << 20;
 
 /// What recordings began with that an earlier program wrote as lines of JSON.
 const JSON_MARK: &[u8] = b"{\"kind\":\"recording\"";
@@ -87,7 +90,7 @@ pub enum Frame {
         /// Its blob.
         blob: Vec<u8>,
     },
-    /// Whole records, to be read with [`rt_firmware::link::record::Recorded::take`].
+    /// Whole records, to be read with [`rt_firmware::link::record::Recorded::take_within`].
     Records(Vec<u8>),
     /// So many records or parts did not come.
     Gap(u32),
@@ -127,7 +130,7 @@ pub enum FileError {
     Json,
     /// Another program wrote it.
     #[error(
-        "the recording has form {found}, this program reads form {VERSION}; record the run again, or read it with the program that wrote it"
+        "the recording has form {found}, this program reads forms up to {VERSION}; record the run again, or read it with the program that wrote it"
     )]
     OtherVersion {
         /// The form that it has.
@@ -309,7 +312,7 @@ pub fn read(bytes: &[u8]) -> Result<(Vec<Frame>, FileEnd), FileError> {
         return Err(FileError::Empty);
     };
     let found = u16::from_le_bytes(*version);
-    if found != VERSION {
+    if !(1..=VERSION).contains(&found) {
         return Err(FileError::OtherVersion { found });
     }
     let mut frames = Vec::new();

@@ -4,7 +4,9 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use esm_core::Verified;
 use rt_firmware::link::message::{Channel, LinkError, Mode};
+use rt_firmware::link::record::MAX_QUIET;
 use thiserror::Error;
 
 use super::file::Head;
@@ -13,10 +15,15 @@ use crate::inspect;
 use crate::link_client::{ClientError, LinkClient, RobotInfo, StreamEvent, Streams};
 use crate::run::mission::{Mission, hash_text};
 use crate::serial::ByteLink;
+use crate::serial::clock::Clock;
 use crate::trace::directory::NoDirectory;
 
-/// After how much silence the robot is asked for all that its machine is. It answers where one runs, and one that was reset hears that it is to go on.
+/// After how much silence the robot is asked how far it is. One whose machine just has nothing to tell is left alone; any other is asked for all that its machine is, and one that was reset so
+/// hears that it is to go on.
 const SILENCE: Duration = Duration::from_secs(5);
+
+/// So much is lost at most if this program is killed, and macro steps before which nothing entered.
+const FLUSH_TIME: Duration = Duration::from_secs(1);
 
 /// How long what was asked for may take before it is asked for again.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -32,6 +39,10 @@ pub struct LiveRecording<W> {
     writer: RecordingWriter<W>,
     /// What is wanted of the robot, the recording among it.
     streams: Streams,
+    /// By which it waits: the line's.
+    clock: Clock,
+    /// When what came was last written.
+    flushed: Instant,
     /// When the recording last brought something, or was asked for.
     heard: Instant,
     /// What was asked for and has not come yet.
@@ -88,7 +99,8 @@ pub enum LiveError {
 }
 
 impl<W: Write> LiveRecording<W> {
-    /// Lets a robot send `streams` and a recording, which begins with all that its machine is now. `out` gives the file, and is called where the robot does not refuse.
+    /// Lets a robot send `streams` and a recording, which begins with all that its machine is now. `out` gives the file, and is called where the robot does not refuse. Missions that are `known`
+    /// need not be read from the robot.
     ///
     /// # Errors
     /// [`LiveError`]; refused with [`LinkError::NotBuiltIn`] by a firmware that cannot record.
@@ -96,6 +108,7 @@ impl<W: Write> LiveRecording<W> {
         robot: &mut LinkClient<L>,
         info: &RobotInfo,
         streams: Streams,
+        known: &[&Mission],
         out: impl FnOnce() -> Result<W, E>,
     ) -> Result<Self, E> {
         let streams = Streams {
@@ -109,16 +122,23 @@ impl<W: Write> LiveRecording<W> {
             program: concat!("esm ", env!("CARGO_PKG_VERSION")).to_owned(),
             seed: None,
         };
-        let writer = RecordingWriter::new(out()?, head, None).map_err(LiveError::from)?;
+        let mut writer = RecordingWriter::new(out()?, head, None).map_err(LiveError::from)?;
+        for mission in known {
+            add(&mut writer, mission).map_err(LiveError::from)?;
+        }
+        let clock = robot.clock().clone();
         let mut recording = LiveRecording {
             writer,
             streams,
-            heard: Instant::now(),
+            flushed: clock.now(),
+            heard: clock.now(),
+            clock,
             asked: None,
             bad_frames: robot.counts().bad_frames,
             missed: Vec::new(),
         };
         recording.read_mission(robot)?;
+        recording.note_asked(FIRST_WAIT);
         Ok(recording)
     }
 
@@ -133,7 +153,7 @@ impl<W: Write> LiveRecording<W> {
     ) -> Result<Option<Noted>, LiveError> {
         match event {
             StreamEvent::Record(records) => {
-                self.heard = Instant::now();
+                self.heard = self.clock.now();
                 let Some(hash) = self.writer.records(records)? else {
                     return Ok(None);
                 };
@@ -160,30 +180,51 @@ impl<W: Write> LiveRecording<W> {
         }
     }
 
-    /// Asks for all that the machine is where something may be missing: a frame was spoiled, what was asked for did not come, or nothing came for long. To be called each time that
+    /// Asks for all that the machine is where something may be missing: a frame was spoiled, what was asked for did not come, or nothing came for long. Writes what came. To be called each time that
     /// events were looked for.
     ///
     /// # Errors
-    /// [`LiveError::Client`]
+    /// [`LiveError`]
     pub fn look_after<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), LiveError> {
+        if self.clock.since(self.flushed) >= FLUSH_TIME {
+            self.writer.flush()?;
+            self.flushed = self.clock.now();
+        }
         let beginnings = self.counts().beginnings;
+        let is_lost = self.writer.take_lost();
         let wait = match &self.asked {
-            Some(asked) if asked.beginnings == beginnings => {
-                if asked.at.elapsed() < asked.wait {
+            Some(asked) if asked.beginnings == beginnings && !is_lost => {
+                if self.clock.since(asked.at) < asked.wait {
                     return Ok(());
                 }
                 (asked.wait * 2).min(SILENCE)
             }
             _ => {
                 self.asked = None;
-                let is_good = robot.counts().bad_frames == self.bad_frames;
-                if is_good && self.heard.elapsed() < SILENCE {
+                let is_good = robot.counts().bad_frames == self.bad_frames && !is_lost;
+                if is_good && self.clock.since(self.heard) < SILENCE {
+                    return Ok(());
+                }
+                if is_good && self.has_nothing_to_tell(robot)? {
+                    self.heard = self.clock.now();
                     return Ok(());
                 }
                 FIRST_WAIT
             }
         };
         self.ask_anew(robot, wait)
+    }
+
+    /// Whether the robot's machine runs, and is no further than it may be without a word.
+    fn has_nothing_to_tell<L: ByteLink>(
+        &self,
+        robot: &mut LinkClient<L>,
+    ) -> Result<bool, LiveError> {
+        let status = robot.status()?;
+        let ahead = (self.writer.next_step()).and_then(|next| status.steps.checked_sub(next));
+        Ok(status.mode == Mode::Running
+            && status.mission == self.writer.running()
+            && ahead.is_some_and(|ahead| ahead <= MAX_QUIET.into()))
     }
 
     /// What it holds so far.
@@ -206,11 +247,23 @@ impl<W: Write> LiveRecording<W> {
         Ok((out, counts, ended.err()))
     }
 
-    /// Ends a recording of a robot that cannot be asked any more.
+    /// Ends a recording of a robot that cannot be asked any more, with what came last.
     ///
     /// # Errors
     /// What the file has.
-    pub fn break_off(self) -> io::Result<(W, Counts)> {
+    pub fn break_off(mut self, last: &[StreamEvent]) -> io::Result<(W, Counts)> {
+        for event in last {
+            match event {
+                StreamEvent::Record(records) => {
+                    self.writer.records(records)?;
+                }
+                StreamEvent::Gap {
+                    channel: Channel::Record,
+                    missing,
+                } => self.writer.gap(*missing)?,
+                _ => {}
+            }
+        }
         self.writer.finish(None)
     }
 
@@ -219,14 +272,14 @@ impl<W: Write> LiveRecording<W> {
         &mut self,
         robot: &mut LinkClient<L>,
     ) -> Result<Option<u64>, LiveError> {
-        let began = Instant::now();
+        let began = self.clock.now();
         let beginnings = self.counts().beginnings;
         let mut steps = None;
         // A machine that stands still tells nothing more but its status.
         if robot.status()?.mode == Mode::Running {
             self.ask_anew(robot, FIRST_WAIT)?;
         }
-        while began.elapsed() < LONGEST_END {
+        while self.clock.since(began) < LONGEST_END {
             let status = robot.status()?;
             robot.listen(LISTEN_TIME)?;
             for event in robot.take_events() {
@@ -251,17 +304,50 @@ impl<W: Write> LiveRecording<W> {
     ) -> Result<(), LiveError> {
         robot.subscribe(self.streams)?;
         self.bad_frames = robot.counts().bad_frames;
-        self.heard = Instant::now();
+        self.note_asked(wait);
+        Ok(())
+    }
+
+    fn note_asked(&mut self, wait: Duration) {
+        self.heard = self.clock.now();
         self.asked = Some(Asked {
             at: self.heard,
             wait,
             beginnings: self.counts().beginnings,
         });
-        Ok(())
+    }
+
+    /// Adds a mission that the robot is about to be given, so that it need not be read from there.
+    ///
+    /// # Errors
+    /// [`LiveError::File`]
+    pub fn mission(&mut self, mission: &Mission) -> Result<(), LiveError> {
+        Ok(add(&mut self.writer, mission)?)
+    }
+
+    /// Waits, for a while, until all is there that was asked for.
+    ///
+    /// # Errors
+    /// [`LiveError`]
+    pub fn settle<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), LiveError> {
+        let began = self.clock.now();
+        loop {
+            for event in robot.take_events() {
+                self.take(robot, &event)?;
+            }
+            self.look_after(robot)?;
+            if self.asked.is_none() || self.clock.since(began) >= LONGEST_END {
+                return Ok(());
+            }
+            robot.listen(LISTEN_TIME)?;
+        }
     }
 
     /// Adds the mission that runs, if one does and it is not in the recording.
     fn read_mission<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), LiveError> {
+        if (robot.status()?.mission).is_none_or(|hash| self.writer.knows(hash)) {
+            return Ok(());
+        }
         let blob = match robot.running_blob() {
             Ok(blob) => blob,
             Err(error) if error.refusal() == Some(LinkError::NoMission) => return Ok(()),
@@ -273,12 +359,24 @@ impl<W: Write> LiveRecording<W> {
                 .map_or(0, |(_, hash)| u32::from_le_bytes(*hash));
             LiveError::BadMission { hash, refusal }
         })?;
-        let hash = verified.hash();
-        let name = inspect::Report::of(&verified).machine;
-        let mission = Mission::new(Path::new(&name), verified)
-            .map_err(|cause| LiveError::NoNames { hash, cause })?;
-        let period_us = mission.directory.interpreter_period_us();
-        self.writer.mission(&name, hash, &mission.blob, period_us)?;
-        Ok(())
+        Ok(add(&mut self.writer, &mission_of(verified)?)?)
     }
+}
+
+/// A mission that was read from a robot, by the name of its machine.
+///
+/// # Errors
+/// [`LiveError::NoNames`]
+pub fn mission_of(verified: Verified<Vec<u8>>) -> Result<Mission, LiveError> {
+    let hash = verified.hash();
+    let name = inspect::Report::of(&verified).machine;
+    let mission = Mission::new(Path::new(&name), verified);
+    let mission = mission.map_err(|cause| LiveError::NoNames { hash, cause })?;
+    // It need not look like a path.
+    Ok(Mission { name, ..mission })
+}
+
+fn add<W: Write>(writer: &mut RecordingWriter<W>, mission: &Mission) -> io::Result<()> {
+    let period_us = mission.directory.interpreter_period_us();
+    writer.mission(&mission.name, mission.hash, &mission.blob, period_us)
 }

@@ -10,6 +10,8 @@ pub mod player;
 pub mod walk;
 pub mod writer;
 
+mod condense;
 mod stretch;
 
+pub use condense::MAX_KEPT_QUIET;
 pub use stretch::{Beginning, Change, Input, Stretch};

@@ -3,6 +3,7 @@
 use esm_core::Progress;
 use rt_firmware::link::record::{MAX_QUIET, Recorded};
 
+use super::condense::MAX_KEPT_QUIET;
 use super::file::Frame;
 
 /// Macro steps of one mission, one after another, of which all is known that entered.
@@ -82,7 +83,8 @@ impl Stretches {
             Frame::Records(records) => {
                 let mut rest = records.as_slice();
                 while !rest.is_empty() {
-                    let record = Recorded::take(&mut rest).map_err(|_| BadRecords)?;
+                    let record =
+                        Recorded::take_within(&mut rest, MAX_KEPT_QUIET).map_err(|_| BadRecords)?;
                     self.record(&record)?;
                 }
             }
@@ -125,18 +127,22 @@ impl Stretches {
         match *record {
             Recorded::Started {
                 quiet,
+                anew,
                 mission,
                 start_us,
             } => {
                 self.pass(quiet);
+                self.gap |= anew && self.open.is_some();
                 self.open(mission, start_us, Beginning::Anew);
             }
             Recorded::State {
+                anew,
                 mission,
                 start_us,
                 progress,
                 words,
             } => {
+                self.gap |= anew && self.open.is_some();
                 if progress.steps > esm_core::MAX_STEPS {
                     return Err(BadRecords);
                 }

@@ -3,36 +3,49 @@
 use std::fmt;
 use std::io::{self, Write};
 
-use rt_firmware::link::record::{MAX_QUIET, Recorded};
+use rt_firmware::link::record::{MAX_QUIET, Recorded, write_quiet};
 
+use super::condense::{Condenser, Missions, Runnable, Sink};
 use super::file::{self, Frame, Head, RunEnd};
 
 /// Records are written to the file when they are this many bytes…
 const FRAME_BYTES: usize = 1024;
-/// … or of this many macro steps: so much is lost at most if the writing is broken off.
+/// … or of this many macro steps: so much is lost at most if the writing is broken off, and macro steps before which nothing entered.
 const FRAME_STEPS: u64 = MAX_QUIET as u64;
 
-/// Writes a recording as it comes. Equal records give equal bytes, in however many parts they come.
+/// Writes a recording as it comes, without what made no difference. Equal records give equal bytes, in however many parts they come.
 pub struct RecordingWriter<W> {
     out: W,
     /// Records that were not written yet, and their macro steps.
     waiting: Vec<u8>,
     waiting_steps: u64,
+    condenser: Condenser,
     missions: Vec<Known>,
     /// Robot time after which nothing is of interest.
     until_us: Option<u64>,
     /// The mission that runs, as far as it is known; and when its next macro step is due.
     clock: Option<Clock>,
     is_over: bool,
+    /// What came did not fit to what was there, and nobody was told.
+    lost: bool,
     counts: Counts,
 }
 
 struct Known {
     hash: u32,
     period_us: u64,
+    runnable: Option<Runnable>,
+}
+
+impl Missions for [Known] {
+    fn runnable(&self, hash: u32) -> Option<&Runnable> {
+        let known = self.iter().find(|known| known.hash == hash)?;
+        known.runnable.as_ref()
+    }
 }
 
 /// Where a mission is.
+#[derive(Clone, Copy)]
 struct Clock {
     mission: u32,
     start_us: u64,
@@ -50,7 +63,7 @@ impl Clock {
 /// What a recording holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Bytes of records, as the robot sent them.
+    /// Bytes of records, as they are kept.
     pub record_bytes: u64,
     /// Macro steps that are known of.
     pub steps: u64,
@@ -88,10 +101,12 @@ impl<W: Write> RecordingWriter<W> {
             out,
             waiting: Vec::new(),
             waiting_steps: 0,
+            condenser: Condenser::new(),
             missions: Vec::new(),
             until_us,
             clock: None,
             is_over: false,
+            lost: false,
             counts: Counts::default(),
         })
     }
@@ -104,6 +119,11 @@ impl<W: Write> RecordingWriter<W> {
     /// Hash of the mission whose macro steps the recording goes on with.
     pub fn running(&self) -> Option<u32> {
         self.clock.as_ref().map(|clock| clock.mission)
+    }
+
+    /// Number of the next macro step that the recording lacks of it.
+    pub fn next_step(&self) -> Option<u64> {
+        self.clock.as_ref().map(|clock| clock.next_step)
     }
 
     /// Adds a mission, if it is not there. `period_us` is that of its interpreter.
@@ -123,6 +143,7 @@ impl<W: Write> RecordingWriter<W> {
         self.missions.push(Known {
             hash,
             period_us: period_us.into(),
+            runnable: Runnable::of(blob),
         });
         self.write(&Frame::Mission {
             name: name.to_owned(),
@@ -146,17 +167,18 @@ impl<W: Write> RecordingWriter<W> {
             {
                 unknown = Some(mission);
             }
+            let before = (self.clock, self.counts);
             let steps = self.steps_of(&record);
             if self.is_over {
+                (self.clock, self.counts) = before;
                 break;
             }
             let bytes = from.get(..from.len() - rest.len()).unwrap_or_default();
             self.waiting.extend_from_slice(bytes);
             self.waiting_steps += steps;
-            self.counts.record_bytes += bytes.len() as u64;
             self.counts.steps += steps;
             if self.waiting.len() >= FRAME_BYTES || self.waiting_steps >= FRAME_STEPS {
-                self.write_waiting()?;
+                self.flush()?;
             }
         }
         Ok(unknown)
@@ -168,6 +190,7 @@ impl<W: Write> RecordingWriter<W> {
             Recorded::Changes { quiet, .. } => (u64::from(quiet) + 1, 0),
             Recorded::Quiet { quiet } | Recorded::Started { quiet, .. } => (quiet.into(), 0),
             Recorded::Skipped { quiet, missed } => (quiet.into(), missed.into()),
+            Recorded::State { anew: true, .. } => (0, 0),
             Recorded::State {
                 mission,
                 start_us,
@@ -190,9 +213,16 @@ impl<W: Write> RecordingWriter<W> {
         }
         let (mission, start_us, next_step) = match *record {
             Recorded::Started {
-                mission, start_us, ..
-            } => (mission, start_us, 0),
+                anew,
+                mission,
+                start_us,
+                ..
+            } => {
+                self.counts.gaps += u64::from(anew && self.clock.is_some());
+                (mission, start_us, 0)
+            }
             Recorded::State {
+                anew,
                 mission,
                 start_us,
                 progress,
@@ -203,7 +233,7 @@ impl<W: Write> RecordingWriter<W> {
                     let is_same = (clock.mission, clock.start_us) == (mission, start_us);
                     progress.steps == if is_same { clock.next_step } else { 0 }
                 };
-                if self.clock.as_ref().is_some_and(|clock| !is_due(clock)) {
+                if (self.clock.as_ref()).is_some_and(|clock| anew || !is_due(clock)) {
                     self.counts.gaps += 1;
                 }
                 (mission, start_us, progress.steps)
@@ -239,10 +269,17 @@ impl<W: Write> RecordingWriter<W> {
         if self.is_over {
             return Ok(());
         }
+        self.flush()?;
+        self.write_gap(missing)
+    }
+
+    /// Writes that something is missing behind all that was written.
+    fn write_gap(&mut self, missing: u32) -> io::Result<()> {
+        self.write_quiet()?;
         self.counts.gaps += 1;
         // What comes next goes on from elsewhere.
         self.clock = None;
-        self.write_waiting()?;
+        self.condenser.forget();
         self.write(&Frame::Gap(missing))
     }
 
@@ -251,7 +288,8 @@ impl<W: Write> RecordingWriter<W> {
     /// # Errors
     /// Whatever the file has.
     pub fn ends(&mut self, ends: &[RunEnd]) -> io::Result<()> {
-        self.write_waiting()?;
+        self.flush()?;
+        self.write_quiet()?;
         self.write(&Frame::Ends(ends.to_vec()))
     }
 
@@ -260,16 +298,19 @@ impl<W: Write> RecordingWriter<W> {
     /// # Errors
     /// Whatever the file has.
     pub fn finish(mut self, steps: Option<u64>) -> io::Result<(W, Counts)> {
-        self.write_waiting()?;
+        if let Some((steps, next)) = steps.zip(self.next_step()) {
+            // The robot need not have said yet that nothing entered before the last of them; or has told of some behind the end.
+            let quiet = steps.saturating_sub(next).min(MAX_QUIET.into()) as u32;
+            if quiet > 0 {
+                write_quiet(&mut Sink(&mut self.waiting), quiet);
+            }
+            self.counts.steps += u64::from(quiet);
+            self.counts.steps = (self.counts.steps).saturating_sub(next.saturating_sub(steps));
+        }
+        self.flush()?;
+        self.write_quiet()?;
         if let Some(steps) = steps {
             self.write(&Frame::End(steps))?;
-            if let Some(clock) = &self.clock {
-                let known = self.counts.steps;
-                self.counts.steps = match steps.checked_sub(clock.next_step) {
-                    Some(quiet) => known + quiet.min(MAX_QUIET.into()),
-                    None => known.saturating_sub(clock.next_step - steps),
-                };
-            }
         }
         Ok((self.out, self.counts))
     }
@@ -279,12 +320,41 @@ impl<W: Write> RecordingWriter<W> {
         self.counts
     }
 
-    fn write_waiting(&mut self) -> io::Result<()> {
+    /// Writes what came, as far as it is to be kept.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn flush(&mut self) -> io::Result<()> {
         self.waiting_steps = 0;
-        if self.waiting.is_empty() {
+        let records = std::mem::take(&mut self.waiting);
+        let mut kept = Vec::new();
+        let taken = (self.condenser).take(&records, self.missions.as_slice(), &mut kept);
+        self.write_records(kept)?;
+        if taken.is_err() {
+            // Nobody has said so, but something is missing.
+            self.write_gap(1)?;
+            self.lost = true;
+        }
+        Ok(())
+    }
+
+    /// Whether something was missing since this was last asked, of which no word came: whoever can asks the robot for all that its machine is.
+    pub fn take_lost(&mut self) -> bool {
+        std::mem::take(&mut self.lost)
+    }
+
+    /// Writes how many macro steps were made since the last record that was kept.
+    fn write_quiet(&mut self) -> io::Result<()> {
+        let mut kept = Vec::new();
+        self.condenser.tell_quiet(&mut kept);
+        self.write_records(kept)
+    }
+
+    fn write_records(&mut self, records: Vec<u8>) -> io::Result<()> {
+        if records.is_empty() {
             return Ok(());
         }
-        let records = std::mem::take(&mut self.waiting);
+        self.counts.record_bytes += records.len() as u64;
         self.write(&Frame::Records(records))
     }
 

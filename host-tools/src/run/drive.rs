@@ -525,9 +525,14 @@ impl<W: Write> Driver<W> {
                 StreamEvent::Gap {
                     channel: Channel::Log,
                     missing,
-                } => watch(Heard::Warning(&format!(
-                    "{missing} pieces of the log did not come through"
-                ))),
+                } => {
+                    if let Some(log) = &mut self.log {
+                        log.gap();
+                    }
+                    watch(Heard::Warning(&format!(
+                        "{missing} pieces of the log did not come through"
+                    )));
+                }
                 StreamEvent::Record(records) => {
                     if let Some(recording) = &mut self.recording {
                         recording.records(&records).map_err(RunError::Recording)?;

@@ -39,6 +39,8 @@ pub enum Recorded<'a> {
     Started {
         /// Macro steps of the mission before, without a change, since the last record.
         quiet: u32,
+        /// Whether something before it did not come, or never will: it is the first that this subscription brings, or records before it found no room.
+        anew: bool,
         /// Its hash.
         mission: u32,
         /// When, in microseconds since the first macro step of the first mission.
@@ -53,6 +55,8 @@ pub enum Recorded<'a> {
     },
     /// All that the machine is before the next macro step: where a recording begins in the middle of a mission, and after what was lost.
     State {
+        /// As of [`Recorded::Started`].
+        anew: bool,
         /// Hash of the mission.
         mission: u32,
         /// When it started, in microseconds since the first macro step of the first mission.
@@ -119,6 +123,12 @@ mod kind {
     pub const STARTED: u8 = 1;
     pub const SKIPPED: u8 = 2;
     pub const STATE: u8 = 3;
+    /// Of the two beginnings: nothing is known of what was before.
+    pub const ANEW: u8 = 4;
+}
+
+fn beginning(kind: u8, anew: bool) -> u8 {
+    if anew { kind | kind::ANEW } else { kind }
 }
 
 /// What [`Recorded::State`] says of faults: none, and each by its number.
@@ -162,8 +172,14 @@ pub fn write_quiet(sink: &mut impl RecordSink, quiet: u32) {
 }
 
 /// Writes [`Recorded::Started`].
-pub fn write_started(sink: &mut impl RecordSink, quiet: u32, mission: u32, start_us: u64) {
-    put_kind(sink, quiet, kind::STARTED);
+pub fn write_started(
+    sink: &mut impl RecordSink,
+    quiet: u32,
+    anew: bool,
+    mission: u32,
+    start_us: u64,
+) {
+    put_kind(sink, quiet, beginning(kind::STARTED, anew));
     put_mission(sink, mission, start_us);
 }
 
@@ -176,12 +192,13 @@ pub fn write_skipped(sink: &mut impl RecordSink, quiet: u32, missed: u32) {
 /// Writes [`Recorded::State`].
 pub fn write_state(
     sink: &mut impl RecordSink,
+    anew: bool,
     mission: u32,
     start_us: u64,
     progress: &Progress,
     words: &[u32],
 ) {
-    put_kind(sink, 0, kind::STATE);
+    put_kind(sink, 0, beginning(kind::STATE, anew));
     put_mission(sink, mission, start_us);
     put_number(sink, progress.steps);
     put_number(sink, progress.steps_left);
@@ -211,9 +228,17 @@ impl<'a> Recorded<'a> {
     /// # Errors
     /// See [`TraceError`]. After an error the rest of the bytes means nothing.
     pub fn take(bytes: &mut &'a [u8]) -> Result<Recorded<'a>, TraceError> {
+        Self::take_within(bytes, MAX_QUIET)
+    }
+
+    /// The same of records that count more macro steps without a change, up to `most_quiet`: those that a host has put together.
+    ///
+    /// # Errors
+    /// See [`TraceError`]. After an error the rest of the bytes means nothing.
+    pub fn take_within(bytes: &mut &'a [u8], most_quiet: u32) -> Result<Recorded<'a>, TraceError> {
         let head: u32 = take(bytes)?;
         let quiet = head >> code::BITS;
-        if quiet > MAX_QUIET {
+        if quiet > most_quiet {
             return Err(TraceError::Unknown);
         }
         let count = match head & code::MANY {
@@ -231,12 +256,17 @@ impl<'a> Recorded<'a> {
     }
 
     fn take_kind(bytes: &mut &'a [u8], quiet: u32) -> Result<Recorded<'a>, TraceError> {
-        Ok(match byte(bytes)? {
+        const STARTED_ANEW: u8 = kind::STARTED | kind::ANEW;
+        const STATE_ANEW: u8 = kind::STATE | kind::ANEW;
+        let kind = byte(bytes)?;
+        let anew = kind & kind::ANEW != 0;
+        Ok(match kind {
             kind::QUIET => Recorded::Quiet { quiet },
-            kind::STARTED => {
+            kind::STARTED | STARTED_ANEW => {
                 let (mission, start_us) = take_mission(bytes)?;
                 Recorded::Started {
                     quiet,
+                    anew,
                     mission,
                     start_us,
                 }
@@ -245,7 +275,7 @@ impl<'a> Recorded<'a> {
                 quiet,
                 missed: take(bytes)?,
             },
-            kind::STATE => {
+            kind::STATE | STATE_ANEW => {
                 let (mission, start_us) = take_mission(bytes)?;
                 let (steps, steps_left) = (take(bytes)?, take(bytes)?);
                 let marks = byte(bytes)?;
@@ -254,6 +284,7 @@ impl<'a> Recorded<'a> {
                     .ok_or(TraceError::Unknown)?;
                 let count = take(bytes)?;
                 Recorded::State {
+                    anew,
                     mission,
                     start_us,
                     progress: Progress {

@@ -45,6 +45,7 @@ impl<const WORDS: usize> RecorderMemory<WORDS> {
                 ring: writer,
                 asked,
                 begun: 0,
+                takes_over: false,
                 known: &mut self.known,
                 quiet: 0,
                 mission: (0, 0),
@@ -114,6 +115,8 @@ pub(crate) struct Recorder<'m> {
     asked: &'m AtomicU32,
     /// The subscription that the reader has had a beginning for.
     begun: u32,
+    /// A mission has taken over warm, of whose beginning the reader knows all that was before.
+    takes_over: bool,
     /// Flags and enable bits after the last macro step.
     known: &'m mut [u32],
     /// Macro steps without a change since the last record, that included which is made now.
@@ -149,16 +152,17 @@ impl Recorder<'_> {
         if warm {
             // All that it is then is written before its first macro step; the end of the mission before belongs to what came so far.
             let quiet = self.quiet;
-            if self.is_known() {
-                self.ring.record(0, |sink| write_quiet(sink, quiet));
-            }
+            self.takes_over =
+                self.is_known() && self.ring.record(0, |sink| write_quiet(sink, quiet));
             self.begun = 0;
             return;
         }
+        self.takes_over = false;
         // Where something was lost before, the steps since then are of no use.
-        let quiet = if self.is_known() { self.quiet } else { 0 };
+        let is_known = self.is_known();
+        let quiet = if is_known { self.quiet } else { 0 };
         let written = self.ring.record(0, |sink| {
-            write_started(sink, quiet, mission, start_us);
+            write_started(sink, quiet, !is_known, mission, start_us);
         });
         self.known.fill(0);
         self.end_beginning(written);
@@ -237,8 +241,9 @@ impl Recorder<'_> {
         }
         let (mission, start_us) = self.mission;
         let progress = interpreter.progress();
+        let goes_on = self.is_known() || (self.takes_over && progress.steps == 0);
         let written = self.ring.record(0, |sink| {
-            write_state(sink, mission, start_us, &progress, words);
+            write_state(sink, !goes_on, mission, start_us, &progress, words);
         });
         self.end_beginning(written);
         self.quiet = 1;
@@ -299,5 +304,144 @@ impl Iterator for ChangedBits<'_> {
         let bit = self.left.trailing_zeros();
         self.left &= self.left - 1;
         Some(self.word as u32 * u32::BITS + bit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use esm_core::{Observer, TransitionTaken};
+
+    use super::*;
+    use crate::link::record::Recorded;
+
+    /// A mission with a few tasks, whose firmware takes it where there is no other.
+    const BLOB: &[u8] = include_bytes!("../../../boards/lm3s6965/stand_by.blob");
+    const WORDS: usize = 64;
+    const STEPS: u64 = 3_000;
+
+    #[derive(Default)]
+    struct Seen(Vec<TransitionTaken>);
+
+    impl Observer for Seen {
+        fn transition(&mut self, taken: TransitionTaken) {
+            self.0.push(taken);
+        }
+    }
+
+    /// What a macro step of a machine shows.
+    fn step(machine: &mut Interpreter<'_, &[u8]>) -> (Vec<TransitionTaken>, Vec<u32>) {
+        let mut seen = Seen::default();
+        machine.macro_step(&mut seen).unwrap();
+        (seen.0, machine.enabled_words().to_vec())
+    }
+
+    /// Runs what the records tell. Answers how many macro steps that were, and in how many stretches.
+    fn replayed(records: &[u8], robot: &[(Vec<TransitionTaken>, Vec<u32>)]) -> (u64, u32) {
+        let mut rest = records;
+        let mut arena = [0; WORDS];
+        let mut arena = Some(&mut arena[..]);
+        let mut machine: Option<Interpreter<'_, &[u8]>> = None;
+        let (mut steps, mut stretches) = (0, 0);
+        while let Ok(record) = Recorded::take(&mut rest) {
+            let mut make = |machine: &mut Interpreter<'_, &[u8]>, count: u64| {
+                for _ in 0..count {
+                    let number = machine.progress().steps as usize;
+                    assert_eq!(step(machine), robot[number], "macro step {number}");
+                    steps += 1;
+                }
+            };
+            match (&mut machine, record) {
+                (Some(machine), Recorded::Changes { quiet, bits }) => {
+                    make(machine, quiet.into());
+                    assert!(bits.iter().all(|bit| machine.toggle_input(bit as usize)));
+                    make(machine, 1);
+                }
+                (Some(machine), Recorded::Quiet { quiet }) => make(machine, quiet.into()),
+                (
+                    Some(machine),
+                    Recorded::State {
+                        anew: false,
+                        progress,
+                        words,
+                        ..
+                    },
+                ) => {
+                    let quiet = progress.steps - machine.progress().steps;
+                    assert!(quiet <= MAX_QUIET.into(), "{quiet} macro steps");
+                    make(machine, quiet);
+                    let words: Vec<u32> = words.iter().collect();
+                    let entered: Vec<usize> = machine.inputs_unlike(&words).collect();
+                    assert!(entered.iter().all(|bit| machine.toggle_input(*bit)));
+                    assert!(machine.is_like(&words, &progress));
+                }
+                (
+                    before,
+                    Recorded::State {
+                        progress, words, ..
+                    },
+                ) => {
+                    let free = before.take().map(|machine| machine.into_parts().1);
+                    let arena = free.or_else(|| arena.take()).unwrap();
+                    let words: Vec<u32> = words.iter().collect();
+                    let verified = esm_core::verify(BLOB).unwrap();
+                    *before = Some(Interpreter::resume(verified, arena, &words, progress).unwrap());
+                    stretches += 1;
+                }
+                (_, other) => panic!("{other:?}"),
+            }
+        }
+        (steps, stretches)
+    }
+
+    #[test]
+    fn what_is_dropped_is_told_where_it_is_missing_and_the_rest_is_as_it_was() {
+        let mut lost = 0;
+        for seed in 1..40_u64 {
+            let mut random = seed;
+            let mut below = |bound: u64| {
+                random = random
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                (random >> 33) % bound
+            };
+            let mut arena = [0; WORDS];
+            let verified = esm_core::verify(BLOB).unwrap();
+            let mut machine = Interpreter::new(verified, &mut arena).unwrap();
+            let mut memory = RecorderMemory::<WORDS>::new();
+            let (mut recorder, mut reader) = memory.split();
+            recorder.started(1, 0, false);
+            let mut robot = Vec::new();
+            let mut records = Vec::new();
+            let mut wire = true;
+            for number in 0..STEPS {
+                let bits = 32 * machine.input_words().len() as u64;
+                for _ in 0..below(3) {
+                    machine.toggle_input(below(bits) as usize);
+                }
+                // The first of them in the midst of the run.
+                if number >= 10 && (number == 10 || below(40) == 0) {
+                    reader.want(true).unwrap();
+                }
+                recorder.before_step(&machine);
+                robot.push(step(&mut machine));
+                recorder.after_step(&machine);
+                // A wire that takes nothing for a while, or a part.
+                if below(100) == 0 {
+                    wire = !wire;
+                }
+                if wire {
+                    let mut room = [0; 24];
+                    let part = reader.read(&mut room);
+                    records.extend_from_slice(&room[..part.len]);
+                }
+            }
+            let (steps, stretches) = replayed(&records, &robot);
+            assert!(steps > STEPS / 10, "seed {seed}: {steps}");
+            assert_eq!(stretches > 1, reader.dropped() > 0, "seed {seed}");
+            lost += stretches - 1;
+        }
+        assert!(lost > 10, "only {lost} losses");
     }
 }
