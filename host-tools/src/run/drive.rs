@@ -534,8 +534,13 @@ impl<W: Write> Driver<W> {
                     )));
                 }
                 StreamEvent::Record(records) => {
-                    if let Some(recording) = &mut self.recording {
-                        recording.records(&records).map_err(RunError::Recording)?;
+                    let Some(recording) = &mut self.recording else {
+                        continue;
+                    };
+                    recording.records(&records).map_err(RunError::Recording)?;
+                    if recording.take_lost() {
+                        self.subscribe()?;
+                        watch(Heard::Warning("the recording has a gap"));
                     }
                 }
                 StreamEvent::Gap {
