@@ -2,9 +2,11 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::time::Duration;
 
+use esm_core::format::FLAG_EXIT;
 use esm_core::{Interpreter, Observer, TransitionTaken};
 use esm_tests::command::root;
 use esm_tests::random::Random;
@@ -162,13 +164,87 @@ fn walked(what: &str, recording: &Recording) -> Vec<Moment> {
     moments
 }
 
+/// Holds what a walk tells of flags and timers behind each macro step against the machine that made it.
+fn assert_what_is_told_is_what_the_machine_was(what: &str, recording: &Recording) {
+    let (mut walk, _) = Walk::new(recording, false);
+    for stretch in &recording.stretches {
+        let mission = recording.mission(stretch.mission).unwrap();
+        let period_us = u64::from(mission.directory.interpreter_period_us());
+        let mut arena = vec![0; mission.verified.arena_words()];
+        let mut player = Player::new(mission, stretch, &mut arena).unwrap();
+        let mut entered: HashMap<String, u64> = HashMap::new();
+        let mut flags_before = player.machine().input_words().to_vec();
+        while player.enter().unwrap().goes_on && player.machine().fault().is_none() {
+            let step = player.machine().progress().steps;
+            let mut taken = Taken::default();
+            let _ = player.macro_step(&mut taken);
+            let (mut told, mut flags_told) = (0, flags_before.clone());
+            while told < taken.count {
+                let moment = walk.forward().unwrap();
+                assert_eq!(moment.step, step, "{what}");
+                told += moment.taken.len() as u64;
+                entered.extend(moment.taken.iter().map(|taken| (taken.to.clone(), step)));
+                let surroundings = walk.surroundings().unwrap();
+                for flag in &surroundings.flags {
+                    let (word, bit) = (flag.bit / 32, 1 << (flag.bit % 32));
+                    let was_set = flags_told[word] & bit != 0;
+                    assert_eq!(
+                        flag.is_new,
+                        flag.is_set != was_set,
+                        "{what}, {step}: {flag:?}"
+                    );
+                    flags_told[word] = if flag.is_set {
+                        flags_told[word] | bit
+                    } else {
+                        flags_told[word] & !bit
+                    };
+                }
+            }
+            let machine = player.machine();
+            // What a transition had done that a fault broke off was not taken back.
+            if taken.count == 0 || machine.fault().is_some() {
+                continue;
+            }
+            let surroundings = walk.surroundings().unwrap();
+            for flag in &surroundings.flags {
+                assert_eq!(
+                    flag.is_set,
+                    machine.flag(flag.bit),
+                    "{what}, {step}: {flag:?}"
+                );
+            }
+            // What was told to be new is all that is; only `exit` of the machine itself is of no state.
+            let flags = machine.first_enable_bit() / 32;
+            flags_told[0] |= machine.input_words()[0] & 1 << FLAG_EXIT;
+            assert_eq!(
+                flags_told[..flags],
+                machine.input_words()[..flags],
+                "{what}, {step}"
+            );
+            flags_before.copy_from_slice(machine.input_words());
+            for timer in &surroundings.timers {
+                if let Some(entered) = entered.get(&timer.state) {
+                    assert_eq!(
+                        timer.age_us,
+                        (step - entered) * period_us,
+                        "{what}, {step}: {timer:?}"
+                    );
+                }
+            }
+        }
+    }
+    assert_eq!(walk.forward(), None, "{what}");
+}
+
 #[test]
 fn a_walk_tells_the_transitions_of_the_trace_with_guards_that_were_true() {
     for recorded in &RUNS[5..8] {
         let what = format!("{:?}", recorded.missions);
         let made = recorded.made();
         let (bytes, trace) = (made.recording, made.trace);
-        let moments = walked(&what, &Recording::read(&bytes).unwrap());
+        let recording = Recording::read(&bytes).unwrap();
+        let moments = walked(&what, &recording);
+        assert_what_is_told_is_what_the_machine_was(&what, &recording);
         let told = moments.iter().flat_map(|moment| {
             moment.taken.iter().map(move |taken| {
                 let (from, to) = (taken.from.clone(), taken.to.clone());
@@ -512,6 +588,9 @@ fn random_machines_under_random_inputs_are_had_again() {
             again.step_ended(player.machine().enabled_words());
         }
         let moments = walked(&format!("seed {seed}"), &recording);
+        if seed % 6 == 0 {
+            assert_what_is_told_is_what_the_machine_was(&format!("seed {seed}"), &recording);
+        }
         let told: usize = moments.iter().map(|moment| moment.taken.len()).sum();
         assert_eq!(told as u64, taken.count, "seed {seed}");
         // Flags that made no difference are another matter.

@@ -2,19 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::fs::{File, OpenOptions};
-use std::process::{Child, Command};
-use std::time::{Duration, Instant};
+use std::process::Command;
 
 use esm_tests::command::{Robot, esm_binary, root};
-use host_tools::serial::ByteLink;
-use host_tools::serial::pipe::{self, PipeEnd};
-use host_tools::serial::pty::PtyServer;
-
-/// How long the command may take to show something, or to end.
-const PATIENCE: Duration = Duration::from_secs(20);
-/// What a terminal is told to give back the screen that it had before.
-const LEAVE_SCREEN: &str = "\x1b[?1049l";
+use esm_tests::terminal::Session;
 
 fn running_patrol() -> Robot {
     let robot = Robot::start("host", None);
@@ -101,122 +92,18 @@ fn a_robot_without_a_mission_and_a_port_without_a_robot_are_told_apart() {
 }
 
 /// `esm top` on a terminal of its own.
-struct Session {
-    child: Child,
-    terminal: PtyServer,
-    /// A terminal that nobody has open forgets what was last written to it.
-    _open: File,
-    /// The keyboard, and what is shown.
-    far: PipeEnd,
-    shown: String,
-    /// How the terminal was set before.
-    settings: String,
-}
-
-impl Session {
-    fn start(robot: &Robot) -> Self {
-        let (near, far) = pipe::pair();
-        let terminal = PtyServer::start(Box::new(near)).unwrap();
-        let path = terminal.path().to_str().unwrap().to_owned();
-        stty(&path, &["sane", "rows", "30", "cols", "120"]);
-        let settings = stty(&path, &["-g"]);
-        let open = || {
-            let mut options = OpenOptions::new();
-            options.read(true).write(true).open(&path).unwrap()
-        };
-        let child = Command::new(esm_binary())
-            .current_dir(root())
-            .args(["top", "--interval", "100 ms", "--port", robot.port()])
-            .env("TERM", "xterm-256color")
-            .env_remove("NO_COLOR")
-            .stdin(open())
-            .stdout(open())
-            .spawn()
-            .unwrap();
-        Session {
-            child,
-            _open: open(),
-            terminal,
-            far,
-            shown: String::new(),
-            settings,
-        }
-    }
-
-    /// Waits until a word has been shown since the last call. Blanks are moved over and not shown, so that it is one word.
-    #[track_caller]
-    fn wait_for(&mut self, word: &str) {
-        let deadline = Instant::now() + PATIENCE;
-        while !self.shown.contains(word) {
-            assert!(
-                Instant::now() < deadline,
-                "`{word}` was not shown: {:?}",
-                self.shown
-            );
-            self.look();
-        }
-        self.shown.clear();
-    }
-
-    fn look(&mut self) {
-        let mut bytes = [0; 4096];
-        let count = self.far.receive(&mut bytes, Duration::from_millis(50));
-        let count = count.unwrap();
-        self.shown
-            .push_str(&String::from_utf8_lossy(&bytes[..count]));
-    }
-
-    fn press(&mut self, keys: &[u8]) {
-        self.far.send(keys).unwrap();
-    }
-
-    /// Waits for the command's good end, and looks whether the terminal is as it was.
-    #[track_caller]
-    fn ends_well(mut self, what: &str) {
-        let deadline = Instant::now() + PATIENCE;
-        let status = loop {
-            self.look();
-            if let Some(status) = self.child.try_wait().unwrap() {
-                break status;
-            }
-            assert!(Instant::now() < deadline, "{what}: it does not end");
-        };
-        while !self.shown.contains(LEAVE_SCREEN) && Instant::now() < deadline {
-            self.look();
-        }
-        assert_eq!(status.code(), Some(0), "{what}: {:?}", self.shown);
-        assert!(
-            self.shown.contains(LEAVE_SCREEN),
-            "{what}: {:?}",
-            self.shown
-        );
-        let path = self.terminal.path().to_str().unwrap();
-        assert_eq!(stty(path, &["-g"]), self.settings, "{what}");
-    }
-}
-
-impl Drop for Session {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// Sets a terminal, or asks how it is set.
-fn stty(path: &str, arguments: &[&str]) -> String {
-    let done = Command::new("stty")
-        .args(["-F", path])
-        .args(arguments)
-        .output()
-        .unwrap();
-    assert!(done.status.success(), "{done:?}");
-    String::from_utf8(done.stdout).unwrap()
+fn on_a_terminal(robot: &Robot) -> Session {
+    let mut command = Command::new(esm_binary());
+    command
+        .current_dir(root())
+        .args(["top", "--interval", "100 ms", "--port", robot.port()]);
+    Session::start(&mut command)
 }
 
 #[test]
 fn the_screen_follows_the_robot_and_the_keys_and_the_terminal_is_given_back() {
     let robot = running_patrol();
-    let mut session = Session::start(&robot);
+    let mut session = on_a_terminal(&robot);
     session.wait_for("Patrol");
     session.press(b"\x1b[B"); // the arrow down, to slot 2
     session.wait_for("(Odometry):");
@@ -224,30 +111,25 @@ fn the_screen_follows_the_robot_and_the_keys_and_the_terminal_is_given_back() {
     session.wait_for("counted");
     session.press(b"p");
     session.wait_for("paused");
-    assert_ne!(
-        stty(session.terminal.path().to_str().unwrap(), &["-g"]),
-        session.settings,
-        "it reads keys one by one"
-    );
+    assert!(!session.is_as_before(), "it reads keys one by one");
     session.press(b"q");
     session.ends_well("q");
 
-    let mut session = Session::start(&robot);
+    let mut session = on_a_terminal(&robot);
     session.wait_for("Patrol");
     session.press(b"\x03");
     session.ends_well("Ctrl-C");
 
-    let mut session = Session::start(&robot);
+    let mut session = on_a_terminal(&robot);
     session.wait_for("Patrol");
-    let id = session.child.id().to_string();
-    assert!(Command::new("kill").arg(&id).status().unwrap().success());
+    session.terminate();
     session.ends_well("SIGTERM");
 }
 
 #[test]
 fn a_robot_that_goes_is_looked_for_and_the_screen_stays() {
     let robot = running_patrol();
-    let mut session = Session::start(&robot);
+    let mut session = on_a_terminal(&robot);
     session.wait_for("Patrol");
     assert_eq!(robot.end(), Some(0));
     session.wait_for("answer");

@@ -18,7 +18,7 @@ Usage: cargo xtask bench [--write] [--gate]
 
 Without a name, the whole report, in some minutes: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with flash
 and RAM; regions that have nothing to do, events that many see, deep machines, guards, checks, swaps; events a second on the host, other engines included that read a
-chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `day`, `idle`, `link`, `record` and `bound` are not in it.
+chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `day`, `idle`, `link`, `record`, `walk` and `bound` are not in it.
 
 Names:
   machines       The same report without engines in other languages
@@ -29,6 +29,7 @@ Names:
   idle           How much of the time that slots leave reaches slot 0, on the emulated board
   link           How fast a mission of 4,096 bytes is uploaded to a robot that drives in the emulator, on a good line and on bad ones
   record         How many bytes a recording of each shipped mission takes for a transition, in 120 s of robot time or in as many as are told
+  walk           What walking through the recording of an hour takes, forwards and backwards, or of as many minutes as are told
   bound          Whether a macro step ever takes more than its bound, on the emulated board
 
 Options:
@@ -68,7 +69,7 @@ enum Part {
 }
 
 /// What can be measured, in which package the program for it is, and what that needs.
-const BENCHES: [(&str, &str, Needs); 9] = [
+const BENCHES: [(&str, &str, Needs); 10] = [
     (REPORT, "esm-tests", Needs::Machines(Part::Machines)),
     (
         "interpreters",
@@ -81,6 +82,7 @@ const BENCHES: [(&str, &str, Needs); 9] = [
     ("idle", "esm-tests", Needs::Firmware("bench_idle")),
     ("link", "esm-tests", Needs::Firmware("rover")),
     ("record", "esm-tests", Needs::Nothing),
+    ("walk", "esm-tests", Needs::Nothing),
     ("bound", "esm-tests", Needs::Firmware(firmware::BOUND_BIN)),
 ];
 

@@ -33,7 +33,7 @@ Commands:
   test       Run every check that CI runs; ends with a line `N passed, M failed`. TARGET: only such a part of them: checks (form, lints, documentation,
              planted bugs), builds (firmware, sizes, the command), robots (the demo, tests of the whole, which need the builds), libraries
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
-             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, bound)
+             promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, walk, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt

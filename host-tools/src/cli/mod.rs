@@ -13,6 +13,7 @@
 //! | [`argument`] | values that several commands take: times, ports |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
+//! | [`terminal`] | the screen of a terminal, for the commands that take it |
 
 pub mod argument;
 pub mod blackbox;
@@ -45,8 +46,10 @@ pub mod sim;
 pub mod stage;
 pub mod start;
 pub mod status;
+pub mod step;
 pub mod stop;
 pub mod tasks;
+pub mod terminal;
 pub mod test;
 pub mod top;
 pub mod upload;

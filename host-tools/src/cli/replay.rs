@@ -1,6 +1,6 @@
 //! `esm replay`: a recorded run once more, from what entered its interpreter.
 
-use std::io::{self, BufRead, BufWriter, Write};
+use std::io::{self, BufRead, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -11,7 +11,8 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::file::Draft;
 use super::run::read_recording;
-use super::{difference, file};
+use super::step::{self, view::View};
+use super::{difference, file, terminal};
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
 use crate::recording::walk::Walk;
@@ -45,10 +46,14 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub over_gaps: bool,
 
-    /// Walks through the run by commands on standard input: `n` next micro step with a transition, `b` back, `s STEP` to a macro step,
-    /// `t TIME` to a robot time, such as `t 2 s`, `q` ends
+    /// Walks through the run, on the screen of a terminal: `n` next micro step with a transition, `b` back, `/` to a macro step, a time, a state or a flag,
+    /// `q` ends. Otherwise by commands on standard input: `n`, `b`, `s STEP` to a macro step, `t TIME` to a robot time, such as `t 2 s`, `q`
     #[arg(long, conflicts_with_all = ["trace", "expect", "json"])]
     pub step: bool,
+
+    /// With --step: by commands on standard input, on a terminal too
+    #[arg(long, requires = "step")]
+    pub plain: bool,
 
     /// Prints one object as JSON
     #[arg(long)]
@@ -96,7 +101,11 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     }
     let recording = read_recording(&args.recording)?;
     if args.step {
-        return walk(&recording, args, console);
+        let has_screen = std::io::stdin().is_terminal() && terminal::has_screen(console);
+        return match has_screen && !args.plain {
+            true => walk_on_screen(&recording, args, console),
+            false => walk(&recording, args, console),
+        };
     }
     let expected = args
         .expect
@@ -234,6 +243,21 @@ impl<'e> Compared<'e> {
         let found = String::from_utf8_lossy(&self.found);
         Some(difference::first_behind(self.lines, self.expected, &found))
     }
+}
+
+/// Walks through a recording on the screen.
+fn walk_on_screen(
+    recording: &Recording,
+    args: &ReplayArgs,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let (walk, ended) = Walk::new(recording, args.over_gaps);
+    let name = args.recording.file_name().unwrap_or_default();
+    let name = name.to_string_lossy().into_owned();
+    let why = ended.as_ref().map(ToString::to_string);
+    step::show(View::new(recording, name, walk, why), console)?;
+    note_end(recording, &args.recording, console);
+    ended.map_or(Ok(()), |error| Err(CommandError::Input(error.into())))
 }
 
 /// Walks through a recording as standard input says.

@@ -2,7 +2,7 @@
 //!
 //! A robot streams what enters its interpreter ([`rt_firmware::link::record`]), which [`live`] follows over a line; a [`writer`] keeps it with the missions that it is of, in a [`file`](mod@file) that can be read as far as it was
 //! written, whatever ended the writing. Read again, it becomes [`Stretch`]es: runs of one mission, each from a known beginning, with what changed before which macro step. A [`player`] runs
-//! those through `esm-core`'s interpreter, so that their trace is that of the robot, line by line.
+//! those through `esm-core`'s interpreter, so that their trace is that of the robot, line by line. A [`walk`] goes through them micro step by micro step.
 
 pub mod file;
 pub mod live;
@@ -11,7 +11,12 @@ pub mod walk;
 pub mod writer;
 
 mod condense;
+#[cfg(test)]
+pub(crate) mod planted;
+mod retold;
 mod stretch;
+mod surroundings;
 
 pub use condense::MAX_KEPT_QUIET;
 pub use stretch::{Beginning, Change, Input, Stretch};
+pub use surroundings::{EventThen, FlagThen, RegionThen, Surroundings, TimerThen};

@@ -1,26 +1,28 @@
 //! A recording, walked through micro step by micro step, forwards and backwards.
 //!
-//! A first pass over the recording keeps what the machine is every [`CHUNK_STEPS`] macro steps. From there such a chunk is run again whenever the walk comes to it, so that a step back costs
-//! no more than a chunk, and memory holds the moments of one.
+//! A first pass over the recording keeps what the machine is every [`CHUNK_STEPS`] macro steps, and how many moments there were before. From there such a chunk is run again whenever the walk
+//! comes to it, so that any moment costs no more than a chunk, and memory holds the macro steps of one.
 //!
-//! The interpreter tells which transitions it took, in order. What flags were when a guard was evaluated follows from what they were before the macro step and from what the transitions before
-//! it in the same macro step did: see `Retold`.
+//! What the machine was within a macro step is told by `Retold`.
 
 use std::fmt;
-use std::sync::Arc;
+use std::rc::Rc;
 
-use esm_core::tables::{Code, Guard, StateKind, Tables};
-use esm_core::{Observer, TransitionTaken, format};
+use esm_core::{Fault, TransitionTaken};
+use thiserror::Error;
 
 use super::player::{LastStep, Player, Position, RecordedMission, Recording, ReplayError};
-use super::stretch::{Beginning, Stretch};
-use crate::inspect::guards::{GuardReader, Read};
-use crate::trace::directory::Directory;
+use super::retold::{MadeStep, MicroSteps, Retold, begun};
+pub use super::retold::{Passed, Taken};
+use super::surroundings::{Surroundings, flags_of};
+use crate::inspect::guards::GuardReader;
+use crate::nearest::nearest;
+use crate::trace::directory::{StateEntry, StateId};
 
 /// Macro steps between two that the walk can begin at.
 pub const CHUNK_STEPS: u64 = 1024;
 
-/// A micro step in which a transition was taken.
+/// A micro step in which a transition was taken; or a macro step in which none was, but a flag changed that was looked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moment {
     /// Number of the stretch of the recording.
@@ -39,27 +41,8 @@ pub struct Moment {
     pub taken: Vec<Taken>,
     /// Paths of the states that were current behind it.
     pub active: Vec<String>,
-}
-
-/// A transition that was taken.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Taken {
-    /// Path of its source.
-    pub from: String,
-    /// Path of its target.
-    pub to: String,
-    /// Its guard as in the source, if it has one.
-    pub guard: Option<String>,
-    /// The flags in it, each with its value when it was evaluated.
-    pub terms: Vec<(String, bool)>,
-    /// Whether the guard is true of these values, as it must be.
-    pub holds: bool,
-    /// Events that it sent.
-    pub sent: Vec<String>,
-    /// Paths of the flags that it set.
-    pub set: Vec<String>,
-    /// Paths of the flags that it cleared.
-    pub cleared: Vec<String>,
+    /// The fault that ended the macro step, and with it the machine.
+    pub fault: Option<Fault>,
 }
 
 impl fmt::Display for Moment {
@@ -101,33 +84,62 @@ struct Chunk {
     step: u64,
     t_us: u64,
     position: Position,
-    /// In which macro step the current state of each region instance was entered, where that is known.
-    entered: Vec<Option<u64>>,
+    /// Moments before it.
+    first: u64,
+    /// Flags behind the moment before it in its stretch, or where that begins.
+    flags: Vec<u32>,
+}
+
+/// A moment that was told.
+struct Told<'r> {
+    chunk: usize,
+    moment: Moment,
+    /// The machine behind it.
+    retold: Retold<'r>,
+    /// The region instances that were entered in it.
+    begun: Vec<usize>,
+    /// Flags behind the moment before.
+    flags_before: Vec<u32>,
 }
 
 /// A walk through a recording.
 pub struct Walk<'r> {
     recording: &'r Recording,
+    /// One for each mission.
+    guards: Vec<Rc<GuardReader<'r>>>,
     chunks: Vec<Chunk>,
-    /// The chunk that the walk is in, and its moments.
+    moments: u64,
+    /// Where a fault ended a stretch.
+    faults: Vec<(usize, u64, Fault)>,
+    /// The chunk that the walk is in.
     chunk: usize,
-    moments: Vec<Moment>,
-    /// The next moment.
-    next: usize,
+    /// The chunk whose macro steps are held, as far as transitions were taken in them.
+    loaded: Option<usize>,
+    steps: Vec<MadeStep>,
+    /// Number of the next moment.
+    next: u64,
+    told: Option<Told<'r>>,
 }
 
 impl<'r> Walk<'r> {
     /// A walk that stands before the first moment. Takes the time of a replay. Where the replay ends early the walk does, too; then the cause comes with it.
     pub fn new(recording: &'r Recording, over_gaps: bool) -> (Self, Option<ReplayError>) {
+        let missions = recording.missions.iter();
         let mut walk = Walk {
             recording,
+            guards: missions
+                .map(|mission| Rc::new(GuardReader::of(&mission.verified)))
+                .collect(),
             chunks: Vec::new(),
+            moments: 0,
+            faults: Vec::new(),
             chunk: 0,
-            moments: Vec::new(),
+            loaded: None,
+            steps: Vec::new(),
             next: 0,
+            told: None,
         };
         let ended = walk.find_chunks(over_gaps).err();
-        walk.load(0);
         (walk, ended)
     }
 
@@ -138,13 +150,7 @@ impl<'r> Walk<'r> {
             let mission = recording.mission_of(stretch, over_gaps, last)?;
             let mut arena = vec![0; mission.verified.arena_words()];
             let mut player = Player::new(mission, stretch, &mut arena)?;
-            let known = match stretch.beginning {
-                Beginning::Anew => Some(0),
-                // Also that of a mission that took over warm, with timers that run on.
-                Beginning::State(..) => None,
-            };
-            let mut entered = vec![known; mission.directory.regions().len()];
-            let tables = mission.verified.tables();
+            let mut flags = player.machine().input_words().to_vec();
             loop {
                 let steps = player.machine().progress().steps;
                 self.chunks.push(Chunk {
@@ -152,7 +158,8 @@ impl<'r> Walk<'r> {
                     step: steps,
                     t_us: stretch.start_us + steps * period_us(mission),
                     position: player.position(),
-                    entered: entered.clone(),
+                    first: self.moments,
+                    flags: flags.clone(),
                 });
                 let mut goes_on = true;
                 for _ in 0..CHUNK_STEPS {
@@ -166,11 +173,14 @@ impl<'r> Walk<'r> {
                         step,
                         at_us: stretch.start_us + step * period_us(mission),
                     });
-                    let mut seen = Seen::default();
+                    let mut micro_steps = MicroSteps::default();
                     // A fault is the machine's end, as in the run.
-                    let _ = player.macro_step(&mut seen);
-                    for taken in seen.0 {
-                        note_entered(&tables, &taken, step, &mut entered, None);
+                    if let Err(fault) = player.macro_step(&mut micro_steps) {
+                        self.faults.push((number, step, fault));
+                    }
+                    if micro_steps.count > 0 {
+                        self.moments += micro_steps.count;
+                        flags.copy_from_slice(player.machine().input_words());
                     }
                 }
                 if !goes_on {
@@ -181,392 +191,595 @@ impl<'r> Walk<'r> {
         Ok(())
     }
 
-    /// Runs a chunk again.
-    fn load(&mut self, chunk: usize) {
-        self.chunk = chunk;
-        self.next = 0;
-        self.moments.clear();
-        if let Some(chunk) = self.chunks.get(chunk) {
-            // What can go wrong did so in the first pass, and was told.
-            self.moments = self.moments_of(chunk).unwrap_or_default();
-        }
+    /// Mission and reader of the guards of a stretch that was walked through.
+    fn mission_of(&self, stretch: usize) -> Option<(&'r RecordedMission, &Rc<GuardReader<'r>>)> {
+        let recording = self.recording;
+        let hash = recording.stretches.get(stretch)?.mission;
+        let missions = recording.missions.iter().zip(&self.guards);
+        missions
+            .into_iter()
+            .find(|(mission, _)| mission.verified.hash() == hash)
     }
 
-    fn moments_of(&self, chunk: &Chunk) -> Result<Vec<Moment>, ReplayError> {
-        let mut moments = Vec::new();
-        let Some(stretch) = self.recording.stretches.get(chunk.stretch) else {
-            return Ok(moments);
+    /// Runs a chunk again; `made` is shown each macro step, with the flags behind the one before and behind it, and says whether it goes on.
+    fn run(&self, chunk: usize, mut made: impl FnMut(MadeStep, &[u32], &[u32]) -> bool) {
+        let Some(chunk) = self.chunks.get(chunk) else {
+            return;
         };
-        let mission = self.recording.mission_of(stretch, true, None)?;
+        let stretch = self.recording.stretches.get(chunk.stretch);
+        let (Some(stretch), Some((mission, _))) = (stretch, self.mission_of(chunk.stretch)) else {
+            return;
+        };
         let mut arena = vec![0; mission.verified.arena_words()];
-        let mut player = Player::at(mission, stretch, &chunk.position, &mut arena)?;
-        let mut retold = Retold::new(mission, chunk.entered.clone());
+        // What can go wrong did so in the first pass, and was told.
+        let Ok(mut player) = Player::at(mission, stretch, &chunk.position, &mut arena) else {
+            return;
+        };
+        let mut flags_before = chunk.flags.clone();
+        let mut flags_last = player.machine().input_words().to_vec();
         for _ in 0..CHUNK_STEPS {
             match player.enter() {
                 Ok(entries) if entries.goes_on && player.machine().fault().is_none() => {}
-                _ => break,
+                _ => return,
             }
-            let machine = player.machine();
-            let step = machine.progress().steps;
-            retold.begin(step, machine.input_words(), |region| {
-                machine.current(region)
-            });
-            let mut seen = Seen::default();
-            let _ = player.macro_step(&mut seen);
-            retold.tell(chunk.stretch, stretch, &seen.0, &mut moments);
+            let mut step = MadeStep::of(player.machine());
+            step.fault = player.macro_step(&mut step).err();
+            let flags = player.machine().input_words();
+            step.flags_before.clone_from(&flags_before);
+            if !step.taken.is_empty() {
+                flags_before.copy_from_slice(flags);
+            }
+            if !made(step, &flags_last, flags) {
+                return;
+            }
+            flags_last.copy_from_slice(flags);
         }
-        Ok(moments)
+    }
+
+    /// Holds the macro steps of a chunk in which transitions were taken.
+    fn load(&mut self, chunk: usize) {
+        if self.loaded == Some(chunk) {
+            return;
+        }
+        let mut steps = std::mem::take(&mut self.steps);
+        steps.clear();
+        self.run(chunk, |step, _, _| {
+            if !step.taken.is_empty() {
+                steps.push(step);
+            }
+            true
+        });
+        self.steps = steps;
+        self.loaded = Some(chunk);
+    }
+
+    /// How many moments there are.
+    pub fn count(&self) -> u64 {
+        self.moments
+    }
+
+    /// Number of the moment that was told last, from 0; or, if that is none in which a transition was taken, of the next one.
+    pub fn number(&self) -> u64 {
+        match &self.told {
+            Some(told) if told.moment.taken.is_empty() => self.next,
+            _ => self.next.saturating_sub(1),
+        }
+    }
+
+    /// The moment that was told last.
+    pub fn moment(&self) -> Option<&Moment> {
+        self.told.as_ref().map(|told| &told.moment)
+    }
+
+    /// What the machine was behind the moment that was told last.
+    pub fn surroundings(&self) -> Option<Surroundings> {
+        let told = self.told.as_ref()?;
+        let before = &told.flags_before;
+        let was_set = |flag: usize| {
+            let word = before.get(flag / 32);
+            word.is_some_and(|word| word >> (flag % 32) & 1 != 0)
+        };
+        Some(Surroundings::of(&told.retold, &told.begun, was_set))
+    }
+
+    /// The fault that ended a stretch, and its macro step.
+    pub fn fault_of(&self, stretch: usize) -> Option<(u64, Fault)> {
+        let of_it = |it: &&(usize, u64, Fault)| it.0 == stretch;
+        self.faults.iter().find(of_it).map(|it| (it.1, it.2))
+    }
+
+    /// The chunk that a moment is in.
+    fn chunk_of(&self, number: u64) -> usize {
+        let behind = self.chunks.partition_point(|chunk| chunk.first <= number);
+        behind.saturating_sub(1)
+    }
+
+    /// The macro step that a moment is in, by its place in the loaded chunk, and the number of that one's first moment.
+    fn place_of(&mut self, number: u64) -> Option<(usize, u64)> {
+        if number >= self.moments {
+            return None;
+        }
+        let chunk = self.chunk_of(number);
+        let mut first = self.chunks.get(chunk)?.first;
+        self.load(chunk);
+        for (place, step) in self.steps.iter().enumerate() {
+            let moments = step.micro_steps().count() as u64;
+            if number < first + moments {
+                return Some((place, first));
+            }
+            first += moments;
+        }
+        None
+    }
+
+    /// Goes to the moment with a number, from 0.
+    pub fn to_number(&mut self, number: u64) -> Option<&Moment> {
+        let (place, first) = self.place_of(number)?;
+        let chunk = self.loaded?;
+        let step = self.steps.get(place)?;
+        let stretch = self.chunks.get(chunk)?.stretch;
+        let (mission, guards) = self.mission_of(stretch)?;
+        let mut retold = Retold::new(mission, Rc::clone(guards));
+        retold.begin(step);
+        let mut flags_before = step.flags_before.clone();
+        let mut told = None;
+        let wanted = usize::try_from(number - first).unwrap_or(usize::MAX);
+        for (at, of_one) in step.micro_steps().enumerate().take(wanted + 1) {
+            if at < wanted {
+                of_one.iter().for_each(|taken| retold.take(taken));
+                flags_before = retold.flags().to_vec();
+            } else {
+                told = Some(of_one);
+            }
+        }
+        let is_last = step.micro_steps().nth(wanted + 1).is_none();
+        let fault = step.fault.filter(|_| is_last);
+        self.told = Some(self.tell(chunk, retold, told?, fault, flags_before)?);
+        self.chunk = chunk;
+        self.next = number + 1;
+        self.moment()
+    }
+
+    /// Tells of a micro step; the machine stands before it.
+    fn tell(
+        &self,
+        chunk: usize,
+        mut retold: Retold<'r>,
+        taken: &[TransitionTaken],
+        fault: Option<Fault>,
+        flags_before: Vec<u32>,
+    ) -> Option<Told<'r>> {
+        let number = self.chunks.get(chunk)?.stretch;
+        let stretch = self.recording.stretches.get(number)?;
+        let (mission, _) = self.mission_of(number)?;
+        let mut moment = Moment {
+            stretch: number,
+            mission: mission.name.clone(),
+            step: retold.step,
+            t_us: stretch.start_us + retold.step * retold.period_us,
+            micro: taken.first().map_or(0, |taken| taken.micro),
+            event: retold.directory.event(0).to_owned(),
+            taken: Vec::new(),
+            active: Vec::new(),
+            fault,
+        };
+        let mut entered = Vec::new();
+        for taken in taken {
+            let (region, transition) = (taken.region_instance.into(), taken.transition.into());
+            if let Some(words) = retold.directory.transition(region, transition) {
+                words.event.clone_into(&mut moment.event);
+            }
+            moment.taken.extend(retold.words(taken));
+            retold.take(taken);
+            let begun = begun(&retold.tables, taken);
+            entered.extend(begun.into_iter().map(|(region, _)| region));
+        }
+        moment.active = retold.active();
+        Some(Told {
+            chunk,
+            moment,
+            retold,
+            begun: entered,
+            flags_before,
+        })
+    }
+
+    /// Tells of a macro step in which no transition was taken.
+    fn tell_quiet(&mut self, chunk: usize, number: u64) -> Option<&Moment> {
+        let mut next = self.chunks.get(chunk)?.first;
+        let mut found = None;
+        self.run(chunk, |step, _, _| {
+            if step.step == number {
+                found = Some(step);
+                return false;
+            }
+            next += step.micro_steps().count() as u64;
+            true
+        });
+        let step = found?;
+        let (mission, guards) = self.mission_of(self.chunks.get(chunk)?.stretch)?;
+        let mut retold = Retold::new(mission, Rc::clone(guards));
+        retold.begin(&step);
+        self.told = Some(self.tell(chunk, retold, &[], step.fault, step.flags_before)?);
+        self.chunk = chunk;
+        self.next = next;
+        self.moment()
     }
 
     /// The next moment, behind which the walk stands then.
     pub fn forward(&mut self) -> Option<&Moment> {
-        while self.next >= self.moments.len() {
-            if self.chunk + 1 >= self.chunks.len() {
-                return None;
-            }
-            self.load(self.chunk + 1);
+        if self.next >= self.moments {
+            self.chunk = self.chunks.len().saturating_sub(1);
+            return None;
         }
-        self.next += 1;
-        self.moments.get(self.next - 1)
+        self.to_number(self.next)
     }
 
     /// The moment before the one that was told last, behind which the walk stands then; none at the beginning.
     pub fn back(&mut self) -> Option<&Moment> {
-        // Before the one that was told last, and before what is told now.
-        for _ in 0..2 {
-            while self.next == 0 {
-                if self.chunk == 0 {
-                    return None;
-                }
-                self.load(self.chunk - 1);
-                self.next = self.moments.len();
+        match self.number().checked_sub(1) {
+            Some(before) => self.to_number(before),
+            None => {
+                (self.next, self.chunk) = (0, 0);
+                self.told = None;
+                None
             }
-            self.next -= 1;
         }
-        self.forward()
     }
 
-    /// Goes to the first moment in a macro step, or behind it, of the stretch that the walk is in.
-    pub fn to_step(&mut self, step: u64) -> Option<&Moment> {
-        let stretch = self.chunks.get(self.chunk)?.stretch;
-        self.to(
+    /// The first moment of the next macro step in which a transition was taken.
+    pub fn next_macro_step(&mut self) -> Option<u64> {
+        let told = self.told.as_ref().map(|told| &told.moment);
+        let here = told.map(|moment| (moment.stretch, moment.step));
+        let mut number = self.next;
+        while here.is_some() && self.macro_step_of(number) == here {
+            number += 1;
+        }
+        (number < self.moments).then_some(number)
+    }
+
+    /// Stretch and number of the macro step of a moment.
+    fn macro_step_of(&mut self, number: u64) -> Option<(usize, u64)> {
+        let (place, _) = self.place_of(number)?;
+        let stretch = self.chunks.get(self.loaded?)?.stretch;
+        Some((stretch, self.steps.get(place)?.step))
+    }
+
+    /// The first moment of the macro step before, of those in which a transition was taken.
+    pub fn macro_step_before(&mut self) -> Option<u64> {
+        let is_quiet = self.moment().is_none_or(|moment| moment.taken.is_empty());
+        let first = match is_quiet {
+            true => self.next,
+            false => self.place_of(self.number())?.1,
+        };
+        Some(self.place_of(first.checked_sub(1)?)?.1)
+    }
+
+    /// Number of the first moment in a macro step, or behind it, of a stretch.
+    pub fn at_step(&mut self, stretch: usize, step: u64) -> Option<u64> {
+        self.at(
             |chunk| (chunk.stretch, chunk.step) <= (stretch, step),
-            |moment| (moment.stretch, moment.step) >= (stretch, step),
+            |chunk, made| (chunk.stretch, made.step) >= (stretch, step),
         )
     }
 
-    /// Goes to the first moment at a time, in microseconds since the first macro step of the first mission, or behind it.
-    pub fn to_time(&mut self, t_us: u64) -> Option<&Moment> {
-        self.to(|chunk| chunk.t_us <= t_us, |moment| moment.t_us >= t_us)
+    /// Number of the first moment at a time, in microseconds since the first macro step of the first mission, or behind it.
+    pub fn at_time(&mut self, t_us: u64) -> Option<u64> {
+        let recording = self.recording;
+        self.at(
+            |chunk| chunk.t_us <= t_us,
+            |chunk, made| {
+                let stretch = recording.stretches.get(chunk.stretch);
+                let mission = stretch.and_then(|stretch| recording.mission(stretch.mission));
+                let period_us = mission.map_or(0, period_us);
+                let start_us = stretch.map_or(0, |stretch| stretch.start_us);
+                start_us + made.step * period_us >= t_us
+            },
+        )
     }
 
-    fn to(
+    fn at(
         &mut self,
         begins_before: impl Fn(&Chunk) -> bool,
-        is_there: impl Fn(&Moment) -> bool,
-    ) -> Option<&Moment> {
+        is_there: impl Fn(&Chunk, &MadeStep) -> bool,
+    ) -> Option<u64> {
         let chunk = self.chunks.partition_point(begins_before).saturating_sub(1);
-        self.load(chunk);
-        while !is_there(self.forward()?) {}
-        self.moments.get(self.next - 1)
+        let mut number = self.chunks.get(chunk)?.first;
+        while number < self.moments {
+            let (place, first) = self.place_of(number)?;
+            let (chunk, made) = (self.chunks.get(self.loaded?)?, self.steps.get(place)?);
+            if is_there(chunk, made) {
+                return Some(first);
+            }
+            number = first + made.micro_steps().count() as u64;
+        }
+        None
     }
+
+    /// Goes to the first moment in a macro step, or behind it, of the stretch that the walk is in; to the end, if there is none.
+    pub fn to_step(&mut self, step: u64) -> Option<&Moment> {
+        let stretch = self.chunks.get(self.chunk)?.stretch;
+        let number = self.at_step(stretch, step);
+        self.go_or_stand_at_the_end(number)
+    }
+
+    /// Goes to the first moment at a time, in microseconds since the first macro step of the first mission, or behind it; to the end, if there is none.
+    pub fn to_time(&mut self, t_us: u64) -> Option<&Moment> {
+        let number = self.at_time(t_us);
+        self.go_or_stand_at_the_end(number)
+    }
+
+    fn go_or_stand_at_the_end(&mut self, number: Option<u64>) -> Option<&Moment> {
+        if number.is_none() {
+            self.next = self.moments;
+            self.chunk = self.chunks.len().saturating_sub(1);
+        }
+        self.to_number(number?)
+    }
+}
+
+/// States and flags that are looked for, in each mission of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sought {
+    /// As it was asked for.
+    pub text: String,
+    /// Region instances and states of the missions, in their order.
+    states: Vec<Vec<(usize, usize)>>,
+    /// Bits of flags.
+    flags: Vec<Vec<usize>>,
+}
+
+/// Why nothing can be looked for.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SoughtError {
+    /// There is no such state.
+    #[error("no mission of the recording has a state `{name}`{}", meant(nearest))]
+    NoState {
+        /// As it was asked for.
+        name: String,
+        /// What may be meant.
+        nearest: Option<String>,
+    },
+    /// There is no such flag.
+    #[error("no state that is called so has a flag `{name}`{}", meant(nearest))]
+    NoFlag {
+        /// As it was asked for.
+        name: String,
+        /// What may be meant.
+        nearest: Option<String>,
+    },
+}
+
+fn meant(nearest: &Option<String>) -> String {
+    nearest.as_ref().map_or_else(String::new, |nearest| {
+        format!(": did you mean `{nearest}`?")
+    })
+}
+
+/// A search that is under way.
+#[derive(Clone, Debug)]
+pub struct Search {
+    sought: Sought,
+    is_backwards: bool,
+    /// The next chunk that is looked through.
+    chunk: Option<usize>,
+    /// Macro step and micro step that it begins behind, or before, in that chunk.
+    from: Option<(u64, u8)>,
+}
+
+/// What came of looking through a part of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Searched {
+    /// It was found, and the walk stands there.
+    Found,
+    /// Not yet; this is how much of the recording lies before the place.
+    GoesOn {
+        /// In hundredths.
+        percent: u64,
+    },
+    /// There is none in this direction.
+    Nothing,
+}
+
+impl Search {
+    /// What is looked for.
+    pub fn sought(&self) -> &Sought {
+        &self.sought
+    }
+
+    /// Whether it goes towards the beginning.
+    pub fn is_backwards(&self) -> bool {
+        self.is_backwards
+    }
+}
+
+impl<'r> Walk<'r> {
+    /// What is to be looked for: the path of a state, or the end of one, and for flags a dot and the name of one; without a state before the dot the flags of all states.
+    ///
+    /// # Errors
+    /// [`SoughtError`]
+    pub fn sought(&self, text: &str) -> Result<Sought, SoughtError> {
+        let (name, flag) = match text.split_once('.') {
+            Some((name, flag)) => (name, Some(flag)),
+            None => (text, None),
+        };
+        let mut sought = Sought {
+            text: text.to_owned(),
+            states: Vec::new(),
+            flags: Vec::new(),
+        };
+        let is_called = |state: &StateEntry| {
+            let before = state.path.strip_suffix(name);
+            before.is_some_and(|before| before.is_empty() || before.ends_with('/'))
+        };
+        let (mut some_state, mut names, mut flag_names) = (false, Vec::new(), Vec::new());
+        for mission in &self.recording.missions {
+            let directory = &*mission.directory;
+            let tables = mission.verified.tables();
+            let (mut states, mut flags) = (Vec::new(), Vec::new());
+            for region in directory.regions() {
+                for (local, state) in region.locals.iter().enumerate() {
+                    let id = StateId {
+                        region: region.index,
+                        local,
+                    };
+                    names.push(state.name());
+                    if !(name.is_empty() && flag.is_some() || is_called(state)) {
+                        continue;
+                    }
+                    some_state = true;
+                    let Some(flag) = flag else {
+                        states.extend(directory.index_of(id).map(|state| (id.region, state)));
+                        continue;
+                    };
+                    for own in flags_of(directory, &tables, id) {
+                        flag_names.push(own.name);
+                        if own.name == flag {
+                            flags.push(own.bit);
+                        }
+                    }
+                }
+            }
+            sought.states.push(states);
+            sought.flags.push(flags);
+        }
+        let owned = |nearest: Option<&str>| nearest.map(str::to_owned);
+        if !some_state {
+            return Err(SoughtError::NoState {
+                name: name.to_owned(),
+                nearest: owned(nearest(name.rsplit('/').next().unwrap_or(name), names)),
+            });
+        }
+        match flag {
+            Some(flag) if sought.flags.iter().all(Vec::is_empty) => Err(SoughtError::NoFlag {
+                name: flag.to_owned(),
+                nearest: owned(nearest(flag, flag_names)),
+            }),
+            _ => Ok(sought),
+        }
+    }
+
+    /// A search from where the walk stands.
+    pub fn search(&self, sought: Sought, is_backwards: bool) -> Search {
+        let told = self.told.as_ref();
+        Search {
+            sought,
+            is_backwards,
+            chunk: Some(told.map_or(0, |told| told.chunk)),
+            from: told.map(|told| (told.moment.step, told.moment.micro)),
+        }
+    }
+
+    /// Looks through the next part of the recording.
+    pub fn look(&mut self, search: &mut Search) -> Searched {
+        let Some(chunk) = search.chunk.filter(|chunk| *chunk < self.chunks.len()) else {
+            return Searched::Nothing;
+        };
+        let mut hits = self.hits(chunk, &search.sought);
+        if let Some(from) = search.from.take() {
+            hits.retain(|hit| {
+                let at = (hit.step, hit.micro);
+                if search.is_backwards {
+                    at < from
+                } else {
+                    at > from
+                }
+            });
+        }
+        let hit = match search.is_backwards {
+            true => hits.last(),
+            false => hits.first(),
+        };
+        if let Some(hit) = hit {
+            let found = match hit.number {
+                Some(number) => self.to_number(number),
+                None => self.tell_quiet(chunk, hit.step),
+            };
+            if found.is_some() {
+                return Searched::Found;
+            }
+        }
+        search.chunk = match search.is_backwards {
+            true => chunk.checked_sub(1),
+            false => Some(chunk + 1),
+        };
+        match search.chunk {
+            Some(chunk) if chunk < self.chunks.len() => Searched::GoesOn {
+                percent: (100 * chunk / self.chunks.len()) as u64,
+            },
+            _ => Searched::Nothing,
+        }
+    }
+
+    /// Where a chunk has what is looked for.
+    fn hits(&self, chunk: usize, sought: &Sought) -> Vec<Hit> {
+        let mut hits = Vec::new();
+        let found = self.chunks.get(chunk).and_then(|chunk| {
+            let (mission, guards) = self.mission_of(chunk.stretch)?;
+            let index = (self.guards.iter()).position(|other| Rc::ptr_eq(other, guards))?;
+            let sought = (sought.states.get(index)?, sought.flags.get(index)?);
+            Some((chunk, Retold::new(mission, Rc::clone(guards)), sought))
+        });
+        let Some((begin, mut retold, (states, flags))) = found else {
+            return hits;
+        };
+        if states.is_empty() && flags.is_empty() {
+            return hits;
+        }
+        let set_of = |words: &[u32]| -> Vec<bool> {
+            let is_set = |flag: &usize| {
+                let word = words.get(flag / 32);
+                word.is_some_and(|word| word >> (flag % 32) & 1 != 0)
+            };
+            flags.iter().map(is_set).collect()
+        };
+        let mut number = begin.first;
+        self.run(chunk, |step, before, behind| {
+            let mut known = set_of(before);
+            if step.taken.is_empty() {
+                if set_of(behind) != known {
+                    hits.push(Hit {
+                        step: step.step,
+                        micro: 0,
+                        number: None,
+                    });
+                }
+            } else {
+                retold.begin(&step);
+                for of_one in step.micro_steps() {
+                    let mut is_hit = false;
+                    for taken in of_one {
+                        retold.take(taken);
+                        let begun = begun(&retold.tables, taken);
+                        is_hit |= begun.iter().any(|begun| states.contains(begun));
+                    }
+                    let now = set_of(retold.flags());
+                    is_hit |= now != known;
+                    known = now;
+                    if is_hit {
+                        hits.push(Hit {
+                            step: step.step,
+                            micro: of_one.first().map_or(0, |taken| taken.micro),
+                            number: Some(number),
+                        });
+                    }
+                    number += 1;
+                }
+            }
+            true
+        });
+        hits
+    }
+}
+
+/// A place in a chunk that was looked for.
+struct Hit {
+    step: u64,
+    micro: u8,
+    /// Number of its moment; none where no transition was taken.
+    number: Option<u64>,
 }
 
 fn period_us(mission: &RecordedMission) -> u64 {
     mission.directory.interpreter_period_us().into()
-}
-
-/// The transitions of a macro step.
-#[derive(Default)]
-struct Seen(Vec<TransitionTaken>);
-
-impl Observer for Seen {
-    fn transition(&mut self, taken: TransitionTaken) {
-        self.0.push(taken);
-    }
-}
-
-/// Notes which region instances a transition made begin, and with which state.
-fn note_entered(
-    tables: &Tables<'_>,
-    taken: &TransitionTaken,
-    step: u64,
-    entered: &mut [Option<u64>],
-    mut current: Option<&mut [usize]>,
-) {
-    let region = usize::from(taken.region_instance);
-    let Some(transition) = tables.transition(taken.transition.into()) else {
-        return;
-    };
-    let mut begin = |region: usize, state: usize| {
-        if let Some(entered) = entered.get_mut(region) {
-            *entered = Some(step);
-        }
-        if let Some(place) = current.as_mut().and_then(|all| all.get_mut(region)) {
-            *place = state;
-        }
-    };
-    begin(region, transition.target);
-    let Some(mut inside) = tables.first_region_inside(region, transition.target) else {
-        return;
-    };
-    let instance = tables.region_instance(inside).map(|it| it.instance);
-    // Each is numbered above the one before.
-    while let Some(record) = tables.region_instance(inside)
-        && Some(record.instance) == instance
-    {
-        begin(inside, record.initial);
-        inside = record.next;
-    }
-}
-
-/// A machine's flags and current states within a macro step, as they follow from the transitions that the interpreter took.
-struct Retold<'m> {
-    tables: Tables<'m>,
-    directory: Arc<Directory>,
-    guards: GuardReader<'m>,
-    name: String,
-    period_us: u64,
-    step: u64,
-    flags: Vec<u32>,
-    current: Vec<usize>,
-    entered: Vec<Option<u64>>,
-}
-
-impl<'m> Retold<'m> {
-    fn new(mission: &'m RecordedMission, entered: Vec<Option<u64>>) -> Self {
-        Retold {
-            tables: mission.verified.tables(),
-            directory: Arc::clone(&mission.directory),
-            guards: GuardReader::of(&mission.verified),
-            name: mission.name.clone(),
-            period_us: period_us(mission),
-            step: 0,
-            flags: Vec::new(),
-            current: Vec::new(),
-            entered,
-        }
-    }
-
-    /// Takes what the machine is before a macro step.
-    fn begin(&mut self, step: u64, flags: &[u32], current: impl Fn(usize) -> usize) {
-        self.step = step;
-        self.flags.clear();
-        self.flags.extend_from_slice(flags);
-        self.current.clear();
-        self.current.extend((0..self.entered.len()).map(current));
-    }
-
-    /// Adds a moment for each micro step in which transitions were taken.
-    fn tell(
-        &mut self,
-        number: usize,
-        stretch: &Stretch,
-        seen: &[TransitionTaken],
-        moments: &mut Vec<Moment>,
-    ) {
-        for of_one in seen.chunk_by(|a, b| a.micro == b.micro) {
-            let mut moment = Moment {
-                stretch: number,
-                mission: self.name.clone(),
-                step: self.step,
-                t_us: stretch.start_us + self.step * self.period_us,
-                micro: of_one.first().map_or(0, |taken| taken.micro),
-                event: String::new(),
-                taken: Vec::new(),
-                active: Vec::new(),
-            };
-            for taken in of_one {
-                self.take(taken, &mut moment);
-            }
-            let state = |region: usize| self.current.get(region).copied().unwrap_or(usize::MAX);
-            let active = self.directory.active(state);
-            let paths = active.filter_map(|id| self.directory.state(id));
-            moment.active = paths.map(|state| state.path.clone()).collect();
-            moments.push(moment);
-        }
-    }
-
-    fn take(&mut self, taken: &TransitionTaken, moment: &mut Moment) {
-        let (region, transition) = (
-            usize::from(taken.region_instance),
-            usize::from(taken.transition),
-        );
-        self.run_timer(region, transition);
-        let guard = self.guards.read(transition);
-        let term = |term: &Read| (term.name.clone(), self.is_set(region, term.bit));
-        let terms = guard.terms.iter().map(term).collect();
-        let holds = self.holds(region, transition);
-        self.enter(region, transition);
-        note_entered(
-            &self.tables,
-            taken,
-            self.step,
-            &mut self.entered,
-            Some(&mut self.current),
-        );
-        let Some(words) = self.directory.transition(region, transition) else {
-            return;
-        };
-        if moment.event.is_empty() {
-            words.event.clone_into(&mut moment.event);
-        }
-        moment.taken.push(Taken {
-            from: words.from.to_owned(),
-            to: words.to.to_owned(),
-            guard: guard.text,
-            terms,
-            holds,
-            sent: words.sent.iter().map(|event| (*event).to_owned()).collect(),
-            set: words.set,
-            cleared: words.cleared,
-        });
-    }
-
-    /// Sets the timeout flag of the state that a transition leaves, if its time is over.
-    fn run_timer(&mut self, region: usize, transition: usize) {
-        let source = self.tables.source_of_transition(transition);
-        let Some(state) = self.tables.state(source) else {
-            return;
-        };
-        let Some(limit_us) = state.timeout_us else {
-            return;
-        };
-        let offset = match state.kind {
-            StateKind::Task { .. } | StateKind::Super { .. } => format::FLAG_TIMEOUT,
-            _ => 0,
-        };
-        let Some((first, _)) = self.tables.flags_of_state(region, source) else {
-            return;
-        };
-        let is_over = match self.entered.get(region).copied().flatten() {
-            Some(entered) => {
-                self.step.saturating_sub(entered) * self.period_us > u64::from(limit_us)
-            }
-            // Where a recording begins in the middle of a run nobody knows since when; but nothing else can have made the guard true.
-            None => !self.holds(region, transition),
-        };
-        if is_over {
-            self.write(first + offset, true);
-        }
-    }
-
-    /// Does what entering the target and the actions of a transition do to flags.
-    fn enter(&mut self, region: usize, transition: usize) {
-        let tables = self.tables;
-        let (Some(taken), Some(here)) = (
-            tables.transition(transition),
-            tables.region_instance(region),
-        ) else {
-            return;
-        };
-        if let Some((first, flags)) = tables.flags_of_state(region, taken.target) {
-            for flag in first..first + flags {
-                self.write(flag, false);
-            }
-        }
-        for action in tables.actions_of(transition) {
-            if let Code::Write { flag, value, .. } = action {
-                self.write(here.first_flag + flag, value);
-            }
-        }
-        if tables
-            .state(taken.target)
-            .is_some_and(|state| state.kind == StateKind::Final)
-        {
-            self.write(here.first_flag + format::FLAG_EXIT, true);
-        }
-    }
-
-    fn write(&mut self, flag: usize, value: bool) {
-        let bit = 1 << (flag % 32);
-        if let Some(word) = self.flags.get_mut(flag / 32) {
-            *word = if value { *word | bit } else { *word & !bit };
-        }
-    }
-
-    fn flag(&self, flag: usize) -> bool {
-        let word = self.flags.get(flag / 32);
-        word.is_some_and(|word| word >> (flag % 32) & 1 != 0)
-    }
-
-    /// A flag that a guard in a region instance reads, counted from the first of its container instance; or the busy flag of its superstate.
-    fn is_set(&self, region: usize, bit: Option<usize>) -> bool {
-        let Some(here) = self.tables.region_instance(region) else {
-            return false;
-        };
-        match bit {
-            Some(bit) => self.flag(here.first_flag + bit),
-            None => self.is_busy_within(region),
-        }
-    }
-
-    /// Whether an active task state inside the current superstate of a region instance is busy.
-    fn is_busy_within(&self, region: usize) -> bool {
-        let tables = &self.tables;
-        let current = |region: usize| self.current.get(region).copied().unwrap_or(usize::MAX);
-        let Some(around) = tables.region_instance(region) else {
-            return false;
-        };
-        let mut at = tables.first_region_inside(region, current(region));
-        while let Some(inside) = at
-            && inside < around.next
-        {
-            let state = current(inside);
-            let is_busy = tables
-                .state(state)
-                .is_some_and(|state| matches!(state.kind, StateKind::Task { .. }))
-                && tables
-                    .flags_of_state(inside, state)
-                    .is_some_and(|(first, _)| self.flag(first + format::FLAG_BUSY));
-            if is_busy {
-                return true;
-            }
-            at = tables
-                .first_region_inside(inside, state)
-                .or_else(|| tables.region_instance(inside).map(|it| it.next));
-        }
-        false
-    }
-
-    /// Whether the guard of a transition is true.
-    fn holds(&self, region: usize, transition: usize) -> bool {
-        let tables = &self.tables;
-        let source = tables.source_of_transition(transition);
-        let first = tables
-            .flags_of_state(region, source)
-            .map_or(0, |(first, _)| first);
-        match tables.guard_of(transition) {
-            None => false,
-            Some(Guard::True) => true,
-            Some(Guard::Flag { bit, value }) => self.flag(first + bit) == value,
-            Some(Guard::Mask { mask, value }) => (0..u16::BITS as usize)
-                .filter(|bit| mask >> bit & 1 != 0)
-                .all(|bit| self.flag(first + bit) == (value >> bit & 1 != 0)),
-            Some(Guard::Program { .. }) => {
-                let tests: Vec<Code> = tables.program_of(transition).collect();
-                let mut at = 0;
-                while let Some(test) = tests.get(at) {
-                    let (value, jump_if, jump) = match *test {
-                        Code::Test {
-                            flag,
-                            jump_if,
-                            jump,
-                        } => (self.is_set(region, Some(flag)), jump_if, jump),
-                        Code::TestBusyInside { jump_if, jump } => {
-                            (self.is_set(region, None), jump_if, jump)
-                        }
-                        _ => return true,
-                    };
-                    match (value == jump_if, jump) {
-                        (false, _) => at += 1,
-                        (true, None) => return false,
-                        // Always ahead: verified.
-                        (true, Some(jump)) => at += jump.max(1),
-                    }
-                }
-                true
-            }
-        }
-    }
 }

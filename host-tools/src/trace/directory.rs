@@ -30,6 +30,8 @@ pub struct Directory {
     /// What a transition says in all instances of its region, by its index in the blob.
     transitions: Vec<TransitionOutline>,
     by_path: HashMap<String, StateId>,
+    /// Events by their numbers, from 1 on.
+    events: Vec<String>,
     interpreter_period_us: u32,
 }
 
@@ -195,6 +197,7 @@ impl Directory {
                 .map_or(0, |slot| slot.period_us),
             ..Directory::default()
         };
+        directory.events.clone_from(&names.events);
         let mut path_bytes = 0_usize;
         for region in 0..tables.region_instance_count() {
             let bytes = directory.path_bytes(tables, &names, region);
@@ -300,6 +303,13 @@ impl Directory {
     /// Period of the interpreter's slot in microseconds.
     pub fn interpreter_period_us(&self) -> u32 {
         self.interpreter_period_us
+    }
+
+    /// The event with a number; `pulse` for that of none.
+    pub fn event(&self, number: u16) -> &str {
+        let index = usize::from(number).checked_sub(1);
+        let name = index.and_then(|index| self.events.get(index));
+        name.map_or("pulse", String::as_str)
     }
 
     /// The local state of a region instance that has an index in the blob.

@@ -12,25 +12,23 @@ pub mod screen;
 pub mod view;
 pub mod watch;
 
-use std::ffi::OsStr;
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::Frame;
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
+use super::terminal::{self, KEY_WAIT, Palette, Shown};
 use crate::reading::{Reader, Tasks};
 use crate::run::interrupt::Interrupt;
 use report::TopReport;
-use screen::Palette;
 use view::{Key, View};
 use watch::{News, Watch};
-
-/// How long a wait for a key may last before the screen is drawn anew and Ctrl-C from elsewhere is looked for.
-const KEY_WAIT: Duration = Duration::from_millis(100);
 
 /// The shortest time between two readings; an answer takes the robot some milliseconds.
 const SHORTEST_INTERVAL: Duration = Duration::from_millis(50);
@@ -69,7 +67,7 @@ pub struct TopArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &TopArgs, console: &mut Console) -> Result<(), CommandError> {
-    if args.json || args.once || !has_screen(console) {
+    if args.json || args.once || !terminal::has_screen(console) {
         let (mut robot, info) = args.robot.connect()?;
         let reading = Reader::default().read(&mut robot, Tasks::All)?;
         let report = TopReport::new(info, reading);
@@ -84,71 +82,53 @@ pub fn execute(args: &TopArgs, console: &mut Console) -> Result<(), CommandError
     let (robot, info) = args.robot.connect()?;
     let interval = Duration::from_micros(args.interval.us).max(SHORTEST_INTERVAL);
     let watch = Watch::start(args.robot.clone(), robot, interval)?;
-    let palette = Palette {
-        colour: console.colour_out(),
+    let mut following = Following {
+        watch,
+        view: View::new(info),
+        palette: Palette {
+            colour: console.colour_out(),
+        },
+        started: Instant::now(),
     };
-    follow(watch, View::new(info), palette, interrupt)
+    terminal::show(&mut following, interrupt)
 }
 
-/// Whether standard output is a terminal on which a cursor can be moved.
-fn has_screen(console: &Console) -> bool {
-    let is_dumb = std::env::var_os("TERM").as_deref() == Some(OsStr::new("dumb"));
-    console.out_is_terminal() && !is_dumb
-}
-
-/// The terminal's screen while this command has it. Dropping it gives the terminal back as it was; a panic does so too.
-struct Screen(ratatui::DefaultTerminal);
-
-impl Screen {
-    fn take() -> Result<Self, CommandError> {
-        ratatui::try_init().map(Screen).map_err(|error| {
-            // Half of it may be done.
-            ratatui::restore();
-            error.into()
-        })
-    }
-}
-
-impl Drop for Screen {
-    fn drop(&mut self) {
-        ratatui::restore();
-    }
-}
-
-/// Shows the view until the person has seen enough.
-fn follow(
+/// A robot that is watched on the screen.
+struct Following {
     watch: Watch,
-    mut view: View,
+    view: View,
     palette: Palette,
-    interrupt: Interrupt,
-) -> Result<(), CommandError> {
-    let started = Instant::now();
-    let mut screen = Screen::take()?;
-    while !interrupt.is_requested() {
-        view.set_time(started.elapsed());
-        while let Some(news) = watch.news().map_err(CommandError::World)? {
+    started: Instant,
+}
+
+impl Shown for Following {
+    fn update(&mut self) -> Result<Duration, CommandError> {
+        self.view.set_time(self.started.elapsed());
+        while let Some(news) = self.watch.news().map_err(CommandError::World)? {
             match news {
-                News::Read(reading) => view.take(*reading),
-                News::Found(robot) => view.found(robot),
-                News::Lost(why) => view.lost(why),
+                News::Read(reading) => self.view.take(*reading),
+                News::Found(robot) => self.view.found(robot),
+                News::Lost(why) => self.view.lost(why),
             }
         }
-        screen.0.draw(|frame| screen::draw(frame, &view, palette))?;
-        // All that was typed or pasted meanwhile, before the next drawing.
-        let mut wait = KEY_WAIT;
-        while event::poll(wait)? {
-            wait = Duration::ZERO;
-            match meaning(&event::read()?) {
-                Some(Meaning::Quit) => return Ok(()),
-                Some(Meaning::Key(key)) => {
-                    view.press(key);
-                    watch.look_at(view.selected());
-                }
-                None => {}
-            }
-        }
+        Ok(KEY_WAIT)
     }
-    Ok(())
+
+    fn draw(&mut self, frame: &mut Frame<'_>) {
+        screen::draw(frame, &self.view, self.palette);
+    }
+
+    fn press(&mut self, key: KeyEvent) -> ControlFlow<()> {
+        match meaning(key) {
+            Some(Meaning::Quit) => return ControlFlow::Break(()),
+            Some(Meaning::Key(key)) => {
+                self.view.press(key);
+                self.watch.look_at(self.view.selected());
+            }
+            None => {}
+        }
+        ControlFlow::Continue(())
+    }
 }
 
 /// What a person means by a key.
@@ -158,20 +138,11 @@ enum Meaning {
     Key(Key),
 }
 
-fn meaning(event: &Event) -> Option<Meaning> {
-    let Event::Key(KeyEvent {
-        code,
-        modifiers,
-        kind: KeyEventKind::Press | KeyEventKind::Repeat,
-        ..
-    }) = event
-    else {
+fn meaning(key: KeyEvent) -> Option<Meaning> {
+    if key.modifiers.contains(KeyModifiers::CONTROL) {
         return None;
-    };
-    if modifiers.contains(KeyModifiers::CONTROL) {
-        return matches!(code, KeyCode::Char('c' | 'C')).then_some(Meaning::Quit);
     }
-    let key = match code {
+    let key = match key.code {
         KeyCode::Char('q' | 'Q') | KeyCode::Esc => return Some(Meaning::Quit),
         KeyCode::Char('r' | 'R') => Key::Reset,
         KeyCode::Char('p' | 'P') => Key::Pause,
@@ -190,16 +161,11 @@ mod tests {
 
     #[test]
     fn keys_mean_what_the_help_says() {
-        let press = |code, modifiers| meaning(&Event::Key(KeyEvent::new(code, modifiers)));
+        let press = |code, modifiers| meaning(KeyEvent::new(code, modifiers));
         let none = KeyModifiers::NONE;
         for (code, modifiers, expected) in [
             (KeyCode::Char('q'), none, Some(Meaning::Quit)),
             (KeyCode::Esc, none, Some(Meaning::Quit)),
-            (
-                KeyCode::Char('c'),
-                KeyModifiers::CONTROL,
-                Some(Meaning::Quit),
-            ),
             (KeyCode::Char('c'), none, None),
             (KeyCode::Char('r'), KeyModifiers::CONTROL, None),
             (KeyCode::Char('r'), none, Some(Meaning::Key(Key::Reset))),
@@ -216,6 +182,5 @@ mod tests {
         ] {
             assert_eq!(press(code, modifiers), expected, "{code:?} {modifiers:?}");
         }
-        assert_eq!(meaning(&Event::Resize(80, 24)), None);
     }
 }

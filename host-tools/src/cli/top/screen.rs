@@ -12,13 +12,12 @@ use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState, 
 use super::report::{TopTask, hertz, percent};
 use super::view::{SlotRow, View};
 use crate::cli::status::mode_words;
+use crate::cli::terminal::{Palette, broken};
 use crate::counters::{DelayBucket, Ns};
 use crate::run::mission::hash_text;
 
 /// Lines of the head where none is broken: robot and mission, load and line, states.
 const HEAD_LINES: u16 = 3;
-/// Lines of the head at most, on a narrow screen.
-const MAX_HEAD_LINES: usize = 8;
 /// Lines of the slots' table at least: its edge, its head, a slot.
 const TABLE_LINES: u16 = 3;
 /// Lines of the panels below it: an edge, and one for each bucket of start delays.
@@ -31,39 +30,6 @@ const BAR_COLUMNS: usize = 16;
 const LEAST_COLUMNS: u16 = 20;
 /// What keys do.
 const KEYS: &str = "q: quit   arrows: slot   r: count from now   p: pause";
-
-/// Which colours the screen may have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Palette {
-    /// Whether it may have any.
-    pub colour: bool,
-}
-
-impl Palette {
-    fn of(self, colour: Color) -> Style {
-        if self.colour {
-            Style::new().fg(colour)
-        } else {
-            Style::new()
-        }
-    }
-
-    fn good(self) -> Style {
-        self.of(Color::Green)
-    }
-
-    fn warning(self) -> Style {
-        self.of(Color::Yellow).add_modifier(Modifier::BOLD)
-    }
-
-    fn bad(self) -> Style {
-        self.of(Color::Red).add_modifier(Modifier::BOLD)
-    }
-
-    fn quiet(self) -> Style {
-        self.of(Color::DarkGray)
-    }
-}
 
 /// How many lines the parts of a screen have.
 struct Heights {
@@ -157,29 +123,6 @@ fn head<'v>(view: &'v View, rows: &[SlotRow], palette: Palette) -> Vec<Line<'v>>
             _ => String::new(),
         }),
     ]
-}
-
-/// Lines broken between words, so that all of them can be read on a screen of so many columns.
-fn broken<'v>(lines: &[Line<'v>], width: u16) -> Vec<Line<'v>> {
-    let mut all = Vec::new();
-    for line in lines {
-        let mut spans: Vec<Span<'v>> = Vec::new();
-        let mut used = 0;
-        for span in &line.spans {
-            for word in span.content.split_inclusive(' ') {
-                let length = Span::raw(word.trim_end()).width();
-                if used > 0 && used + length > usize::from(width) && !word.trim().is_empty() {
-                    all.push(Line::from(std::mem::take(&mut spans)));
-                    used = 0;
-                }
-                used += Span::raw(word).width();
-                spans.push(Span::styled(word.to_owned(), span.style));
-            }
-        }
-        all.push(Line::from(spans));
-    }
-    all.truncate(MAX_HEAD_LINES);
-    all
 }
 
 /// The line that says what there is to see, or why there is nothing new.
@@ -518,55 +461,19 @@ fn draw_tasks(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) 
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
     use std::time::Duration;
 
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
     use ratatui::buffer::Buffer;
     use rt_firmware::link::message::{Mode, SafeReason};
 
     use super::super::view::Key;
     use super::super::view::tests::{reading, robot, view_of};
     use super::*;
+    use crate::cli::terminal::tests::{self as terminal, assert_golden, coloured, text};
     use crate::reading::Reading;
 
     fn drawn(view: &View, width: u16, height: u16, colour: bool) -> Buffer {
-        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal
-            .draw(|frame| draw(frame, view, Palette { colour }))
-            .unwrap();
-        terminal.backend().buffer().clone()
-    }
-
-    fn text(buffer: &Buffer) -> String {
-        let width = usize::from(buffer.area.width);
-        let mut text = String::new();
-        for line in buffer.content.chunks(width) {
-            let line: String = line.iter().map(|cell| cell.symbol()).collect();
-            text.push_str(line.trim_end());
-            text.push('\n');
-        }
-        text
-    }
-
-    /// Compares with a screen that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
-    fn assert_golden(name: &str, screen: &str) {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("src/cli/top/golden")
-            .join(name)
-            .with_extension("txt");
-        if std::env::var_os("ESM_BLESS").is_some() {
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(&path, screen).unwrap();
-        }
-        let expected = std::fs::read_to_string(&path).unwrap_or_default();
-        assert_eq!(
-            screen,
-            expected,
-            "{} differs: look at it with ESM_BLESS=1",
-            path.display()
-        );
+        terminal::drawn(width, height, |frame| draw(frame, view, Palette { colour }))
     }
 
     #[test]
@@ -602,7 +509,7 @@ mod tests {
             ("narrow_and_tall", running(), 60, 26),
             ("low", running(), 80, 6),
         ] {
-            assert_golden(name, &text(&drawn(&view, width, height, false)));
+            assert_golden("top", name, &text(&drawn(&view, width, height, false)));
         }
     }
 
@@ -646,12 +553,7 @@ mod tests {
     #[test]
     fn where_there_is_to_be_no_colour_there_is_none() {
         let view = view_of(&[100, 150]);
-        let colours = |colour| {
-            let screen = drawn(&view, 100, 24, colour);
-            let coloured =
-                |cell: &&ratatui::buffer::Cell| cell.fg != Color::Reset || cell.bg != Color::Reset;
-            screen.content.iter().filter(coloured).count()
-        };
+        let colours = |colour| coloured(&drawn(&view, 100, 24, colour));
         assert_eq!(colours(false), 0);
         assert!(colours(true) > 0);
     }
