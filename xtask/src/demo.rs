@@ -76,3 +76,22 @@ pub fn drive(root: &Path) -> Result<PathBuf, Failure> {
     process::run(&mut esm)?;
     Ok(folder)
 }
+
+/// Drives the firmware without features through two missions, over its UART, for it has no other line; returns where the summary is.
+///
+/// # Errors
+/// [`Failure::Ended`] if the run did not go well.
+pub fn drive_lean(root: &Path) -> Result<PathBuf, Failure> {
+    const FOLDER: &str = "target/demo-lean";
+    let folder = root.join(FOLDER);
+    make_folder(&folder)?;
+    let mut esm = process::command(root.join("target/release/esm"));
+    esm.current_dir(root)
+        .args(["run", "missions/patrol.esm", "--link", "uart"])
+        .args(["--firmware", firmware::LEAN_FILE])
+        .args(["--until", "20 s", "--then", "10 s missions/follow_wall.esm"])
+        .args(["--out", FOLDER]);
+    println!("    {}", process::shown(&esm));
+    process::run(&mut esm)?;
+    Ok(folder)
+}

@@ -34,6 +34,9 @@ pub const SIZE: &str = "size";
 /// Where finished firmware goes, below the checkout.
 const FIRMWARE_FOLDER: &str = "target/firmware/lm3s6965";
 
+/// The default firmware without its features, below the checkout.
+pub const LEAN_FILE: &str = "target/firmware/lm3s6965/rover-lean.elf";
+
 /// Where cargo builds it: one folder for the board and the example, which have most crates in common.
 pub const BUILD_FOLDER: &str = "target/firmware-build";
 

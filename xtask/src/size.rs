@@ -27,9 +27,9 @@ struct Limits {
 }
 
 /// The section of `board.toml` with the limits of the default firmware.
-const LIMITS: &str = "limits";
+pub const LIMITS: &str = "limits";
 /// The section with those of the firmware without features.
-const LEAN_LIMITS: &str = "limits.lean";
+pub const LEAN_LIMITS: &str = "limits.lean";
 /// The key, of the first section, of what interpreter, verifier and dispatcher may take of flash.
 const INTERPRETER_LIMIT: &str = "interpreter_flash_bytes";
 
@@ -304,11 +304,11 @@ fn images(files: &[PathBuf]) -> Result<Vec<Image>, Failure> {
     files.iter().map(image).collect()
 }
 
-/// Compares the deepest stack of a run, which its summary tells, with what the limit of RAM leaves room for.
+/// Compares the deepest stack of a run, which its summary tells, with what the limits in a section of `board.toml` leave room for.
 ///
 /// # Errors
 /// [`Failure::Content`] if the stack was deeper, or the summary does not tell.
-pub fn check_stack(root: &Path, summary_file: &Path) -> Result<(), Failure> {
+pub fn check_stack(root: &Path, section: &str, summary_file: &Path) -> Result<(), Failure> {
     const KEY: &str = "\"deepest_stack_bytes\":";
     let fail = |problem| Failure::Content {
         path: summary_file.to_owned(),
@@ -322,8 +322,8 @@ pub fn check_stack(root: &Path, summary_file: &Path) -> Result<(), Failure> {
         .split_once(KEY)
         .and_then(|(_, rest)| rest.split([',', '\n', '}']).next()?.trim().parse().ok())
         .ok_or_else(|| fail("does not tell the deepest stack"))?;
-    let limit = Limits::read(root, LIMITS)?.stack;
-    println!("Deepest stack: {bytes} bytes, limit {limit}.");
+    let limit = Limits::read(root, section)?.stack;
+    println!("Deepest stack: {bytes} bytes, limit {limit} ({section}).");
     if bytes > limit {
         return Err(fail("tells of a stack deeper than its limit"));
     }
