@@ -3,9 +3,9 @@
 //! Nothing here is skipped where something is missing: a test that cannot find its firmware or emulator fails, and says what to do.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -240,6 +240,40 @@ pub fn esm_for<S: AsRef<str>>(time: Duration, arguments: &[S]) -> Done {
     done
 }
 
+/// Runs `esm` until it has said `word` on standard error, then does what Ctrl-C does.
+///
+/// # Panics
+/// If it ends before, says that in no long time, or cannot be started.
+#[track_caller]
+pub fn esm_until<S: AsRef<str>>(word: &str, arguments: &[S]) -> Done {
+    let out = tempfile::NamedTempFile::new().expect("a file for output");
+    let err = tempfile::NamedTempFile::new().expect("a file for output");
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
+    let started = Instant::now();
+    let mut child = Command::new(esm_binary())
+        .args(arguments.iter().map(AsRef::as_ref))
+        .current_dir(root())
+        .stdin(Stdio::null())
+        .stdout(out.reopen().expect("a file for output"))
+        .stderr(err.reopen().expect("a file for output"))
+        .spawn()
+        .expect("`esm` starts");
+    let mut early = None;
+    while early.is_none() && started.elapsed() < PATIENCE && !read(err.path()).contains(word) {
+        early = ended(&mut child, LOOK_INTERVAL);
+    }
+    let status = interrupt(&mut child);
+    let done = Done {
+        status: status.and_then(|status| status.code()),
+        out: read(out.path()),
+        err: read(err.path()),
+        took: started.elapsed(),
+    };
+    let said = done.err.contains(word);
+    assert!(said && early.is_none(), "{early:?}, {word:?}: {done:#?}");
+    done
+}
+
 /// Runs `esm` for a time, then kills it as `kill -9` does: it has no say in it.
 ///
 /// # Panics
@@ -291,6 +325,8 @@ static ONE_EMULATOR: Mutex<()> = Mutex::new(());
 /// A robot that `esm board` has started. Dropping it ends it. One of them at a time is on the emulated board.
 pub struct Robot {
     child: Child,
+    /// Where `esm board --estop` reads.
+    keys: Option<ChildStdin>,
     port: String,
     /// Kept open: a command whose reader has gone may end.
     _out: BufReader<ChildStdout>,
@@ -319,7 +355,7 @@ impl Robot {
             .current_dir(root())
             .args(["board", "--board", board])
             .args(arguments)
-            .stdin(Stdio::null())
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped());
         if board != "host" {
             let own = self::firmware("rover");
@@ -337,6 +373,7 @@ impl Robot {
             .unwrap_or_else(|| panic!("`esm board` says no port, but `{line}`"))
             .to_owned();
         Robot {
+            keys: child.stdin.take(),
             child,
             port,
             _out: out,
@@ -347,6 +384,15 @@ impl Robot {
     /// Its port, as `--port` takes it.
     pub fn port(&self) -> &str {
         &self.port
+    }
+
+    /// Presses the Enter key of its terminal.
+    ///
+    /// # Panics
+    /// If it has ended.
+    pub fn press_enter(&mut self) {
+        let keys = self.keys.as_mut().expect("standard input is piped");
+        keys.write_all(b"\n").expect("the board reads");
     }
 
     /// Runs `esm` with arguments and the robot's port.

@@ -103,3 +103,22 @@ fn a_stop_by_the_button_outlasts_a_loss_of_power() {
     robot.esm(&["start", "--release"]).good();
     robot.status_when("patrol", |status| status["steps"].as_u64() > Some(10));
 }
+
+#[test]
+fn the_button_under_the_enter_key_stops_a_robot_until_it_is_up_and_released() {
+    let mut robot = Robot::start_with("host", None, &["--estop"]);
+    robot.esm(&["upload", "missions/patrol.esm"]).good();
+    robot.press_enter();
+    robot.status_when("the stop", |status| {
+        status["mode"] == "emergency stop" && status["stop_pressed"] == true
+    });
+    let refused = robot.esm(&["start", "--release"]).ended(1).err;
+    assert!(refused.contains("still pressed"), "{refused}");
+    assert!(refused.contains("let go of it"), "{refused}");
+    robot.press_enter();
+    robot.status_when("the button", |status| status["stop_pressed"] == false);
+    let refused = robot.esm(&["start"]).ended(1).err;
+    assert!(refused.contains("`esm start --release`"), "{refused}");
+    robot.esm(&["start", "--release"]).good();
+    robot.status_when("patrol", |status| status["steps"].as_u64() > Some(10));
+}

@@ -1,7 +1,9 @@
 //! `esm board`: an emulated robot that waits for missions.
 
-use std::io::Write;
+use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
 use std::time::Duration;
 
 use clap::Args;
@@ -28,6 +30,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 Examples:
   esm board --world corridor
   esm board --flash robot.flash                         # with the missions that it was given before
+  esm board --estop                                     # with a button under the Enter key
   esm upload missions/patrol.esm --port /dev/pts/7      # with the port that `esm board` printed")]
 pub struct BoardArgs {
     /// The board to run on
@@ -45,6 +48,10 @@ pub struct BoardArgs {
     /// Keeps the robot's flash, with the missions in it, in this file: a robot that is switched off and on runs its confirmed mission by itself
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
+
+    /// Gives the button of the robot's emergency stop to the Enter key: it presses the button, and lets go of it the next time
+    #[arg(long)]
+    pub estop: bool,
 
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
@@ -74,10 +81,27 @@ pub fn execute(
         console.out(),
         "the robot is at {port}; Ctrl-C ends it\n\n  esm upload missions/patrol.esm --port {port}\n  esm top --port {port}\n  esm status --port {port}\n  esm log --port {port}"
     )?;
+    let button = args.estop.then(Button::start).transpose()?;
+    if button.is_some() {
+        writeln!(
+            console.out(),
+            "\nEnter presses the button of the emergency stop, and Enter again lets go of it"
+        )?;
+    }
     console.flush()?;
     while !interrupt.is_requested() && !server.has_ended() {
         running.check()?;
-        std::thread::sleep(LOOK_INTERVAL);
+        if let Some(pressed) = button.as_ref().and_then(Button::change) {
+            plant.press_stop(pressed);
+            let told = if pressed {
+                "the button of the emergency stop is pressed"
+            } else {
+                "the button of the emergency stop is up again: `esm start --release` starts the robot"
+            };
+            writeln!(console.out(), "{told}")?;
+            console.flush()?;
+        }
+        thread::sleep(LOOK_INTERVAL);
     }
     let driven = plant.at_end();
     writeln!(
@@ -87,4 +111,33 @@ pub fn execute(
         driven.collisions()
     )?;
     Ok(())
+}
+
+/// The Enter key of whoever started the board, as the button of the emergency stop: each line of standard input presses it, or lets go of it.
+struct Button {
+    changes: Receiver<bool>,
+}
+
+impl Button {
+    /// # Errors
+    /// The system has no thread for it.
+    fn start() -> io::Result<Self> {
+        let (change, changes) = mpsc::channel();
+        // It waits for a key as long as the process lives.
+        thread::Builder::new().spawn(move || {
+            let mut pressed = false;
+            for _ in io::stdin().lock().lines().map_while(Result::ok) {
+                pressed = !pressed;
+                if change.send(pressed).is_err() {
+                    break;
+                }
+            }
+        })?;
+        Ok(Button { changes })
+    }
+
+    /// Whether it is pressed now, if it was not a moment before, or the other way round.
+    fn change(&self) -> Option<bool> {
+        self.changes.try_recv().ok()
+    }
 }

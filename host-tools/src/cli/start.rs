@@ -2,7 +2,9 @@
 
 use std::io::Write;
 
+use anyhow::anyhow;
 use clap::Args;
+use rt_firmware::link::message::LinkError;
 
 use super::console::Console;
 use super::exit::CommandError;
@@ -31,7 +33,12 @@ pub struct StartArgs {
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect()?;
     if args.release {
-        robot.release()?;
+        robot.release().map_err(|error| match error.refusal() {
+            Some(LinkError::EmergencyStopped) => CommandError::Input(anyhow!(
+                "the button of the robot's emergency stop is still pressed: let go of it, then `esm start --release` again"
+            )),
+            _ => error.into(),
+        })?;
     }
     robot.start()?;
     let told = match info.mission {

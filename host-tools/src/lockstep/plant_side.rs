@@ -75,6 +75,11 @@ impl PlantSide {
         self.lock().fault = Some(fault);
     }
 
+    /// Presses the button of the emergency stop from the next exchange on, or lets go of it.
+    pub fn press_stop(&self, pressed: bool) {
+        self.lock().fault = pressed.then_some(PlantFault::StopPressedFrom { robot_us: 0 });
+    }
+
     /// One exchange with the board; waits first where robot time must not run ahead of the wall clock.
     pub fn exchange(&self, request: &Request) -> Reply {
         self.pace.reach(request.start_us);
