@@ -93,6 +93,62 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     }
 }
 
+/// How the trial of a mission ended that was on it before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// It was confirmed.
+    Confirmed,
+    /// The robot went back to the mission before, or to none.
+    FellBack(FallBack),
+    /// Another mission runs, or the robot was reset: nothing is known of the trial.
+    Unknown,
+    /// The robot's time stands still. The trial goes on.
+    Standstill,
+}
+
+/// Waits for the end of the trial of the mission of this hash, which is to fall back to `before`. `left` is told how long it lasts still.
+///
+/// # Errors
+/// [`ClientError`]: the robot does not answer any more, or whoever waits has had enough ([`LinkClient::stop_when`]).
+pub fn outlast<L: ByteLink>(
+    robot: &mut LinkClient<L>,
+    mission: u32,
+    before: Option<u32>,
+    left: &mut dyn FnMut(Duration),
+) -> Result<End, ClientError> {
+    let clock = robot.clock().clone();
+    let mut last_left_ms = None;
+    let mut moved_at = clock.now();
+    loop {
+        let status = robot.status()?;
+        let trial = match status.trial {
+            Some(trial) if status.mission == Some(mission) => trial,
+            _ => return Ok(end_of(&status, mission, before)),
+        };
+        left(Duration::from_millis(trial.left_ms.into()));
+        if last_left_ms != Some(trial.left_ms) {
+            last_left_ms = Some(trial.left_ms);
+            moved_at = clock.now();
+        } else if clock.since(moved_at) > STANDSTILL_LIMIT {
+            return Ok(End::Standstill);
+        }
+        clock.pause(LOOK_TIME);
+    }
+}
+
+/// What the status of a robot that has this mission not on trial any more says of how that came; `before` is the mission that it was to fall back to. What it says of the last
+/// mission that was given up may be of an earlier trial.
+fn end_of(status: &Status, mission: u32, before: Option<u32>) -> End {
+    let runs = status.mission == Some(mission);
+    match status.fell_back {
+        Some(fell_back) if fell_back.mission == mission && (!runs || before == Some(mission)) => {
+            End::FellBack(fell_back)
+        }
+        _ if runs => End::Confirmed,
+        _ => End::Unknown,
+    }
+}
+
 /// What a status says of the trial of this mission, if it says how it ended.
 fn known(status: &Status, mission: u32) -> Option<Outcome> {
     let runs = status.mission == Some(mission);

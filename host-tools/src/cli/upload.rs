@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use esm_core::Verified;
 use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Status, Swap};
@@ -25,7 +25,7 @@ use crate::run::interrupt::Interrupt;
 use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
-use crate::trial::{self, Outcome};
+use crate::trial::{self, End, Outcome};
 
 /// Gives a robot that is on a new mission
 ///
@@ -40,6 +40,8 @@ use crate::trial::{self, Outcome};
 ///
 /// With `--record`, what enters the robot's interpreter is kept for `esm replay`, from before the upload to the confirmation.
 ///
+/// As long as another mission is on trial the robot has no room for this one: the end of that trial is waited for, or `--on-trial` says what becomes of it at once.
+///
 /// What changes against the mission that runs is shown before it is sent: states, transitions, parameters, slots, by name. With `--warm` also what goes on.
 ///
 /// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
@@ -53,6 +55,7 @@ Examples:
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --warm
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --trial '60 s'
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --record swap.rec
+  esm upload missions/patrol.esm --port /dev/ttyUSB0 --on-trial fallback   # without waiting for the end of another one's trial
   esm upload missions/patrol.esm --port /dev/ttyUSB0 --no-gap --json")]
 pub struct UploadArgs {
     /// The mission, or a blob that `esm build` made of it
@@ -79,6 +82,10 @@ pub struct UploadArgs {
     #[arg(long, value_name = "REC", conflicts_with = "diff")]
     pub record: Option<PathBuf>,
 
+    /// What becomes of another mission that is on trial there still, so that the robot has no room for this one
+    #[arg(long, value_name = "WHAT", value_enum, default_value_t)]
+    pub on_trial: OnTrial,
+
     /// For programs: what was sent, and what becomes of the slots that both missions have
     #[arg(long)]
     pub json: bool,
@@ -86,6 +93,31 @@ pub struct UploadArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
     pub robot: RobotArgs,
+}
+
+/// What becomes of a mission that is on trial when another is to be uploaded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum OnTrial {
+    /// The end of its trial is waited for
+    #[default]
+    Wait,
+    /// It is confirmed: the mission follows it
+    Confirm,
+    /// It is given up: the mission follows the one before it
+    Fallback,
+}
+
+/// What became of a mission that was on trial, in the form of its JSON.
+#[derive(Serialize)]
+struct EarlierTrial {
+    /// Its hash, in hex.
+    mission: String,
+    /// Whether it stayed until the upload.
+    confirmed: bool,
+    /// Why the robot gave it up, if it did.
+    fell_back: Option<&'static str>,
+    /// Time that was waited for that, in seconds.
+    waited_s: f64,
 }
 
 /// What was done, in the form of its JSON.
@@ -105,6 +137,8 @@ struct Uploaded {
     confirmed: bool,
     /// Why the robot gave it up, if it did.
     fell_back: Option<&'static str>,
+    /// What became of the mission that was on trial before, if one was.
+    earlier_trial: Option<EarlierTrial>,
     #[serde(flatten)]
     handover: Handover,
     /// How it differs from the mission before, if there was one.
@@ -184,6 +218,12 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     if args.record.is_some() {
         robot.require(Feature::Record)?;
     }
+    // Whoever only looks sees what runs now.
+    let earlier_trial = if args.diff {
+        None
+    } else {
+        end_earlier_trial(args.on_trial, &mut robot, interrupt, console)?
+    };
     let running = running_mission(&mut robot)?;
     let handover = match &running {
         Some(running) => staged.follow(&SlotTable::of(&running.tables()), args.no_gap, console)?,
@@ -213,7 +253,11 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     let ended = install(
         args,
         mission,
-        (handover, preview),
+        Found {
+            earlier_trial,
+            handover,
+            preview,
+        },
         interrupt,
         &mut robot,
         &mut recorder,
@@ -231,11 +275,21 @@ const RECORD: Streams = Streams {
     ..Streams::NONE
 };
 
+/// What was found on the robot before anything was sent.
+struct Found {
+    /// The mission that was on trial, and what became of it.
+    earlier_trial: Option<EarlierTrial>,
+    /// What becomes of the slots that run.
+    handover: Handover,
+    /// How the mission that runs differs, if one does.
+    preview: Option<Preview>,
+}
+
 /// Sends the mission, lets it take over, and waits for what becomes of its trial, if that is not somebody else's.
 fn install(
     args: &UploadArgs,
     mission: &Mission,
-    (handover, preview): (Handover, Option<Preview>),
+    found: Found,
     interrupt: Interrupt,
     robot: &mut Robot,
     recorder: &mut Option<Recorder>,
@@ -319,12 +373,13 @@ fn install(
         upload_s,
         carried_regions: args.warm.then_some(committed.carried),
         confirmed: matches!(outcome, Some(Outcome::Confirmed | Outcome::ConfirmedUnseen)),
-        preview,
+        preview: found.preview,
         fell_back: match outcome {
             Some(Outcome::FellBack(fell_back)) => Some(story::fall_back_reason(fell_back.reason)),
             _ => None,
         },
-        handover,
+        earlier_trial: found.earlier_trial,
+        handover: found.handover,
     };
     if args.json {
         console.json_line(&told)?;
@@ -340,6 +395,75 @@ fn install(
         tell_trial(&told, args.trial, outcome, console)?;
     }
     failure(&told, outcome, robot)
+}
+
+/// Sees to it that no other mission is on trial, which the robot would have no room beside for. Answers what became of the one that was.
+fn end_earlier_trial(
+    wanted: OnTrial,
+    robot: &mut Robot,
+    interrupt: Interrupt,
+    console: &mut Console,
+) -> Result<Option<EarlierTrial>, CommandError> {
+    let status = robot.status()?;
+    let (Some(trial), Some(mission)) = (status.trial, status.mission) else {
+        return Ok(None);
+    };
+    let hash = hash_text(mission);
+    let started = Instant::now();
+    let asked = match wanted {
+        OnTrial::Confirm => robot.confirm(mission),
+        OnTrial::Fallback => robot.fall_back(mission),
+        OnTrial::Wait => {
+            console.note(&format!(
+                "{hash} is on trial there for {:.1} s more, which is waited for; `--on-trial confirm` or `--on-trial fallback` ends it at once",
+                f64::from(trial.left_ms) / 1e3
+            ));
+            Ok(())
+        }
+    };
+    match asked {
+        // It ended in this moment by itself.
+        Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => {}
+        asked => asked?,
+    }
+    let bar = console.progress(&hash, trial.left_ms.into());
+    robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
+    let mut left_s = f64::from(trial.left_ms) / 1e3;
+    let end = trial::outlast(robot, mission, trial.before, &mut |left| {
+        left_s = left.as_secs_f64();
+        bar.set_message(format!("{hash} is on trial for {left_s:.1} s more"));
+        bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
+    });
+    robot.stop_when(None);
+    bar.finish_and_clear();
+    let (confirmed, fell_back) = match end {
+        Ok(End::Confirmed) => (true, None),
+        Ok(End::FellBack(fell_back)) => (false, Some(story::fall_back_reason(fell_back.reason))),
+        Ok(End::Unknown) => (false, None),
+        Ok(End::Standstill) => {
+            return Err(CommandError::World(anyhow!(
+                "{hash} is on trial there, and the robot's time stands still, so that its trial has no end; nothing was sent. `--on-trial confirm` or `--on-trial fallback` ends it"
+            )));
+        }
+        Err(ClientError::Interrupted { .. }) => {
+            return Err(CommandError::World(anyhow!(
+                "interrupted; nothing was sent, and {hash} is on trial for {left_s:.1} s more"
+            )));
+        }
+        Err(error) => return Err(error.into()),
+    };
+    let what = match (confirmed, fell_back) {
+        (true, _) => format!("{hash} is confirmed"),
+        (false, Some(why)) => format!("{hash} is given up: {why}"),
+        (false, None) => format!("{hash} runs no more"),
+    };
+    console.note(&what);
+    Ok(Some(EarlierTrial {
+        mission: hash,
+        confirmed,
+        fell_back,
+        waited_s: started.elapsed().as_secs_f64(),
+    }))
 }
 
 /// Lets the robot forget the upload, and says what it runs.
