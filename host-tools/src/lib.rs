@@ -32,4 +32,5 @@ pub mod timetable;
 pub mod trace;
 pub mod trace_events;
 pub mod trial;
+pub mod values;
 pub mod world;

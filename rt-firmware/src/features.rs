@@ -22,6 +22,9 @@ pub const NEWS: bool = cfg!(feature = "news");
 /// What enters the interpreter can be recorded over the link (feature `record`).
 pub const RECORD: bool = cfg!(feature = "record");
 
+/// Values on nets can be read while the mission runs (feature `telemetry`).
+pub const TELEMETRY: bool = cfg!(feature = "telemetry");
+
 /// Missions whose tables, tasks and nets are there at the same time: where one takes over from another warm, both are.
 pub const MISSIONS: usize = if WARM { 2 } else { 1 };
 
@@ -44,11 +47,13 @@ pub enum Feature {
     Store = 6,
     /// The flight recorder has room for records.
     BlackBox = 7,
+    /// Values on nets can be read.
+    Telemetry = 8,
 }
 
 impl Feature {
     /// All of them, by their bits.
-    pub const ALL: [Feature; 8] = [
+    pub const ALL: [Feature; 9] = [
         Feature::Record,
         Feature::Log,
         Feature::News,
@@ -57,6 +62,7 @@ impl Feature {
         Feature::Keys,
         Feature::Store,
         Feature::BlackBox,
+        Feature::Telemetry,
     ];
 
     /// What a board's crate calls it.
@@ -70,6 +76,7 @@ impl Feature {
             Feature::Keys => "keys",
             Feature::Store => "store",
             Feature::BlackBox => "black-box",
+            Feature::Telemetry => "telemetry",
         }
     }
 

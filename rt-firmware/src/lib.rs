@@ -21,6 +21,8 @@ pub use pastey;
 // First: the macros are in scope in the modules that follow.
 #[macro_use]
 pub mod log;
+#[macro_use]
+pub mod show;
 
 pub mod background;
 #[cfg(any(test, feature = "std"))]
@@ -48,6 +50,7 @@ pub mod store;
 pub mod supervision;
 pub mod task;
 pub mod tasks;
+mod telemetry;
 
 pub use background::Background;
 #[cfg(any(test, feature = "std"))]
@@ -60,6 +63,7 @@ pub use ports::{Bank, Executor, Io, Net, Registry, RegistryFault, TaskBank, asse
 pub use realtime::{Limits, RealTime};
 pub use registry::nets;
 pub use runtime::{About, Memory, Sides, split};
+pub use show::Show;
 pub use task::{
     Declaration, Declared, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step,
     Task, declaration_of,

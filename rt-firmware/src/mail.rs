@@ -201,6 +201,27 @@ pub enum Letter<'m> {
         /// How many values.
         count: u8,
     },
+    /// Link: values, or what they are made of.
+    AskValues {
+        /// Number of the request.
+        number: u8,
+        /// What it asks for.
+        ask: Bytes,
+    },
+    /// Real time: they are made of this.
+    Fields {
+        /// All of it.
+        text: &'static str,
+        /// The first byte wanted.
+        offset: u16,
+    },
+    /// Real time: samples from now on are of the request of this number.
+    ValuesWanted {
+        /// The number.
+        number: u8,
+        /// Hash of the mission that they are of.
+        mission: u32,
+    },
     /// Real time: that cannot be done. What it comes to too late goes back as it came.
     Failed(LinkError),
     /// Link, to itself: it makes an answer here that it need not ask for.

@@ -25,6 +25,8 @@ use core::ptr::NonNull;
 
 use crate::features::{MISSIONS, WARM};
 use crate::link::message::SafeReason;
+#[cfg(feature = "telemetry")]
+use crate::show::Show;
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
     OutFlag, Param, ParamType, PortType, Step, Task, same_text,
@@ -67,11 +69,44 @@ struct Buffer<V> {
     value: UnsafeCell<V>,
 }
 
-/// A buffer whose type is known by its `TypeId` only. The pointer's provenance is that of the whole [`Buffer`].
+/// What is known of a type of values.
+struct Kind {
+    type_id: TypeId,
+    /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
+    #[cfg(feature = "telemetry")]
+    tell: unsafe fn(Option<NonNull<Head>>, &mut Show<'_>) -> &'static str,
+}
+
+impl Kind {
+    const fn of<V: PortType>() -> Self {
+        Kind {
+            type_id: TypeId::of::<V>(),
+            #[cfg(feature = "telemetry")]
+            tell: tell::<V>,
+        }
+    }
+}
+
+/// Shows the value in a buffer, if there is one, and says what values of the type are made of.
+///
+/// # Safety
+/// The buffer is a live one of this type, its pointer has provenance over all of it, and nobody is writing its value.
+#[cfg(feature = "telemetry")]
+unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) -> &'static str {
+    if let Some(buffer) = buffer {
+        let buffer = buffer.cast::<Buffer<V>>();
+        // SAFETY: as the caller promises; the projection stays inside.
+        let value = unsafe { &*UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value) };
+        value.show(show);
+    }
+    V::FIELDS
+}
+
+/// A buffer whose type is known by its `Kind` only. The pointer's provenance is that of the whole [`Buffer`].
 #[derive(Clone, Copy)]
 struct ErasedBuffer {
     head: NonNull<Head>,
-    type_id: &'static TypeId,
+    kind: &'static Kind,
 }
 
 impl ErasedBuffer {
@@ -88,11 +123,11 @@ impl ErasedBuffer {
 
     /// Pointer to the value, if `V` is its type.
     fn value<V: PortType>(&self) -> Option<NonNull<V>> {
-        if TypeId::of::<V>() != *self.type_id {
+        if TypeId::of::<V>() != self.kind.type_id {
             return None;
         }
         let buffer = self.head.cast::<Buffer<V>>();
-        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type with this `type_id`, with provenance over all of it;
+        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type with this `TypeId`, with provenance over all of it;
         // the projection stays inside, and `UnsafeCell::raw_get` makes no reference.
         let value = unsafe { UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value) };
         NonNull::new(value)
@@ -163,7 +198,7 @@ impl<V: PortType, const N: usize> PortBuffers for Buffered<V, N> {
         let buffer = self.buffers.get(number)?;
         Some(ErasedBuffer {
             head: NonNull::from(buffer).cast(),
-            type_id: const { &TypeId::of::<V>() },
+            kind: const { &Kind::of::<V>() },
         })
     }
 
@@ -1066,6 +1101,36 @@ impl<'m> Executor<'m> {
         if let Some(net) = self.nets.get_mut(net) {
             net.publish(storage.buffer(0));
         }
+    }
+
+    /// Shows the value on a net. False if it holds none.
+    #[cfg(feature = "telemetry")]
+    pub(crate) fn show(&self, net: u16, show: &mut Show<'_>) -> bool {
+        let Some(value) = self.nets.get(usize::from(net)).and_then(|net| net.value) else {
+            return false;
+        };
+        // SAFETY: the type is the one that the buffer was made for (invariant 4), and a published value is not written except while a task is executed, which borrows the executor
+        // mutably (invariant 3).
+        unsafe { (value.kind.tell)(Some(value.head), show) };
+        true
+    }
+
+    /// What the values are made of that tasks of a bank write on a port: [`PortType::FIELDS`].
+    #[cfg(feature = "telemetry")]
+    pub(crate) fn fields(&self, bank: u8, port: usize) -> Option<&'static str> {
+        let buffer = self
+            .registry
+            .bank(bank.into())?
+            .output(0, port)?
+            .buffer(0)?;
+        // SAFETY: it is given no buffer to look into.
+        Some(unsafe { (buffer.kind.tell)(None, &mut Show::new(&[])) })
+    }
+
+    /// What the values are made of that tasks of a bank write on a port: this firmware does not know.
+    #[cfg(not(feature = "telemetry"))]
+    pub(crate) fn fields(&self, _bank: u8, _port: usize) -> Option<&'static str> {
+        None
     }
 
     /// The value on a net, if there is one and it has this type.

@@ -60,6 +60,7 @@ use crate::recorder::RecorderMemory;
 use crate::ring::Ring;
 use crate::status::Snapshot;
 use crate::supervision::Signs;
+use crate::telemetry::TelemetryMemory;
 use esm_core::BlobBuffer;
 
 /// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
@@ -85,6 +86,7 @@ pub struct Memory<
     trace_wanted: AtomicBool,
     signs: Signs,
     recorder: RecorderMemory<ARENA_WORDS>,
+    telemetry: TelemetryMemory,
     snapshot: Snapshot,
     /// This and the letter are written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
     job: MaybeUninit<Option<Job<'m>>>,
@@ -114,6 +116,7 @@ impl<
             trace_wanted: AtomicBool::new(false),
             signs: Signs::new(),
             recorder: RecorderMemory::new(),
+            telemetry: TelemetryMemory::new(),
             snapshot: Snapshot::new(),
             job: MaybeUninit::uninit(),
             letter: MaybeUninit::uninit(),
@@ -214,6 +217,7 @@ pub fn split<
     let (executor, registry) = assemble(banks, &mut memory.nets)?;
     let (trace_writer, trace_reader) = memory.trace.split();
     let (recorder, record) = memory.recorder.split();
+    let (sampler, values) = memory.telemetry.split();
     let (snapshot_writer, snapshot_reader) = memory.snapshot.split();
     let (to_real_time, from_link) = mail.to_real_time.split();
     let (to_link, from_real_time) = mail.to_link.split();
@@ -239,6 +243,7 @@ pub fn split<
         kept: about.kept,
         signs: &memory.signs,
         record: recorder,
+        sampler,
         snapshot: snapshot_writer,
     });
     let background = Background {
@@ -267,6 +272,7 @@ pub fn split<
         trace_wanted,
         signs: &memory.signs,
         record,
+        values,
         streams_are_sent: true,
         log_wanted: false,
         keys: crate::link::keys::Keys::new(),

@@ -73,6 +73,7 @@ use core::any::TypeId;
 use core::marker::PhantomData;
 
 use crate::ports::{Io, OutputPorts};
+use crate::show::{Field, Show};
 
 /// Greatest number of data ports of one task.
 pub const MAX_DATA_PORTS: usize = 8;
@@ -89,6 +90,14 @@ pub trait PortType: Copy + Send + Sync + 'static {
     const NAME: &'static str;
     /// What a buffer holds before anything was written into it.
     const INIT: Self;
+
+    /// What it is made of, as far as that can be seen from outside: a line for each field, its name, a colon, its type. [`fields!`](crate::fields!) says this, and `show` with it.
+    const FIELDS: &'static str = "";
+
+    /// Shows the fields of a value to whoever looks at it.
+    fn show(&self, show: &mut Show<'_>) {
+        let _ = show;
+    }
 }
 
 /// Implements [`PortType`] for the types that need no declaration of their own.
@@ -97,6 +106,11 @@ macro_rules! plain_port_type {
         $(impl PortType for $name {
             const NAME: &'static str = stringify!($name);
             const INIT: Self = $init;
+            // There is but one, which needs no name.
+            const FIELDS: &'static str = concat!(":", stringify!($name), "\n");
+            fn show(&self, show: &mut Show<'_>) {
+                Field::show(self, show);
+            }
         })*
     };
 }

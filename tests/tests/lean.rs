@@ -60,6 +60,7 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         "keys",
         "store",
         "black-box",
+        "telemetry",
     ];
     assert_eq!(
         status["built_without"],
@@ -80,6 +81,7 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         (&["log", "--news"], "news"),
         (&["log", "--record", "none.rec"], "record"),
         (&["blackbox"], "black-box"),
+        (&["values"], "telemetry"),
     ] {
         let done = robot.esm(refused).ended(1);
         let why = format!("built without the feature `{feature}`");

@@ -9,6 +9,7 @@ from .frames import DELIMITER, FrameReader, encode
 from .keys import NO_UPLOAD, Key, command_message, new_seed, upload_message
 from .messages import Answer, Error, Malformed, Part
 from .trace import Assembler
+from .values import Field, Sample, ask_fields, ask_values, fields_of, part_of, sample_of
 
 FIRST_WAIT_S = 0.3
 SHORTEST_WAIT_S = 0.04
@@ -114,6 +115,7 @@ class Client:
         self._trace = Assembler()
         self._records: List[dict] = []
         self._news: List[messages.News] = []
+        self._values: List[Part] = []
         self._other_version: Optional[int] = None
         #: Log bytes that came.
         self.log = bytearray()
@@ -124,6 +126,7 @@ class Client:
 
     def hello(self) -> messages.Hello:
         self._trace = Assembler()
+        self._values = []
         robot = self._ask("hello", messages.Hello, messages.HELLO)
         if robot.protocol != messages.PROTOCOL_VERSION:
             raise OtherVersion(robot.protocol)
@@ -223,6 +226,36 @@ class Client:
     def news(self, seconds: float) -> Iterator[messages.News]:
         """News as they come, for so long. `watch` asks for them."""
         return self._listen(seconds, self._news)
+
+    def fields(self, mission: int, net: int) -> List[Field]:
+        """What values on a net of the mission are made of, by its index in the blob."""
+        text, total = b"", 1
+        while len(text) < total:
+            part = self._ask("fields", messages.TaskText, messages.VALUES, ask_fields(mission, net, len(text)))
+            text, total = text + part.text, part.total
+            if not part.text:
+                break
+        return fields_of(text.decode())
+
+    def watch_values(self, mission: int, nets: List[int], period_ms: int = 0) -> int:
+        """Lets the robot send values on these nets of the mission, by their indices in its blob, each period of the mission's time at most, or after each macro step.
+
+        Returns the number that these samples have.
+        """
+        self._ask("values", messages.Done, messages.VALUES, ask_values(mission, period_ms, nets))
+        return self._seq
+
+    def end_values(self) -> None:
+        self._ask("values", messages.Done, messages.VALUES, b"")
+
+    def values(self, number: int, nets: List[List[Field]], seconds: float) -> Iterator[Sample]:
+        """Samples of this number as they come, for so long or until the mission is another one. `watch_values` asks for them; `nets` is what `fields` said of each."""
+        for part in map(part_of, map(lambda part: part.bytes, self._listen(seconds, self._values))):
+            if part.number != number:
+                continue
+            if part.ended:
+                return
+            yield sample_of(part, nets)
 
     def task(self, index: int) -> str:
         """The declaration of a task type, as `.esm` text."""
@@ -531,6 +564,8 @@ class Client:
                 self._news.append(read)
             elif isinstance(read, Part) and read.channel == "trace":
                 self._records += self._trace.take(read)
+            elif isinstance(read, Part) and read.channel == "values":
+                self._values.append(read)
             else:
                 self.log += read.bytes
         return answers

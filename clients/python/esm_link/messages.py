@@ -9,8 +9,8 @@ PROTOCOL_VERSION = 3
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
-    CLOCK, WITHIN, FEATURES,
-) = range(32)  # fmt: skip
+    CLOCK, WITHIN, FEATURES, VALUES,
+) = range(33)  # fmt: skip
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -43,10 +43,10 @@ SLOT_STATES = (
     "given up",
 )
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
-CHANNELS = ("trace", "log", "record")
+CHANNELS = ("trace", "log", "record", "values")
 ACCESS = ("unsupported", "open", "locked", "unreadable")
 # Each by its bit.
-FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box")
+FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry")
 CAUSES = ("begun", "period", "mission", "trial", "mode")
 
 

@@ -6,7 +6,7 @@ import tempfile
 import unittest
 
 import vectors
-from esm_link import Client, Key, KeyProblem, NotBuiltIn, OtherKey, OtherVersion, Refused, frames, keys, messages
+from esm_link import Client, Key, KeyProblem, NotBuiltIn, OtherKey, OtherVersion, Refused, frames, keys, messages, values
 from esm_link.frames import FrameReader
 from esm_link.messages import Answer, Malformed, Part
 
@@ -93,6 +93,9 @@ class Messages(unittest.TestCase):
             "request param": (messages.PARAM, 0x1234ABCD, 300),
             "request clock": (messages.CLOCK,),
             "request features": (messages.FEATURES,),
+            "request fields": (messages.VALUES, values.ask_fields(0x1234ABCD, 300, 128)),
+            "request values": (messages.VALUES, values.ask_values(0x1234ABCD, 100, [3, 300])),
+            "request no values": (messages.VALUES, b""),
             "request within a time": (messages.WITHIN, 2**40, messages.without_number(messages.START)),
         }
         for name, (kind, *fields) in requests.items():
@@ -133,7 +136,7 @@ class Messages(unittest.TestCase):
         self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
         features = self.read("answer features").body
         self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
-        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box"])
+        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry"])
         error = self.read("answer error capacity exceeded").body
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
         news = self.read("news")
@@ -142,6 +145,47 @@ class Messages(unittest.TestCase):
         self.assertEqual((news.fell_back.reason, news.t_us, news.spoiled_frames), ("failed: overruns", 2**40, 3))
         part = self.read("stream trace")
         self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))
+
+
+class Values(unittest.TestCase):
+    def part(self, name: str) -> values.Part:
+        [message] = vectors.named(name).all("message")
+        return values.part_of(messages.from_robot(message).bytes)
+
+    def test_a_sample_has_the_values_that_were_sent(self):
+        fields = [values.fields_of(text) for text in ("x_m:f32\nlost:bool\n", ":u32\n", "left_um:i16\n")]
+        part = self.part("stream values")
+        self.assertEqual((part.number, part.ended, part.left_out, part.t_us), (7, False, 2, 2**40 + 3))
+        sample = values.sample_of(part, fields)
+        self.assertEqual(sample.values, [[-0.5, True], None, [-3]])
+        self.assertEqual(values.as_dict(fields[0], sample.values[0]), {"x_m": -0.5, "lost": True})
+        self.assertTrue(self.part("stream values that have ended").ended)
+        with self.assertRaises(Malformed):
+            values.sample_of(part, [fields[0]] * 3)
+
+    def test_a_row_is_a_list_and_a_number_itself_has_no_name(self):
+        self.assertEqual(values.as_dict(values.fields_of("r:[u32;2]\n"), [1, 2]), {"r": [1, 2]})
+        self.assertEqual(values.as_dict(values.fields_of(":i32\n"), [-1]), -1)
+        for text in ("x", "x:f64", "x:[f32;N]", "x:[f32;2"):
+            with self.assertRaises(Malformed):
+                values.fields_of(text)
+
+    def test_values_that_end_with_the_mission(self):
+        name = "values of a mission, and their end"
+        port = line(name)
+        sent = [frames.decode(frame[1:-1]) for frame in vectors.named(name).all(">")]
+        blob = b"".join(_data_of(message) for message in sent if message[1] == messages.CHUNK)
+        client = Client(port, number=0)
+        client.hello()
+        mission = client.upload(blob)
+        fields = client.fields(mission, 0)
+        self.assertEqual([(field.name, field.type) for field in fields], [("", "u32")])
+        number = client.watch_values(mission, [0], period_ms=20)
+        samples = list(client.values(number, [fields], 0.0))
+        self.assertGreater(len(samples), 2)
+        self.assertEqual([sample.t_us for sample in samples], [samples[0].t_us + 20_000 * at for at in range(len(samples))])
+        client.end_values()
+        self.assertTrue(port.is_done())
 
 
 class WhatIsSigned(unittest.TestCase):

@@ -179,7 +179,11 @@ impl Listener {
                 writeln!(console.out(), "{}", told(news))?;
                 console.flush()?;
             }
-            StreamEvent::Gap { .. } | StreamEvent::Trace(_) | StreamEvent::Record(_) => {}
+            StreamEvent::Gap { .. }
+            | StreamEvent::Trace(_)
+            | StreamEvent::Record(_)
+            | StreamEvent::Values { .. }
+            | StreamEvent::ValuesEnded { .. } => {}
         }
         Ok(())
     }

@@ -53,6 +53,7 @@ pub mod terminal;
 pub mod test;
 pub mod top;
 pub mod upload;
+pub mod values;
 
 use std::process::ExitCode;
 
@@ -115,6 +116,7 @@ pub enum Command {
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
     Param(param::ParamArgs),
+    Values(values::ValuesArgs),
     Log(log::LogArgs),
     Status(status::StatusArgs),
     Top(top::TopArgs),
@@ -197,6 +199,7 @@ pub fn execute(
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),
         Command::Param(args) => param::execute(args, console),
+        Command::Values(args) => values::execute(args, console),
         Command::Log(args) => log::execute(args, console),
         Command::Status(args) => status::execute(args, console),
         Command::Top(args) => top::execute(args, console),

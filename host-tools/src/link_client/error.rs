@@ -118,6 +118,7 @@ pub fn without(feature: Feature) -> &'static str {
         Feature::Keys => "it can have no key, and takes commands from anyone",
         Feature::Store => "it keeps nothing in a flash, or has none",
         Feature::BlackBox => "it has no flight recorder",
+        Feature::Telemetry => "it tells nothing of values on nets",
     }
 }
 

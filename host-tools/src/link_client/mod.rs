@@ -434,6 +434,68 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("watch", request)
     }
 
+    /// What values on a net of the mission of this hash are made of, by the net's index in its blob: a line for each field, its name, a colon, its type.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
+    pub fn fields(&mut self, mission: u32, net: u16) -> Result<String, ClientError> {
+        let name = "fields of a value";
+        let mut bytes = Vec::new();
+        loop {
+            let bad = ClientError::BadAnswer { request: name };
+            let Ok(offset) = u16::try_from(bytes.len()) else {
+                return Err(bad);
+            };
+            let ask = numbers_of(0, mission, &[net, offset]);
+            let (total, is_empty) =
+                self.ask(
+                    name,
+                    Request::Values { ask: &ask },
+                    |response| match response {
+                        Response::TaskText { total, text } => {
+                            bytes.extend_from_slice(text);
+                            Some((usize::from(total), text.is_empty()))
+                        }
+                        _ => None,
+                    },
+                )?;
+            match bytes.len() {
+                length if length == total => {
+                    return String::from_utf8(bytes).map_err(|_| bad);
+                }
+                length if length < total && !is_empty => {}
+                _ => return Err(bad),
+            }
+        }
+    }
+
+    /// Lets the robot send values of these nets of the mission of this hash from now on, by their indices in its blob: each `period` of the mission's time at most, which is a
+    /// minute at most, or after each macro step where that is 0. Answers the number that those samples have.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with [`LinkError::CapacityExceeded`] where there are more nets than the robot can tell of
+    /// at a time, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
+    pub fn values(
+        &mut self,
+        mission: u32,
+        nets: &[u16],
+        period: Duration,
+    ) -> Result<u8, ClientError> {
+        let period_ms = u16::try_from(period.as_millis()).unwrap_or(u16::MAX);
+        let numbers = [&[period_ms], nets].concat();
+        let ask = numbers_of(1, mission, &numbers);
+        self.ask_to_do("values", Request::Values { ask: &ask })?;
+        Ok(self.seq)
+    }
+
+    /// Lets the robot send no more values.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn end_values(&mut self) -> Result<(), ClientError> {
+        self.ask_to_do("values", Request::Values { ask: &[] })
+    }
+
     /// What was counted of a slot; `slot` is its index in the running mission.
     ///
     /// # Errors
@@ -905,6 +967,13 @@ impl<L: ByteLink> LinkClient<L> {
     }
 }
 
+/// What is asked about values on nets, as [`Ask`](rt_firmware::link::telemetry::Ask) reads it.
+fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
+    let mission = [mission as u16, (mission >> u16::BITS) as u16];
+    let all = [&[what], &mission[..], numbers].concat();
+    all.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
 /// Whether a request changes what the robot does, so that it must not be carried out when nobody expects that any more. A stop is welcome at any time; what is about keys
 /// is bound to a nonce, or to the key itself.
 fn is_command(request: &Request<'_>) -> bool {
@@ -955,6 +1024,7 @@ struct Incoming {
     trace: Assembler,
     log: Assembler,
     record: Assembler,
+    values: Assembler,
     events: Vec<StreamEvent>,
     bad_frames: u64,
     /// Version that a robot of another one told in its answer to `hello`.
@@ -968,6 +1038,7 @@ impl Incoming {
             trace: Assembler::new(Channel::Trace),
             log: Assembler::new(Channel::Log),
             record: Assembler::new(Channel::Record),
+            values: Assembler::new(Channel::Values),
             events: Vec::new(),
             bad_frames: 0,
             other_version: None,
@@ -996,6 +1067,7 @@ impl Incoming {
                     Channel::Trace => self.trace.take(&part, &mut self.events),
                     Channel::Log => self.log.take(&part, &mut self.events),
                     Channel::Record => self.record.take(&part, &mut self.events),
+                    Channel::Values => self.values.take(&part, &mut self.events),
                 },
                 Err(FrameError::NotAMessage) => {
                     self.other_version = version_in_hello(frame);

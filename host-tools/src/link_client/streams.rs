@@ -3,6 +3,7 @@
 use rt_firmware::link::message::{Channel, Stream};
 use rt_firmware::link::news::News;
 use rt_firmware::link::record::Recorded;
+use rt_firmware::link::telemetry::Sample;
 use rt_firmware::link::trace::{TraceError, TraceRecord};
 
 /// Something that a stream brought.
@@ -16,6 +17,24 @@ pub enum StreamEvent {
     News(News),
     /// Whole records of a recording, one behind the other, to be read with [`Recorded::take`].
     Record(Vec<u8>),
+    /// Values that were on nets of the mission at the same time.
+    Values {
+        /// Number of the request that asked for them: samples of one before may come behind its answer.
+        number: u8,
+        /// Nets whose values there was no room for.
+        left_out: u8,
+        /// Bit n: the nth of the nets that were asked for holds a value, which is here.
+        has: u32,
+        /// Nominal start of the macro step behind which they were read, in microseconds since the mission started.
+        t_us: u64,
+        /// Bits of all fields of all values, one behind the other.
+        words: Vec<u32>,
+    },
+    /// The mission is another one than the one that values were asked of: no more will come.
+    ValuesEnded {
+        /// Number of the request that asked for them.
+        number: u8,
+    },
     /// Something did not come: the robot had no room for it, or the line lost it. A trace or recording with such a gap is not whole.
     Gap {
         /// Of which stream.
@@ -74,6 +93,7 @@ impl Assembler {
             // The frames of the log know their own edges.
             Channel::Log => events.push(StreamEvent::Log(part.bytes.to_vec())),
             Channel::Trace | Channel::Record => self.take_records(part, events),
+            Channel::Values => events.push(sample(part.bytes)),
         }
     }
 
@@ -110,6 +130,31 @@ impl Assembler {
                 _ => StreamEvent::Trace(records),
             });
         }
+    }
+}
+
+/// What a part with values says.
+fn sample(bytes: &[u8]) -> StreamEvent {
+    match Sample::of(bytes) {
+        Some(Sample::Values {
+            number,
+            left_out,
+            has,
+            t_us,
+            words,
+        }) => StreamEvent::Values {
+            number,
+            left_out,
+            has,
+            t_us,
+            words: words.iter().map(|word| u32::from_le_bytes(*word)).collect(),
+        },
+        Some(Sample::Ended { number }) => StreamEvent::ValuesEnded { number },
+        // Of a robot that knows more than this program.
+        None => StreamEvent::Gap {
+            channel: Channel::Values,
+            missing: 1,
+        },
     }
 }
 

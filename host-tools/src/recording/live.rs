@@ -176,6 +176,8 @@ impl<W: Write> LiveRecording<W> {
             StreamEvent::Gap { .. }
             | StreamEvent::Trace(_)
             | StreamEvent::Log(_)
+            | StreamEvent::Values { .. }
+            | StreamEvent::ValuesEnded { .. }
             | StreamEvent::News(_) => Ok(None),
         }
     }

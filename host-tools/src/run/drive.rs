@@ -501,7 +501,13 @@ impl<W: Write> Driver<W> {
                     self.take_records(&records, watch)?;
                 }
                 // Nobody asked for them.
-                StreamEvent::News(_) => {}
+                StreamEvent::News(_)
+                | StreamEvent::Values { .. }
+                | StreamEvent::ValuesEnded { .. }
+                | StreamEvent::Gap {
+                    channel: Channel::Values,
+                    ..
+                } => {}
                 StreamEvent::Log(bytes) => {
                     for line in self
                         .log

@@ -73,6 +73,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Param { .. }
         | Request::Clock
         | Request::Features
+        | Request::Values { .. }
         | Request::Challenge => Needs::Nothing,
         // What it holds is looked at in its place.
         Request::Within { .. } => Needs::Nothing,

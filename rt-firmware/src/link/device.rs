@@ -20,7 +20,7 @@ use super::news::{News, Watch};
 use super::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::black_box::KEEPS_RECORDS;
 use crate::check::{check, check_slots};
-use crate::features::{Feature, Features, KEYS, NEWS, PARAMS, RECORD, WARM};
+use crate::features::{Feature, Features, KEYS, NEWS, PARAMS, RECORD, TELEMETRY, WARM};
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::params::SavedParams;
@@ -30,13 +30,14 @@ use crate::runtime::About;
 use crate::status::SnapshotReader;
 use crate::store::keep::{Kept, Start};
 use crate::supervision::Signs;
+use crate::telemetry::SampleReader;
 use esm_core::BlobBuffer;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
 /// checksum, COBS, delimiter.
 const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
 /// Streams.
-const CHANNELS: usize = 3;
+const CHANNELS: usize = 4;
 
 /// The byte link of a board, and its log.
 pub trait LinkPort {
@@ -206,6 +207,7 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) trace_wanted: &'m AtomicBool,
     pub(crate) signs: &'m Signs,
     pub(crate) record: RecordReader<'m>,
+    pub(crate) values: SampleReader<'m>,
     /// No part of a stream is on its way out.
     pub(crate) streams_are_sent: bool,
     pub(crate) log_wanted: bool,
@@ -411,6 +413,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         {
             self.awaited = false;
             self.acknowledges = false;
+            if let Letter::ValuesWanted { number, mission } = *letter {
+                self.desk.values.begin(number, mission);
+            }
             self.reply.set(&FromDevice::Reply {
                 seq: last,
                 result: kept.and_then(|()| answer_of(letter)),
@@ -431,7 +436,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.next_channel = match channel {
                 Channel::Trace => Channel::Log,
                 Channel::Log => Channel::Record,
-                Channel::Record => Channel::Trace,
+                Channel::Record if TELEMETRY => Channel::Values,
+                Channel::Record | Channel::Values => Channel::Trace,
             };
             let mut bytes = [0; MAX_STREAM_BYTES];
             let (len, continues, dropped) = match channel {
@@ -447,10 +453,16 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                     let part = self.desk.record.read(&mut bytes);
                     (part.len, part.continues, self.desk.record.dropped())
                 }
+                Channel::Values => {
+                    let snapshot = &self.desk.snapshot;
+                    let runs = || snapshot.read().map(|health| health.mission);
+                    let len = self.desk.values.read(&mut bytes, runs);
+                    (len, false, self.desk.values.dropped())
+                }
             };
             let wanted = match channel {
                 Channel::Trace => self.desk.trace_wanted.load(Ordering::Relaxed),
-                Channel::Log => true,
+                Channel::Log | Channel::Values => true,
                 Channel::Record => self.desk.record.is_wanted(),
             };
             let (Some(bytes), Some(seq)) =
@@ -542,6 +554,16 @@ fn saved_params(port: &mut impl LinkPort) -> SavedParams {
     keeper.map_or(SavedParams::NONE, |keeper| keeper.saved_params())
 }
 
+/// A part of a text, from this byte on.
+fn task_text<'a>(text: &'static str, offset: usize) -> Response<'a> {
+    let text = text.as_bytes();
+    let rest = text.get(offset..).unwrap_or_default();
+    Response::TaskText {
+        total: text.len() as u16,
+        text: rest.get(..MAX_PART).unwrap_or(rest),
+    }
+}
+
 /// The answer that a letter brings.
 fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
     match letter {
@@ -572,9 +594,13 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
             of_mission: *of_mission,
             saved: *saved,
         }),
+        Letter::Fields { text, offset } => Ok(task_text(text, usize::from(*offset))),
         Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
-        Letter::Done | Letter::Confirmed { .. } | Letter::Released => Ok(Response::Done),
+        Letter::Done
+        | Letter::Confirmed { .. }
+        | Letter::Released
+        | Letter::ValuesWanted { .. } => Ok(Response::Done),
         // It came back as it went.
         _ => Err(LinkError::Late),
     }
@@ -643,6 +669,7 @@ impl<'m> Desk<'_, 'm> {
                 self.trace_wanted.store(false, Ordering::Relaxed);
                 self.log_wanted = false;
                 self.watch = None;
+                self.values.end();
                 // To end one is never refused.
                 let _ = self.record.want(false);
                 let access = self.keys.access(port.key_safe());
@@ -722,6 +749,16 @@ impl<'m> Desk<'_, 'm> {
                 now_us: port.now_us(),
             })),
             Request::Features => Reaction::Answer(Ok(self.features(port))),
+            Request::Values { .. } if !TELEMETRY => Reaction::Answer(Err(LinkError::NotBuiltIn)),
+            Request::Values { ask: [] } => {
+                self.values.end();
+                Reaction::Answer(Ok(Response::Done))
+            }
+            Request::Values { ask } => {
+                let number = self.ticket.map_or(0, |ticket| ticket.seq);
+                let ask = Bytes::first_of(ask);
+                self.ask(Letter::AskValues { number, ask })
+            }
             // They hold a plain one: `allowed` gives nothing else out.
             Request::Signed { .. } | Request::Within { .. } => {
                 Reaction::Answer(Err(LinkError::Malformed))
@@ -877,7 +914,8 @@ impl<'m> Desk<'_, 'm> {
             .with(
                 Feature::BlackBox,
                 KEEPS_RECORDS && self.about.kept.is_some(),
-            );
+            )
+            .with(Feature::Telemetry, TELEMETRY);
         Response::Features {
             built_in,
             flash_ms: if has_store { P::FLASH_MS } else { 0 },
@@ -972,12 +1010,7 @@ impl<'m> Desk<'_, 'm> {
             .registry
             .declaration(usize::from(index))
             .ok_or(LinkError::NoSuchIndex)?;
-        let text = declaration.source.as_bytes();
-        let rest = text.get(usize::from(offset)..).unwrap_or_default();
-        Ok(Response::TaskText {
-            total: text.len() as u16,
-            text: rest.get(..MAX_PART).unwrap_or(rest),
-        })
+        Ok(task_text(declaration.source, usize::from(offset)))
     }
 
     /// The buffer for the next mission holds the one before as long as one is on trial.

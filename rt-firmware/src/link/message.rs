@@ -199,6 +199,11 @@ pub enum Request<'a> {
     },
     /// What was the firmware built with, and how long does its flash take? Answer: [`Response::Features`].
     Features,
+    /// Send [values](super::telemetry) on these nets from now on, and no others; or say what values are made of. Answer: [`Response::Done`], or [`Response::TaskText`].
+    Values {
+        /// Which: see [`Ask`](super::telemetry::Ask). Nothing: no values from now on.
+        ask: &'a [u8],
+    },
 }
 
 /// How a mission takes over.
@@ -252,6 +257,8 @@ pub enum Channel {
     Log,
     /// [Recorded inputs](super::record), whole ones.
     Record,
+    /// [Values on nets](super::telemetry), a sample a part.
+    Values,
 }
 
 /// What a robot answers.
@@ -276,7 +283,7 @@ pub enum Response<'a> {
     Done,
     /// To [`Request::Status`].
     Status(Status),
-    /// To [`Request::Task`].
+    /// To [`Request::Task`] and [`Request::Values`].
     TaskText {
         /// Length of the whole text.
         total: u16,
@@ -802,6 +809,7 @@ mod tests {
     use crate::link::access::{MAX_SIGNED_BYTES, SEED_BYTES, SIGNATURE_BYTES};
     use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
     use crate::link::news::Cause;
+    use crate::link::telemetry::MAX_ASK_BYTES;
     use crate::store::SlotState;
     use crate::store::keep::Source;
 
@@ -923,6 +931,9 @@ mod tests {
             Request::Within {
                 by_us: u64::MAX,
                 request: &signed,
+            },
+            Request::Values {
+                ask: &chunk[..MAX_ASK_BYTES],
             },
         ];
         for request in requests {

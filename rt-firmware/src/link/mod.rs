@@ -33,5 +33,6 @@ pub mod news;
 #[cfg(test)]
 pub(crate) mod planted;
 pub mod record;
+pub mod telemetry;
 pub mod trace;
 pub mod trial;

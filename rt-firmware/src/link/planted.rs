@@ -13,6 +13,8 @@ use super::device::{LinkPort, LinkSide};
 use super::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use super::message::{FromDevice, Request, Swap, ToDevice};
+#[cfg(feature = "telemetry")]
+use super::telemetry::MAX_ASK_BYTES;
 use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
 
 /// Makes an enum of defects, and the list of them with what each one is.
@@ -45,6 +47,7 @@ bugs! {
     UnsignedTaken: "an upload is taken that the key has not signed",
     CounterRepeated: "an upload with the counter of the last one is taken",
     NonceKept: "a nonce is good for two requests",
+    ValuesUnlimited: "more nets are asked for than a sample can tell of",
     PauseForgotten: "signatures are looked at right after a wrong one",
 }
 
@@ -380,6 +383,19 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect(Request::Chunk { offset: 0, data }, &received(20))?;
             robot.expect(COMMIT, "Err(WrongChecksum)")?;
             robot.expect(COMMIT, "Err(NoUpload)")
+        })
+    }),
+    #[cfg(feature = "telemetry")]
+    ("a sample tells of so many nets and of no more", || {
+        with_robot(|robot| {
+            let mut ask = [0; MAX_ASK_BYTES + 2];
+            ask[0] = 1;
+            let values = |ask| Request::Values { ask };
+            let refused = "Err(CapacityExceeded { what: Nets, needed: 21, available: 20 })";
+            robot.expect(values(&[]), "Ok(Done)")?;
+            robot.expect_at(1_000, values(&ask), refused)?;
+            robot.expect_at(2_000, values(&ask[..MAX_ASK_BYTES]), "Err(NoMission)")?;
+            robot.expect_at(3_000, values(&ask[..9]), "Err(Malformed)")
         })
     }),
     #[cfg(feature = "keys")]

@@ -21,9 +21,10 @@ use heapless::spsc::{Consumer, Producer};
 
 use crate::black_box::Event;
 use crate::board::{Board, OccurrenceStart, microseconds};
-use crate::features::{MISSIONS, PARAMS, WARM};
+use crate::features::{MISSIONS, PARAMS, TELEMETRY, WARM};
 use crate::kept::Kept;
 use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCounters};
+use crate::link::telemetry::Ask;
 use crate::link::trace::{EMERGENCY, TraceRecord};
 use crate::link::trial::{self, FallBack, FallBackReason};
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
@@ -31,7 +32,8 @@ use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
 use crate::recorder::Recorder;
 use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
-use crate::task::{Declaration, Direction, Step};
+use crate::task::{Declaration, Direction, MAX_DATA_PORTS, Step};
+use crate::telemetry::Sampler;
 use esm_core::BlobBuffer;
 use params::{LiveParams, SavedParams};
 use slots::{SlotEntry, nanoseconds};
@@ -199,6 +201,7 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     /// What a slot-0 run that has ended found wrong.
     failure: Option<SafeReason>,
     record: Recorder<'m>,
+    sampler: Sampler<'m>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
     /// Nominal end of the last occurrence, since the first macro step of the first mission.
@@ -261,6 +264,7 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) kept: Option<&'m Kept>,
     pub(crate) signs: &'m Signs,
     pub(crate) record: Recorder<'m>,
+    pub(crate) sampler: Sampler<'m>,
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
@@ -298,6 +302,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             link_silent_us: 0,
             failure: None,
             record: parts.record,
+            sampler: parts.sampler,
             snapshot: parts.snapshot,
             health: Health::EMPTY,
             previous_end_us: 0,
@@ -950,6 +955,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 mission.next_step = summary.step + 1;
                 self.health.steps = mission.next_step;
                 self.health.t_us = summary.t_us;
+                self.sampler.after_step(&self.executor, summary.t_us);
                 self.trace.step(&summary, &mission.interpreter);
             }
             Err(fault) => {
@@ -1462,6 +1468,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             start_us: at.us,
         });
         self.record.started(mission, at.us, before.is_some());
+        self.sampler.started(mission);
         self.mission = Some(Mission {
             interpreter,
             origin,
@@ -1532,6 +1539,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                     count: self.saved.len(),
                 }
             }
+            &Letter::AskValues { number, ref ask } if TELEMETRY => self
+                .answer_of_values(number, ask.as_slice())
+                .unwrap_or_else(Letter::Failed),
             // Latched by the link, and not looked at in a slot yet.
             Letter::Start if self.signs.emergency_stop.load(Ordering::Relaxed) => {
                 Letter::Failed(LinkError::EmergencyStopped)
@@ -1607,6 +1617,42 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             .ok_or(LinkError::NoSuchIndex)?;
         params::check(declared, value)?;
         self.params.has_room(param)
+    }
+
+    /// Lets samples of values be taken from the next macro step on, or tells what values are made of.
+    #[inline(never)]
+    fn answer_of_values(&mut self, number: u8, ask: &[u8]) -> Result<Letter<'m>, LinkError> {
+        let ask = Ask::of(ask)?;
+        let (Ask::Fields { mission, .. } | Ask::Values { mission, .. }) = ask;
+        let tables = self.mission_of(mission)?.interpreter.tables();
+        match ask {
+            Ask::Fields { net, offset, .. } => {
+                let text = self.fields(&tables, net).ok_or(LinkError::NoSuchIndex)?;
+                Ok(Letter::Fields { text, offset })
+            }
+            Ask::Values {
+                period_ms, nets, ..
+            } => {
+                let count = tables.net_count();
+                let nets = nets.iter().map(|net| u16::from_le_bytes(*net));
+                if nets.clone().any(|net| usize::from(net) >= count) {
+                    return Err(LinkError::NoSuchIndex);
+                }
+                self.sampler.begin(number, mission, period_ms, nets);
+                Ok(Letter::ValuesWanted { number, mission })
+            }
+        }
+    }
+
+    /// What the values on a net are made of, as a task says that writes them.
+    fn fields(&self, tables: &Tables<'_>, net: u16) -> Option<&'static str> {
+        let net = usize::from(net);
+        (0..tables.task_instance_count()).find_map(|instance| {
+            let bank = self.tasks.place(instance as u16).bank;
+            let ports = 0..MAX_DATA_PORTS;
+            let mut on_net = ports.filter(|port| net_of(tables, instance, *port) == Some(net));
+            on_net.find_map(|port| self.executor.fields(bank, port))
+        })
     }
 
     /// Answers a question about the mission.

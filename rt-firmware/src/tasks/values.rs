@@ -8,6 +8,8 @@ pub use crate::odometry::Pose;
 impl PortType for Pose {
     const NAME: &'static str = "Pose";
     const INIT: Self = Self::START;
+
+    fields! { x_m: f32, y_m: f32, heading_rad: f32 }
 }
 
 /// How the robot shall move.
@@ -30,6 +32,8 @@ impl Twist {
 impl PortType for Twist {
     const NAME: &'static str = "Twist";
     const INIT: Self = Self::STILL;
+
+    fields! { forward_m_per_s: f32, turn_rad_per_s: f32 }
 }
 
 /// How fast the wheels roll, as the encoders tell.
@@ -47,6 +51,8 @@ impl PortType for WheelSpeeds {
         left_m_per_s: 0.0,
         right_m_per_s: 0.0,
     };
+
+    fields! { left_m_per_s: f32, right_m_per_s: f32 }
 }
 
 /// Free way around the robot, from its rim.
@@ -104,6 +110,8 @@ impl Ranges {
 impl PortType for Ranges {
     const NAME: &'static str = "Ranges";
     const INIT: Self = Self::FREE;
+
+    fields! { range_m: [f32; 8] }
 }
 
 /// State of the battery.
@@ -116,6 +124,8 @@ pub struct Battery {
 impl PortType for Battery {
     const NAME: &'static str = "Battery";
     const INIT: Self = Self { voltage_v: 0.0 };
+
+    fields! { voltage_v: f32 }
 }
 
 /// A dark line on the floor, as the sensors ahead of the wheels see it.
@@ -146,6 +156,8 @@ impl PortType for Line {
         left_um: 0,
         dark_sensors: 0,
     };
+
+    fields! { left_um: i16, dark_sensors: u8 }
 }
 
 /// The measures of a robot with two driven wheels.

@@ -12,8 +12,10 @@ use rt_firmware::link::access::{
 use rt_firmware::link::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::message::{
-    FromDevice, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response, Status, Swap, ToDevice,
+    Channel, FromDevice, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response, Status,
+    Stream, Swap, ToDevice,
 };
+use rt_firmware::link::telemetry::Sample;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::{Keep, RECORD_BYTES, flash_bytes};
 use rt_firmware::{
@@ -68,10 +70,11 @@ mod part {
 }
 
 struct Lamp;
-task! { impl Lamp { flags { out lit; } params { limit: u32 = 1, 1..=9; } } }
+task! { impl Lamp { data { in seen: u32 optional; out level: u32; } flags { out lit; } params { limit: u32 = 1, 1..=9; } } }
 impl Task for Lamp {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         io.set(Self::LIT, true);
+        *io.write(Self::LEVEL) = LEVEL;
         Step::Run
     }
 }
@@ -81,8 +84,11 @@ registry! {
 }
 
 const MISSION: &str = "interpreter slot 1; slot 1 period 10 ms duration 1 ms; slot 2 period 5 ms duration 1 ms;
-task Lamp slot 2 { out flag lit; param limit: u32 = 1; }
-machine M { region r { task On: Lamp with { limit = 3 }; task Off: Lamp; initial -> On; On -> Off on pulse [.lit]; Off -> On on pulse [.lit]; } }";
+task Lamp slot 2 { in data seen: u32 optional; out data level: u32; out flag lit; param limit: u32 = 1; }
+machine M { region r { task On: Lamp with { limit = 3 }; task Off: Lamp; initial -> On; On -> Off on pulse [.lit]; Off -> On on pulse [.lit]; } path On.level -> Off.seen; }";
+
+/// What lamps write.
+const LEVEL: u32 = 0x1e4e1;
 
 /// The good mission's blob.
 fn mission() -> &'static [u8] {
@@ -308,7 +314,8 @@ impl Subject<'_, '_, '_> {
                     result: Ok(Response::Challenge { nonce, counter, .. }),
                     ..
                 } => (self.nonce, self.counter) = (nonce, counter),
-                FromDevice::Reply { .. } | FromDevice::Stream(_) | FromDevice::News(_) => {}
+                FromDevice::Stream(part) => check(&part),
+                FromDevice::Reply { .. } | FromDevice::News(_) => {}
             }
         }
     }
@@ -419,6 +426,7 @@ impl Subject<'_, '_, '_> {
                                 })
                             }));
                         }
+                        FromDevice::Stream(part) => check(&part),
                         _ => {}
                     }
                 }
@@ -649,7 +657,9 @@ impl Subject<'_, '_, '_> {
             },
             done,
         );
-        let mut came = [false; 2];
+        let ask = &ask_values(hash);
+        self.ask(Request::Values { ask }, done);
+        let mut came = [false; 3];
         for _ in 0..40 {
             self.timer_comes();
             for byte in std::mem::take(&mut self.wire.to_host) {
@@ -657,18 +667,46 @@ impl Subject<'_, '_, '_> {
                     continue;
                 };
                 if let Ok(FromDevice::Stream(part)) = decode(frame) {
-                    came[usize::from(part.channel != rt_firmware::link::message::Channel::Trace)] =
-                        true;
+                    check(&part);
+                    let place = match part.channel {
+                        Channel::Trace => 0,
+                        Channel::Record => 1,
+                        Channel::Values => 2,
+                        Channel::Log => continue,
+                    };
+                    came[place] = true;
                 }
             }
         }
-        assert_eq!(came, [true; 2], "trace and recording");
+        assert_eq!(came, [true; 3], "trace, recording and values");
         self.access();
     }
 }
 
 /// A value of the mission's parameter that is not the mission's own.
 const LIMIT: u32 = 7;
+
+/// Of values, a part is a whole sample, with as many words as nets have values, and what is on them is what lamps write.
+fn check(part: &Stream<'_>) {
+    if part.channel != Channel::Values {
+        return;
+    }
+    match Sample::of(part.bytes) {
+        Some(Sample::Values { has, words, .. }) => {
+            assert_eq!(has.count_ones() as usize, words.len(), "{part:?}");
+            let level = LEVEL.to_le_bytes();
+            assert!(words.iter().all(|word| *word == level), "{part:?}");
+        }
+        Some(Sample::Ended { .. }) => {}
+        None => panic!("no sample: {part:?}"),
+    }
+    assert!(!part.continues, "{part:?}");
+}
+
+/// What is asked for values on the net of the mission of this hash, after each macro step.
+fn ask_values(mission: u32) -> Vec<u8> {
+    [&[1, 0], &mission.to_le_bytes()[..], &[0; 4]].concat()
+}
 
 fn done(response: Response<'_>) -> Option<()> {
     matches!(response, Response::Done).then_some(())
@@ -739,6 +777,9 @@ pub fn link(bytes: &[u8]) {
 /// Sessions of good clients, whole and in disorder.
 pub fn sessions() -> Vec<Seed> {
     let mission = u32::from_le_bytes(*mission().last_chunk().unwrap_or(&[0; 4]));
+    let values = ask_values(mission);
+    // Of the same net, from the first byte on.
+    let fields = [&[0, 0], &values[2..6], &[0; 4]].concat();
     let requests = [
         ("hello", Request::Hello),
         ("begin", begin()),
@@ -773,6 +814,8 @@ pub fn sessions() -> Vec<Seed> {
                 period_ms: 10,
             },
         ),
+        ("fields", Request::Values { ask: &fields }),
+        ("values", Request::Values { ask: &values }),
         ("last_words", Request::LastWords),
         ("black_box", Request::BlackBox { from: None }),
         ("clock", Request::Clock),

@@ -243,6 +243,19 @@ fn write_frames(text: &mut String) {
         ("request clock", Request::Clock),
         ("request features", Request::Features),
         (
+            "request fields",
+            Request::Values {
+                ask: &[0, 0, 0xcd, 0xab, 0x34, 0x12, 44, 1, 128, 0],
+            },
+        ),
+        (
+            "request values",
+            Request::Values {
+                ask: &[1, 0, 0xcd, 0xab, 0x34, 0x12, 100, 0, 3, 0, 44, 1],
+            },
+        ),
+        ("request no values", Request::Values { ask: &[] }),
+        (
             "request within a time",
             Request::Within {
                 by_us: 1 << 40,
@@ -573,7 +586,34 @@ fn write_frames(text: &mut String) {
             },
         ),
     ];
-    for (name, stream) in streams {
+    // Of three nets, the second of which holds nothing: -0.5 and true, then -3.
+    let words: [u32; 7] = [
+        7 | 2 << 16,
+        0b101,
+        3,
+        1 << 8,
+        (-0.5_f32).to_bits(),
+        1,
+        (-3_i32).cast_unsigned(),
+    ];
+    let values: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let mut ended = [0; 16];
+    ended[..2].copy_from_slice(&[7, 1]);
+    let values = [
+        ("stream values", 255, 300, &values[..]),
+        ("stream values that have ended", 0, 301, &ended[..]),
+    ];
+    let values = values.map(|(name, seq, dropped, bytes)| {
+        let stream = Stream {
+            channel: Channel::Values,
+            seq,
+            continues: false,
+            dropped,
+            bytes,
+        };
+        (name, stream)
+    });
+    for (name, stream) in streams.into_iter().chain(values) {
         write_frame(text, name, &FromDevice::Stream(stream));
     }
     let news = News {
@@ -1065,6 +1105,21 @@ fn write_exchanges(text: &mut String) {
             record: false,
         });
     });
+    let blob = super::warm::listening(1, false);
+    exchange(text, "values of a mission, and their end", |line| {
+        line.ask(Request::Hello);
+        line.stage(&blob);
+        line.command(Request::Commit(Swap::default()));
+        let mission = super::values::hash(&blob);
+        line.ask(Request::Values {
+            ask: &super::values::ask_fields(mission, 0, 0),
+        });
+        line.ask(Request::Values {
+            ask: &super::values::ask_values(mission, 20, &[0]),
+        });
+        line.pass_us(100_000);
+        line.ask(Request::Values { ask: &[] });
+    });
     exchange(text, "requests that come too late", |line| {
         line.ask(Request::Hello);
         // In time, then sent again after it: it was done, and is answered as before.
@@ -1184,6 +1239,7 @@ fn the_vectors_are_what_the_firmware_does() {
 fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
     use rt_firmware::link::frame::{MAX_REPLY_BYTES, MAX_REPLY_FRAME_BYTES};
     use rt_firmware::link::message::PROTOCOL_VERSION;
+    use rt_firmware::link::telemetry::{MAX_ASK_BYTES, MAX_VALUE_WORDS};
 
     let page = std::fs::read_to_string(root().join("docs/link.md")).unwrap();
     let hello = frame_of(&ToDevice {
@@ -1204,6 +1260,9 @@ fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
         format!("`text: bytes`, at most {MAX_PART} from the offset"),
         format!("| `bytes` | bytes | at most {MAX_STREAM_BYTES} |"),
         format!("A window of {} bytes", 3 * MAX_CHUNK),
+        format!("at most **{MAX_VALUE_WORDS}** nets"),
+        format!("**{MAX_VALUE_WORDS}** words"),
+        format!("`ask: bytes`, at most {MAX_ASK_BYTES}:"),
     ] {
         assert!(page.contains(&told), "docs/link.md does not say {told:?}");
     }

@@ -12,6 +12,7 @@ mod readiness;
 mod robot;
 mod streams;
 mod trials;
+mod values;
 mod warm;
 
 use std::time::Duration;

@@ -12,6 +12,7 @@ use rt_firmware::link::message::{
     Status, Swap, TaskCounters, ToDevice,
 };
 use rt_firmware::link::news::News;
+use rt_firmware::link::telemetry::Sample;
 use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::realtime::params::SavedParams;
@@ -402,6 +403,19 @@ pub struct Bench<'q, 'm, 'w> {
     pub log: Vec<u8>,
     /// News so far.
     pub news: Vec<News>,
+    /// Values so far.
+    pub values: Vec<Values>,
+    /// Samples that the robot has dropped, as it says.
+    pub samples_dropped: u32,
+}
+
+/// A part with values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Values {
+    /// Number of the request, nets that hold a value, time of the macro step, words.
+    Sample(u8, u32, u64, Vec<u32>),
+    /// There are no more.
+    Ended(u8),
 }
 
 /// Makes a robot and tries it.
@@ -457,6 +471,8 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
         trace: vec![],
         log: vec![],
         news: vec![],
+        values: vec![],
+        samples_dropped: 0,
     };
     test(&mut bench);
 }
@@ -536,6 +552,27 @@ impl Bench<'_, '_, '_> {
                     self.log.extend(stream.bytes);
                 }
                 FromDevice::News(news) => self.news.push(news),
+                FromDevice::Stream(stream)
+                    if stream.channel == rt_firmware::link::message::Channel::Values =>
+                {
+                    assert!(!stream.continues, "a part is a whole sample");
+                    self.samples_dropped = stream.dropped;
+                    self.values
+                        .push(match Sample::of(stream.bytes).expect("a sample") {
+                            Sample::Values {
+                                number,
+                                left_out,
+                                has,
+                                t_us,
+                                words,
+                            } => {
+                                assert_eq!(left_out, 0);
+                                let words = words.iter().map(|word| u32::from_le_bytes(*word));
+                                Values::Sample(number, has, t_us, words.collect())
+                            }
+                            Sample::Ended { number } => Values::Ended(number),
+                        });
+                }
                 FromDevice::Stream(stream) => {
                     let mut bytes = stream.bytes;
                     while !bytes.is_empty() {

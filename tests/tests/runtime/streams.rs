@@ -3,15 +3,18 @@
 use rt_firmware::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, decode, encode};
 use rt_firmware::link::message::{FromDevice, Mode, Request, ToDevice};
 use rt_firmware::link::news::{Cause, News};
+use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
 
 use crate::counting;
-use crate::robot::{Bench, with_robot};
+use crate::robot::{Bench, Values, with_robot};
+use crate::values::{ask_values, hash};
+use crate::warm::listening;
 
 /// Bytes of the longest frame of a stream.
 const PART_FRAME_BYTES: usize = 113;
 
-/// Asks for all that there is, each millisecond if need be.
-fn want_everything(robot: &mut Bench<'_, '_, '_>) {
+/// Asks for all that there is of a mission, each millisecond if need be.
+fn want_everything(robot: &mut Bench<'_, '_, '_>, blob: &[u8]) {
     robot
         .ask(Request::Subscribe {
             trace: true,
@@ -25,13 +28,16 @@ fn want_everything(robot: &mut Bench<'_, '_, '_>) {
             period_ms: 1,
         })
         .unwrap();
+    let ask = ask_values(hash(blob), 0, &[0; MAX_VALUE_WORDS]);
+    robot.ask(Request::Values { ask: &ask }).unwrap();
 }
 
 #[test]
 fn an_answer_waits_for_the_rest_of_one_part_at_most_however_full_the_wire() {
     with_robot(|robot| {
-        robot.start(&counting(1_000_000).blob());
-        want_everything(robot);
+        let blob = listening(1, false);
+        robot.start(&blob);
+        want_everything(robot, &blob);
         robot.wire.log.extend([b'x'; 200_000]);
         robot.wire.room = Some(0);
         let mut longest = 0;
@@ -92,8 +98,9 @@ fn an_answer_waits_for_the_rest_of_one_part_at_most_however_full_the_wire() {
 #[test]
 fn a_client_that_never_reads_costs_no_slot_and_finds_the_robot_in_step() {
     with_robot(|robot| {
-        robot.start(&counting(1_000_000).blob());
-        want_everything(robot);
+        let blob = listening(1, false);
+        robot.start(&blob);
+        want_everything(robot, &blob);
         robot.wire.log.extend([b'x'; 60_000]);
         let before = robot.status();
         robot.wire.stuck = true;
@@ -106,6 +113,19 @@ fn a_client_that_never_reads_costs_no_slot_and_finds_the_robot_in_step() {
         );
         assert_eq!(after.steps - before.steps, 200, "each macro step of 10 ms");
         assert!(after.trace_dropped > 0, "there was no room for all of it");
+        robot.run_us(100_000);
+        // One was there, and one more comes from when there is room again.
+        let dropped = robot.samples_dropped;
+        assert!((190..=200).contains(&dropped), "{dropped} samples dropped");
+        let last = robot.values.last().cloned();
+        let Some(Values::Sample(_, has, t_us, words)) = last else {
+            panic!("{last:?}");
+        };
+        let counted = 2 * (t_us / 10_000) as u32;
+        assert_eq!(
+            (has, words),
+            ((1 << MAX_VALUE_WORDS) - 1, vec![counted; MAX_VALUE_WORDS])
+        );
     });
 }
 

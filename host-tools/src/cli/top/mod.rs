@@ -106,7 +106,10 @@ impl Shown for Following {
         self.view.set_time(self.started.elapsed());
         while let Some(news) = self.watch.news().map_err(CommandError::World)? {
             match news {
-                News::Read(reading) => self.view.take(*reading),
+                News::Read(reading, nets) => {
+                    self.view.take(*reading);
+                    self.view.take_nets(nets);
+                }
                 News::Found(robot) => self.view.found(robot),
                 News::Lost(why) => self.view.lost(why),
             }

@@ -22,6 +22,8 @@ const HEAD_LINES: u16 = 3;
 const TABLE_LINES: u16 = 3;
 /// Lines of the panels below it: an edge, and one for each bucket of start delays.
 const PANEL_LINES: u16 = 9;
+/// Lines of the panel of nets at least: an edge, and a net.
+const LEAST_NET_LINES: u16 = 2;
 /// Columns of the panel of start delays.
 const DELAY_COLUMNS: u16 = 42;
 /// Columns that its bars may have.
@@ -93,15 +95,27 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
         (None, Some(heights)) => (first_broken, heights),
         (None, None) => (head, plain),
     };
-    let [head_area, table, panels, foot] = Layout::vertical([
+    // Nets have what the table does not need.
+    let net_lines = u16::try_from(view.nets().len() + 1).unwrap_or(u16::MAX);
+    let spare = heights.table.saturating_sub(wanted);
+    let nets_height = match view.nets() {
+        [] => 0,
+        _ if spare < LEAST_NET_LINES => 0,
+        _ => spare.min(net_lines),
+    };
+    let [head_area, table, nets, panels, foot] = Layout::vertical([
         Constraint::Length(heights.head),
-        Constraint::Length(heights.table),
+        Constraint::Length(heights.table - nets_height),
+        Constraint::Length(nets_height),
         Constraint::Length(heights.panels),
         Constraint::Length(heights.foot),
     ])
     .areas(area);
     frame.render_widget(Paragraph::new(head), head_area);
     draw_table(frame, table, view, &rows, palette);
+    if nets_height > 0 {
+        draw_nets(frame, nets, view, palette);
+    }
     if heights.panels > 0 {
         let [delays, tasks] =
             Layout::horizontal([Constraint::Max(DELAY_COLUMNS), Constraint::Fill(1)]).areas(panels);
@@ -393,6 +407,33 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, rows: &[SlotRow], 
     frame.render_stateful_widget(table, area, &mut state);
 }
 
+/// The nets, a line each; where there is not room for all, how many are left out.
+fn draw_nets(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) {
+    let nets = view.nets();
+    let room = usize::from(area.height.saturating_sub(1));
+    let title = match nets.len().saturating_sub(room) {
+        0 => " nets ".to_owned(),
+        left_out => format!(" nets, {left_out} more below "),
+    };
+    let block = Block::new().borders(Borders::TOP).title(title);
+    let width = nets.iter().map(|net| net.name.chars().count()).max();
+    let width = width.unwrap_or_default();
+    let lines: Vec<Line<'_>> = nets
+        .iter()
+        .map(|net| {
+            let (value, style) = match &net.value {
+                Some(value) => (value.as_str(), Style::new()),
+                None => ("nothing yet", palette.quiet()),
+            };
+            Line::from(vec![
+                Span::raw(format!(" {:<width$}  ", net.name)),
+                Span::styled(value.to_owned(), style),
+            ])
+        })
+        .collect();
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
 /// A longest execution of more than this share of the slot's duration is shown as a warning.
 const NEARLY_FULL: f64 = 0.9;
 
@@ -466,8 +507,8 @@ mod tests {
     use ratatui::buffer::Buffer;
     use rt_firmware::link::message::{Mode, SafeReason};
 
-    use super::super::view::Key;
     use super::super::view::tests::{reading, robot, view_of};
+    use super::super::view::{Key, NetRow};
     use super::*;
     use crate::cli::terminal::tests::{self as terminal, assert_golden, coloured, text};
     use crate::reading::Reading;
@@ -497,7 +538,24 @@ mod tests {
         (empty.mode, empty.mission) = (Mode::Empty, None);
         let mut without_mission = View::new(robot());
         without_mission.take(Reading::without_mission(empty));
+        let net = |name: &str, value: Option<&str>| NetRow {
+            name: name.to_owned(),
+            value: value.map(str::to_owned),
+        };
+        let mut with_nets = running();
+        with_nets.take_nets(vec![
+            net(
+                "position/Track.pose",
+                Some("x 1.250 m  y -0.031 m  heading 0.120 rad"),
+            ),
+            net(
+                "motion/Ahead.twist",
+                Some("forward 0.250 m/s  turn 0.000 rad/s"),
+            ),
+            net("power/Measure.battery", None),
+        ]);
         for (name, view, width, height) in [
+            ("nets", with_nets, 100, 24),
             ("wide", running(), 132, 24),
             ("usual", second_slot, 80, 24),
             ("reset", reset, 120, 20),

@@ -96,6 +96,15 @@ fn per_us(
     (elapsed_us > 0).then(|| grown / elapsed_us as f64)
 }
 
+/// A net of the mission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NetRow {
+    /// What it goes by.
+    pub name: String,
+    /// What was on it last, in words.
+    pub value: Option<String>,
+}
+
 /// A key, as far as it means something here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
@@ -118,6 +127,8 @@ pub struct View {
     robot: RobotInfo,
     /// The last readings of one run of one mission, the newest last.
     readings: VecDeque<Reading>,
+    /// The nets of the mission, and what was on them last.
+    nets: Vec<NetRow>,
     /// Where the person set the view back.
     baseline: Option<Reading>,
     selected: usize,
@@ -134,6 +145,7 @@ impl View {
         View {
             robot,
             readings: VecDeque::new(),
+            nets: Vec::new(),
             baseline: None,
             selected: 0,
             paused: false,
@@ -179,6 +191,18 @@ impl View {
         }
         self.selected = self.selected.min(reading.slots.len().saturating_sub(1));
         self.readings.push_back(reading);
+    }
+
+    /// What is on the nets of the mission of the reading that came last.
+    pub fn take_nets(&mut self, nets: Vec<NetRow>) {
+        if !self.paused {
+            self.nets = nets;
+        }
+    }
+
+    /// The nets of the mission, as far as the robot tells of them.
+    pub fn nets(&self) -> &[NetRow] {
+        &self.nets
     }
 
     /// The person pressed a key.
