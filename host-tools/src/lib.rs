@@ -33,4 +33,5 @@ pub mod trace;
 pub mod trace_events;
 pub mod trial;
 pub mod values;
+mod work_time;
 pub mod world;

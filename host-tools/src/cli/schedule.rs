@@ -64,7 +64,7 @@ pub struct ScheduleArgs {
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = percent)]
     pub snap: Option<u32>,
 
-    /// How long the search may take, in seconds
+    /// How long the search may take, in seconds of processor time
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
     pub limit: Duration,
 }

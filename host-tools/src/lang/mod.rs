@@ -327,5 +327,3 @@ impl Checked {
 
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod work_time;

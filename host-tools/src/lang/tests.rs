@@ -7,6 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::model::{Action, Guard, PathEnd, SlotRef, Source, StateKind, Target, Trigger, Value};
+use crate::work_time;
 
 /// Stands behind the text of a case, so that it changes no line or column in it.
 const REST: &str = "

@@ -26,7 +26,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::io::{self, BufReader, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, SyncSender};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
 use lsp_types::Position;
@@ -36,6 +36,7 @@ use serde_json::{Value, json};
 
 use crate::lang::{self, Code, Diagnostic, MAX_FILE_BYTES, Severity, format};
 use crate::model::Span;
+use crate::work_time;
 use rename::{Places, Refusal};
 use sets::{Document, Documents, Set, uri_of};
 use text::{Encoding, Text};
@@ -47,7 +48,7 @@ const MESSAGES_AHEAD: usize = 256;
 /// How many diagnostics a file is shown with.
 const MAX_SHOWN_DIAGNOSTICS: usize = 1_000;
 
-/// How long a check may take for every request to get its answer. Where it takes longer, those that a change has overtaken are told so.
+/// How long a check may work for every request to get its answer. Where it takes longer, those that a change has overtaken are told so.
 const PROMPT: Duration = Duration::from_millis(200);
 
 /// How the editor ended the conversation.
@@ -450,7 +451,7 @@ impl Server {
     /// The sets of the open files. A file that another one uses is looked at as a part of that one's set.
     fn sets(&mut self) -> &[Set] {
         if self.sets.is_none() {
-            let start = Instant::now();
+            let start = work_time::taken();
             let open = self.open_texts();
             let mut sets: Vec<Set> = Vec::new();
             for (identity, document) in &self.documents {
@@ -466,7 +467,7 @@ impl Server {
                 sets.push(set);
             }
             self.sets = Some(sets);
-            self.is_slow = start.elapsed() > PROMPT;
+            self.is_slow = work_time::taken().saturating_sub(start) > PROMPT;
         }
         self.sets.as_deref().unwrap_or_default()
     }

@@ -1,11 +1,13 @@
 //! How long a search may go on.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Looks at the time now and then.
+use crate::work_time;
+
+/// Looks at the time now and then: at that which this thread has worked, so that a search finds on a loaded machine what it finds on an idle one.
 #[derive(Debug)]
 pub(super) struct Clock {
-    end: Option<Instant>,
+    end: Option<Duration>,
     ticks: u32,
     /// As much work may still be done.
     ticks_left: u64,
@@ -16,7 +18,7 @@ impl Clock {
     /// A clock that runs out after `limit`, and never, where that is beyond what can be told.
     pub(super) fn new(limit: Duration) -> Self {
         Clock {
-            end: Instant::now().checked_add(limit),
+            end: work_time::taken().checked_add(limit),
             ticks: 0,
             ticks_left: u64::MAX,
             is_over: false,
@@ -51,7 +53,7 @@ impl Clock {
         self.is_over |= self.ticks_left == 0;
         if self.ticks >= TICKS_PER_LOOK {
             self.ticks = 0;
-            self.is_over |= self.end.is_some_and(|end| Instant::now() >= end);
+            self.is_over |= (self.end).is_some_and(|end| work_time::taken() >= end);
         }
         self.is_over
     }

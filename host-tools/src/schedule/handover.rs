@@ -5,12 +5,13 @@
 //! mission to come in which as few of these slots as possible move, and [`Handover`] says which do and how long each is not heard of.
 
 use std::fmt;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use esm_core::tables::Tables;
 use serde::Serialize;
 
 use super::{Outcome, Schedule, SlotSpec, gcd, solve};
+use crate::work_time;
 
 /// How long one search of several may take. Tables of robots are laid out in milliseconds, or cannot be.
 const ONE_SEARCH: Duration = Duration::from_secs(1);
@@ -75,9 +76,9 @@ pub fn lay_out(running: &SlotTable, next: &SlotTable, limit: Duration) -> Schedu
         return best;
     }
     let shared = shared(running, next);
-    let began = Instant::now();
+    let began = work_time::taken();
     let fixed = |kept: &[Shared]| -> Option<Schedule> {
-        let left = limit.checked_sub(began.elapsed())?;
+        let left = limit.checked_sub(work_time::taken().saturating_sub(began))?;
         let mut slots = next.slots.clone();
         for (index, slot) in slots.iter_mut().enumerate() {
             let kept = kept.iter().find(|shared| shared.index == index);

@@ -96,7 +96,7 @@ pub enum Outcome {
     Undecided,
 }
 
-/// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
+/// Searches for start times for at most `limit` of processor time. Equal slots give equal answers, but for searches that the limit cuts off.
 pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
     solve_within(slots, &mut clock::Clock::new(limit))
 }

@@ -13,9 +13,9 @@ use super::sharing;
 use crate::lang::diagnostic::{Code, Sink};
 use crate::lang::loader::{self, Memory};
 use crate::lang::resolve::{self, Trees};
-use crate::lang::work_time;
 use crate::lang::{Positions, load_text};
 use crate::model::Model;
+use crate::work_time;
 
 /// What could not be read or resolved of a text.
 fn holes_of(text: &str) -> Holes {

@@ -5,7 +5,8 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use crate::lang::{Checked, Code, load_text, load_texts, work_time};
+use crate::lang::{Checked, Code, load_text, load_texts};
+use crate::work_time;
 
 const SUBJECTS: [Code; 4] = [Code::W102, Code::W104, Code::W106, Code::W107];
 
