@@ -17,6 +17,7 @@ LONGEST_WAIT_S = 1.0
 BYTE_TIME_S = 0.0005
 SPOILED_WAIT_S = 0.01
 BUSY_WAIT_S = 0.005
+LONGEST_LOOK_S = 1.0
 SILENT_DEADLINE_S = 6.0
 NOISY_DEADLINE_S = 30.0
 # A robot does not do what it is asked for after nobody waits for it any more: a client gives up no sooner.
@@ -83,16 +84,37 @@ def open_port(name: str, baud: int = 115_200):
 
 
 class _Patience:
+    """A look at the clock counts for no more than a second: who looks seldomer was suspended, and has heard nothing meanwhile."""
+
     def __init__(self) -> None:
-        self.started = self.last_sign = time.monotonic()
+        self.started = self.looked = time.monotonic()
+        self.spent = self.silent = 0.0
+
+    def look(self) -> None:
+        now = time.monotonic()
+        self._count(min(now - self.looked, LONGEST_LOOK_S), now)
+
+    def adopt(self, other: "_Patience") -> None:
+        self._count(other.spent, other.looked)
+
+    def _count(self, seconds: float, now: float) -> None:
+        self.looked = now
+        self.spent += seconds
+        self.silent += seconds
 
     def sign_of_life(self) -> None:
-        self.last_sign = time.monotonic()
+        self.silent = 0.0
+
+    def lasts(self) -> bool:
+        return self.silent < SILENT_DEADLINE_S and self.spent < NOISY_DEADLINE_S
 
     def check(self, name: str) -> None:
-        now = time.monotonic()
-        if now - self.last_sign >= SILENT_DEADLINE_S or now - self.started >= NOISY_DEADLINE_S:
-            raise NoReply(f"the robot did not answer `{name}` within {now - self.started:.1f} s")
+        if not self.lasts():
+            raise NoReply(f"the robot did not answer `{name}` within {self.spent:.1f} s")
+
+    def is_fresh(self) -> bool:
+        """Whether the person who asked still expects it: what was put off for longer is not sent anew."""
+        return time.monotonic() - self.started < SILENT_DEADLINE_S
 
 
 class Client:
@@ -344,7 +366,7 @@ class Client:
                 wait = self._wait(attempt, following - there)
             left = 0.0 if wait is None else max(0.0, last_sign + wait - time.monotonic())
             spoiled = self._reader.spoiled
-            answers = self._receive(left)
+            answers = self._receive(left, patience)
             if answers or self._reader.spoiled != spoiled:
                 patience.sign_of_life()
             gap = False
@@ -436,6 +458,7 @@ class Client:
                 body = self._exchange_signed(name, patience, upload, messages.WITHIN, *fields_in_time, longer=longer)
             else:
                 body = self._exchange(name, patience, messages.WITHIN, *fields_in_time, longer=longer)
+            begun.adopt(patience)
             if not self._is_to_repeat(name, wanted, body, begun):
                 return body
 
@@ -472,11 +495,10 @@ class Client:
             raise Malformed(f"the robot answered `{name}` with {body}")
         if body.name not in ("Busy", "Malformed", "NoAnswer", "Late"):
             raise Refused(name, body)
-        try:
-            patience.check(name)
-        except NoReply:
-            raise Refused(name, body) from None
+        if not (patience.is_fresh() if body.name == "Late" else patience.lasts()):
+            raise Refused(name, body)
         time.sleep(BUSY_WAIT_S)
+        patience.look()
         return True
 
     def _ask(self, name: str, wanted: type, kind: int, *fields):
@@ -497,7 +519,7 @@ class Client:
             deadline = sent + self._wait(attempt, len(request) + 7) + longer
             while time.monotonic() < deadline:
                 spoiled = self._reader.spoiled
-                answers = self._receive(deadline - time.monotonic())
+                answers = self._receive(max(0.0, deadline - time.monotonic()), patience)
                 if kind == messages.HELLO and self._other_version is not None:
                     raise OtherVersion(self._other_version)
                 if answers:
@@ -540,7 +562,7 @@ class Client:
         except OSError as cause:
             raise LinkLost(f"the line to the robot is lost: {cause}") from cause
 
-    def _receive(self, timeout: float) -> List[Answer]:
+    def _receive(self, timeout: float, patience: Optional[_Patience] = None) -> List[Answer]:
         """Takes what the line has, waiting so long for its first byte. Streams are kept, answers returned."""
         try:
             self._port.timeout = timeout
@@ -550,6 +572,8 @@ class Client:
                 received += self._port.read(4096)
         except OSError as cause:
             raise LinkLost(f"the line to the robot is lost: {cause}") from cause
+        if patience is not None:
+            patience.look()
         answers = []
         for message in self._reader.feed(received):
             try:

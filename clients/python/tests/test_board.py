@@ -9,11 +9,15 @@ import sys
 import tempfile
 import time
 import unittest
+from unittest import mock
 
 from esm_link import Client, Key, NoReply, OtherKey, Refused, open_port
 
 ESM = os.environ.get("ESM_BINARY")
 BLOB = os.environ.get("ESM_LINK_BLOB")
+
+# Longer than a loaded machine takes over anything.
+LONG_S = 90
 
 
 @unittest.skipUnless(ESM and BLOB, "ESM_BINARY and ESM_LINK_BLOB name no command and no blob")
@@ -30,7 +34,7 @@ class HostBoard(unittest.TestCase):
     def _end(self):
         self.board.terminate()
         self.board.stdout.close()
-        self.board.wait(10)
+        self.board.wait(LONG_S)
 
     def test_a_session(self):
         with open_port(self.port) as port:
@@ -49,10 +53,12 @@ class HostBoard(unittest.TestCase):
             print(f"{len(self.blob)} bytes in {took:.3f} s, {client.retries} sent again", file=sys.stderr)
             self.assertEqual((told[0], told[-1]), (0, len(self.blob)))
             self.assertEqual(client.read_blob(), self.blob)
-            records = list(client.trace(1.0))
+            records = []
+            deadline = time.monotonic() + LONG_S
+            while sum(record["kind"] in ("step", "same") for record in records) <= 20:
+                self.assertLess(time.monotonic(), deadline, records)
+                records += client.trace(0.5)
             self.assertEqual((records[0]["kind"], records[0]["mission"]), ("started", mission))
-            steps = [record for record in records if record["kind"] in ("step", "same")]
-            self.assertGreater(len(steps), 20)
             status = client.status()
             self.assertEqual((status.mode, status.mission, status.missed), ("running", mission, 0))
             client.stop()
@@ -117,7 +123,7 @@ class HostBoard(unittest.TestCase):
     @unittest.skipUnless(importlib.util.find_spec("cryptography"), "the package `cryptography` is not there")
     def test_the_command_with_a_key(self):
         def esm_link(*arguments):
-            return subprocess.run([sys.executable, "-m", "esm_link", self.port, *arguments], capture_output=True, text=True, timeout=30)
+            return subprocess.run([sys.executable, "-m", "esm_link", self.port, *arguments], capture_output=True, text=True, timeout=LONG_S)
 
         with tempfile.TemporaryDirectory() as folder:
             key, other = os.path.join(folder, "key"), os.path.join(folder, "other")
@@ -140,7 +146,7 @@ class HostBoard(unittest.TestCase):
     def test_the_command(self):
         def run(*arguments):
             command = [sys.executable, "-m", "esm_link", self.port, *arguments]
-            return subprocess.run(command, capture_output=True, text=True, timeout=30)
+            return subprocess.run(command, capture_output=True, text=True, timeout=LONG_S)
 
         self.assertEqual(json.loads(run("hello").stdout)["board"], "host")
         uploaded = json.loads(run("upload", BLOB).stdout)
@@ -148,8 +154,11 @@ class HostBoard(unittest.TestCase):
         self.assertEqual(run("stop").returncode, 0)
         self.assertEqual(json.loads(run("status").stdout)["mode"], "stopped")
         self.assertEqual(run("start").returncode, 0)
-        lines = run("trace", "--seconds", "0.5").stdout.splitlines()
-        self.assertGreater(len([json.loads(line) for line in lines]), 5)
+        seconds = 0.5
+        while len([json.loads(line) for line in run("trace", "--seconds", str(seconds)).stdout.splitlines()]) <= 5:
+            # A loaded machine has given the board no processor.
+            seconds *= 2
+            self.assertLess(seconds, LONG_S)
         with tempfile.NamedTemporaryFile() as file:
             file.write(b"no mission")
             file.flush()
@@ -159,21 +168,45 @@ class HostBoard(unittest.TestCase):
 
 
 class NoRobot(unittest.TestCase):
-    def test_silence_ends_in_time(self):
-        class Silent:
-            timeout = 0.0
+    class Silent:
+        """A line on which nothing comes, in a time of its own: it is the module `time` of the client, too."""
 
-            def write(self, sent: bytes) -> None:
-                pass
+        timeout = 0.0
+        now = 0.0
+
+        def write(self, sent: bytes) -> None:
+            pass
+
+        def read(self, size: int) -> bytes:
+            self.sleep(self.timeout)
+            return b""
+
+        def sleep(self, seconds: float) -> None:
+            self.now += seconds
+
+        def monotonic(self) -> float:
+            return self.now
+
+    def test_silence_ends_in_time(self):
+        line = self.Silent()
+        with mock.patch("esm_link.client.time", line), self.assertRaises(NoReply):
+            Client(line, number=0).hello()
+        self.assertTrue(5 < line.now < 10)
+
+    def test_a_process_that_was_suspended_asks_on(self):
+        class Suspended(self.Silent):
+            reads = 0
 
             def read(self, size: int) -> bytes:
-                time.sleep(self.timeout)
-                return b""
+                self.reads += 1
+                if self.reads == 1:
+                    self.sleep(60)
+                return super().read(size)
 
-        started = time.monotonic()
-        with self.assertRaises(NoReply):
-            Client(Silent()).hello()
-        self.assertTrue(5 < time.monotonic() - started < 10)
+        line = Suspended()
+        with mock.patch("esm_link.client.time", line), self.assertRaises(NoReply):
+            Client(line, number=0).hello()
+        self.assertGreater(line.now, 65)
 
 
 if __name__ == "__main__":

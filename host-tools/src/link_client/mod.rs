@@ -809,7 +809,7 @@ impl<L: ByteLink> LinkClient<L> {
         let mut patience = Patience::new(self.clock.now());
         loop {
             let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
-                self.exchange_in_time(name, request, longer, &mut read)?
+                self.exchange_in_time(name, request, longer, &mut patience, &mut read)?
             } else if self.signing.is_for(&request) {
                 self.exchange_signed(name, request, NO_UPLOAD, longer, &mut patience, &mut read)?
             } else {
@@ -819,15 +819,16 @@ impl<L: ByteLink> LinkClient<L> {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
                 // The robot saw noise, has its hands full, or came to it too late to do it: the request is as good as new.
-                Err(LinkError::Malformed | LinkError::Busy | LinkError::Late)
-                    if patience.lasts(self.clock.now()) =>
-                {
-                    self.clock.pause(BUSY_WAIT);
+                Err(LinkError::Malformed | LinkError::Busy) if patience.lasts() => {
+                    self.pause(BUSY_WAIT, &mut patience);
+                }
+                Err(LinkError::Late) if patience.is_fresh(self.clock.now()) => {
+                    self.pause(BUSY_WAIT, &mut patience);
                 }
                 // Somebody else has sent it a wrong signature.
-                Err(LinkError::TooSoon { ms }) if patience.lasts(self.clock.now()) => {
-                    self.clock
-                        .pause(Duration::from_millis(ms.into()).min(LONGEST_PAUSE));
+                Err(LinkError::TooSoon { ms }) if patience.lasts() => {
+                    let wait = Duration::from_millis(ms.into()).min(LONGEST_PAUSE);
+                    self.pause(wait, &mut patience);
                 }
                 Err(error) => {
                     return Err(ClientError::Refused {
@@ -839,12 +840,19 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Sends a command that the robot may carry out as long as its answer is waited for, and no longer.
+    /// Lets time pass before a request is sent anew.
+    fn pause(&mut self, wait: Duration, patience: &mut Patience) {
+        self.clock.pause(wait);
+        patience.look(self.clock.now());
+    }
+
+    /// Sends a command that the robot may carry out as long as its answer is waited for, and no longer. The time of that is also `whole`'s.
     fn exchange_in_time<T>(
         &mut self,
         name: &'static str,
         command: Request<'_>,
         longer: Duration,
+        whole: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
         let mut room = [0; MAX_SIGNED_BYTES];
@@ -861,14 +869,17 @@ impl<L: ByteLink> LinkClient<L> {
             by_us: now_us.saturating_add(patience_us),
             request: bytes,
         };
-        if !self.signing.is_for(&command) {
-            return self.exchange(name, request, longer, &mut patience, read);
-        }
-        let upload = match command {
-            Request::Commit(_) => self.signing.upload,
-            _ => NO_UPLOAD,
+        let answer = if self.signing.is_for(&command) {
+            let upload = match command {
+                Request::Commit(_) => self.signing.upload,
+                _ => NO_UPLOAD,
+            };
+            self.exchange_signed(name, request, upload, longer, &mut patience, read)
+        } else {
+            self.exchange(name, request, longer, &mut patience, read)
         };
-        self.exchange_signed(name, request, upload, longer, &mut patience, read)
+        whole.adopt(patience);
+        answer
     }
 
     /// Sends a request under a new number until its answer is there, for which the robot may take `longer` than for others.
@@ -916,9 +927,10 @@ impl<L: ByteLink> LinkClient<L> {
                 if let (Request::Hello, Some(robot)) = (request, self.incoming.other_version) {
                     return Err(ClientError::OtherVersion { robot });
                 }
+                patience.look(self.clock.now());
                 let spoiled = self.incoming.bad_frames != bad_before;
                 if heard || spoiled {
-                    patience.sign_of_life(self.clock.now());
+                    patience.sign_of_life();
                 }
                 if spoiled {
                     // Most likely it was the answer.
@@ -931,7 +943,7 @@ impl<L: ByteLink> LinkClient<L> {
                 }
                 return Ok(answer);
             }
-            patience.check(name, self.clock.now())?;
+            patience.check(name)?;
             attempt += 1;
             self.counts.retries += 1;
             if planted!(Renumbered) {

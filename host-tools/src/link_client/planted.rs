@@ -63,7 +63,7 @@ type Broken = String;
 
 /// Time that passes when somebody waits, in microseconds.
 #[derive(Default)]
-struct Waited(AtomicU64);
+pub(super) struct Waited(AtomicU64);
 
 impl SimulatedTime for Waited {
     fn elapsed(&self) -> Duration {

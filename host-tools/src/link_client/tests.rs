@@ -1,5 +1,6 @@
 //! The client against the firmware's own end of the link, over lines that are good, bad, and cut.
 
+use super::planted::Waited;
 use super::timing::REQUEST_DEADLINE;
 use super::*;
 use crate::compile::NameTable;
@@ -10,6 +11,7 @@ use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant};
+use crate::serial::clock::SimulatedTime;
 use crate::serial::noise::{Noise, Noisy};
 use crate::serial::pipe::{self, PipeEnd};
 use crate::world::World;
@@ -17,6 +19,7 @@ use esm_core::Refusal;
 use std::collections::VecDeque;
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 fn robot() -> (HostBoard, PipeEnd) {
@@ -128,26 +131,30 @@ fn a_blob_that_is_too_long_is_refused_before_it_is_sent() {
     assert!(client.counts().bytes_sent - before < 100);
 }
 
-/// A line on which nothing that is sent arrives.
-struct Deaf(PipeEnd);
+/// A line on which nothing comes and nothing that is sent arrives, in a time of its own.
+struct Deaf(Arc<Waited>);
 
 impl ByteLink for Deaf {
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.0.receive(buffer, timeout)
+    fn receive(&mut self, _: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.0.pause(timeout);
+        Ok(0)
     }
 
     fn send(&mut self, _: &[u8]) -> io::Result<()> {
         Ok(())
     }
+
+    fn clock(&self) -> Clock {
+        Clock::simulated(self.0.clone())
+    }
 }
 
 #[test]
 fn a_robot_that_does_not_answer_is_given_up_in_time() {
-    let (near, _far) = pipe::pair();
-    let started = Instant::now();
-    let error = LinkClient::connect(Deaf(near)).err().unwrap();
+    let time = Arc::<Waited>::default();
+    let error = LinkClient::connect(Deaf(time.clone())).err().unwrap();
     assert!(matches!(error, ClientError::NoReply { .. }), "{error}");
-    let took = started.elapsed();
+    let took = time.elapsed();
     assert!(
         took >= REQUEST_DEADLINE && took < REQUEST_DEADLINE * 2,
         "{took:?}"
@@ -158,10 +165,9 @@ fn a_robot_that_does_not_answer_is_given_up_in_time() {
 fn a_line_that_is_cut_is_told_at_once() {
     let (near, far) = pipe::pair();
     drop(far);
-    let started = Instant::now();
     let error = LinkClient::connect(near).err().unwrap();
+    // Who had waited would say that nobody answers.
     assert!(matches!(error, ClientError::Line(_)), "{error}");
-    assert!(started.elapsed() < Duration::from_secs(1));
 }
 
 #[test]
@@ -198,22 +204,20 @@ fn a_robot_of_another_version_is_named_as_such() {
                 }
             }
         });
-        let started = Instant::now();
         let error = LinkClient::connect(near).err().unwrap();
         assert!(
             matches!(error, ClientError::OtherVersion { robot } if robot == version),
             "{error}"
         );
         assert!(error.to_string().ends_with(advice), "{error}");
-        assert!(started.elapsed() < Duration::from_secs(1));
         robot.join().unwrap();
     }
 }
 
-/// A line with a time of its own, in µs, and a robot at its end that takes uploads: a byte takes its time on the wire, and an answer as long again as it
+/// A line with a time of its own, and a robot at its end that takes uploads: a byte takes its time on the wire, and an answer as long again as it
 /// takes to be made.
 struct Timed {
-    now_us: f64,
+    time: Arc<Waited>,
     byte_us: f64,
     answer_us: f64,
     reader: FrameReader,
@@ -223,25 +227,35 @@ struct Timed {
     answers: VecDeque<(f64, Vec<u8>)>,
 }
 
+impl Timed {
+    fn now_us(&self) -> f64 {
+        self.time.elapsed().as_secs_f64() * 1e6
+    }
+
+    fn pass_us(&self, time_us: f64) {
+        self.time.pause(Duration::from_secs_f64(time_us / 1e6));
+    }
+}
+
 impl ByteLink for Timed {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        let until_us = self.now_us + timeout.as_secs_f64() * 1e6;
+        let until_us = self.now_us() + timeout.as_secs_f64() * 1e6;
         match self.answers.front() {
             Some((at_us, _)) if *at_us <= until_us => {
-                self.now_us = self.now_us.max(*at_us);
+                self.pass_us((at_us - self.now_us()).max(0.0));
                 let (_, bytes) = self.answers.pop_front().unwrap();
                 buffer[..bytes.len()].copy_from_slice(&bytes);
                 Ok(bytes.len())
             }
             _ => {
-                self.now_us = until_us;
+                self.time.pause(timeout);
                 Ok(0)
             }
         }
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.now_us += bytes.len() as f64 * self.byte_us;
+        self.pass_us(bytes.len() as f64 * self.byte_us);
         for &byte in bytes {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
@@ -255,11 +269,73 @@ impl ByteLink for Timed {
             let result = Ok(Response::Received { len });
             let mut wire = [0; MAX_FRAME_BYTES];
             let length = frame::encode(&FromDevice::Reply { seq, result }, &mut wire).unwrap();
-            let at_us = self.now_us + self.answer_us + length as f64 * self.byte_us;
+            let at_us = self.now_us() + self.answer_us + length as f64 * self.byte_us;
             self.answers.push_back((at_us, wire[..length].to_vec()));
         }
         Ok(())
     }
+
+    fn clock(&self) -> Clock {
+        Clock::simulated(self.time.clone())
+    }
+}
+
+/// A session with that robot, whose window has so many bytes.
+fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
+    let link = Timed {
+        time: Arc::default(),
+        byte_us,
+        answer_us,
+        reader: FrameReader::new(),
+        there: 0,
+        answers: VecDeque::new(),
+    };
+    LinkClient {
+        clock: link.clock(),
+        link,
+        incoming: Incoming::new(),
+        seq: 0,
+        reply_time: ReplyTime::default(),
+        counts: LinkCounts::default(),
+        built_in: None,
+        signing: Signing::default(),
+        uploads: Uploads {
+            chunk_bytes: 176,
+            window_bytes,
+        },
+        stop: None,
+    }
+}
+
+/// A line to which a process listens that is suspended the first time, for longer than anybody waits.
+struct Suspended {
+    line: Timed,
+    was: bool,
+}
+
+impl ByteLink for Suspended {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        if !std::mem::replace(&mut self.was, true) {
+            self.line.time.pause(2 * REQUEST_DEADLINE);
+            return Ok(0);
+        }
+        self.line.receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.line.send(bytes)
+    }
+
+    fn clock(&self) -> Clock {
+        self.line.clock()
+    }
+}
+
+#[test]
+fn a_process_that_was_suspended_takes_the_answer_that_came_meanwhile() {
+    let line = |line| Suspended { line, was: false };
+    let mut client = over(timed(10.0, 2_000.0, 528), line);
+    assert_eq!(client.begin(&junk(1_000)).unwrap(), 0);
 }
 
 #[test]
@@ -273,31 +349,10 @@ fn an_upload_takes_little_more_than_its_bytes_on_the_wire() {
         (12_000.0, 528, 0.85),
         (2_000.0, 176, 0.80),
     ] {
-        let mut client = LinkClient {
-            link: Timed {
-                now_us: 0.0,
-                byte_us,
-                answer_us,
-                reader: FrameReader::new(),
-                there: 0,
-                answers: VecDeque::new(),
-            },
-            clock: Clock::wall(),
-            incoming: Incoming::new(),
-            seq: 0,
-            reply_time: ReplyTime::default(),
-            counts: LinkCounts::default(),
-            built_in: None,
-            signing: Signing::default(),
-            uploads: Uploads {
-                chunk_bytes: 176,
-                window_bytes,
-            },
-            stop: None,
-        };
+        let mut client = timed(byte_us, answer_us, window_bytes);
         client.stage(&blob, &mut |_| ()).unwrap();
         assert_eq!(client.counts.retries, 0);
-        let part = 4096.0 * byte_us / client.link.now_us;
+        let part = 4096.0 * byte_us / client.link.now_us();
         let is_enough = part >= most;
         let is_full = window_bytes > 176;
         assert_eq!(
@@ -423,7 +478,7 @@ fn started<L: ByteLink>(client: &mut LinkClient<L>) -> u32 {
         if let Some(mission) = client.status().unwrap().mission {
             return mission;
         }
-        assert!(begun.elapsed() < Duration::from_secs(5), "it never starts");
+        assert!(begun.elapsed() < Duration::from_secs(60), "it never starts");
     }
 }
 

@@ -50,40 +50,69 @@ impl ReplyTime {
     }
 }
 
-/// Since when a request, or the next step of an upload, is waited for.
+/// What a look at the clock counts at most. Who looks seldomer was suspended, or got no processor: he has heard nothing meanwhile, and the answer that he waits for may lie in the line.
+const LONGEST_LOOK: Duration = Duration::from_secs(1);
+
+/// How long a request, or the next step of an upload, has been waited for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patience {
     started: Instant,
-    last_sign: Instant,
+    looked: Instant,
+    spent: Duration,
+    /// Of that, since the last sign of life.
+    silent: Duration,
 }
 
 impl Patience {
     pub(super) fn new(now: Instant) -> Self {
         Patience {
             started: now,
-            last_sign: now,
+            looked: now,
+            spent: Duration::ZERO,
+            silent: Duration::ZERO,
         }
     }
 
+    /// Counts what has passed since the last look.
+    pub(super) fn look(&mut self, now: Instant) {
+        let passed = now.saturating_duration_since(self.looked);
+        self.count(passed.min(LONGEST_LOOK), now);
+    }
+
+    /// Counts what somebody else has counted meanwhile.
+    pub(super) fn adopt(&mut self, other: Self) {
+        self.count(other.spent, other.looked);
+    }
+
+    fn count(&mut self, time: Duration, now: Instant) {
+        self.looked = now;
+        self.spent += time;
+        self.silent += time;
+    }
+
     /// A frame came, whole or spoiled.
-    pub(super) fn sign_of_life(&mut self, now: Instant) {
-        self.last_sign = now;
+    pub(super) fn sign_of_life(&mut self) {
+        self.silent = Duration::ZERO;
     }
 
     /// Whether it is worth while to go on.
-    pub(super) fn lasts(&self, now: Instant) -> bool {
-        now.saturating_duration_since(self.last_sign) < REQUEST_DEADLINE
-            && now.saturating_duration_since(self.started) < NOISY_DEADLINE
+    pub(super) fn lasts(&self) -> bool {
+        self.silent < REQUEST_DEADLINE && self.spent < NOISY_DEADLINE
     }
 
-    /// Fails where it is not.
-    pub(super) fn check(&self, request: &'static str, now: Instant) -> Result<(), ClientError> {
-        if self.lasts(now) {
+    /// Whether a request is still as fresh as the person who asked for it expects: a command that was put off for longer is not sent anew.
+    pub(super) fn is_fresh(&self, now: Instant) -> bool {
+        now.saturating_duration_since(self.started) < REQUEST_DEADLINE
+    }
+
+    /// Fails where it is not worth while.
+    pub(super) fn check(&self, request: &'static str) -> Result<(), ClientError> {
+        if self.lasts() {
             return Ok(());
         }
         Err(ClientError::NoReply {
             request,
-            waited: now.saturating_duration_since(self.started),
+            waited: self.spent,
         })
     }
 }

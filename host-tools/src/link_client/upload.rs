@@ -250,8 +250,9 @@ impl<L: ByteLink> LinkClient<L> {
             let heard = self.incoming.receive(&mut self.link, left, |seq, result| {
                 standing.take(seq, result);
             })?;
+            patience.look(self.clock.now());
             if heard || self.incoming.bad_frames != bad_before {
-                patience.sign_of_life(self.clock.now());
+                patience.sign_of_life();
             }
             if let Some(error) = standing.refused {
                 return Err(ClientError::Refused {
@@ -273,7 +274,7 @@ impl<L: ByteLink> LinkClient<L> {
             attempt += u32::from(timed_out);
             if standing.has_gap || timed_out {
                 // A robot that misses what it was sent, again and again, is no progress either.
-                patience.check(NAME, self.clock.now())?;
+                patience.check(NAME)?;
                 self.counts.retries += 1;
                 rate.chunk_lost();
                 standing.step_back();
