@@ -1,6 +1,6 @@
 //! A mission on trial, watched from the host until it is known what becomes of it.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rt_firmware::link::message::{LinkError, Mode, SafeReason, Status};
 use rt_firmware::link::trial::FallBack;
@@ -21,7 +21,7 @@ const HEALTHY_STEPS: u64 = 5;
 /// How often the robot is asked.
 const LOOK_TIME: Duration = Duration::from_millis(50);
 
-/// How long the robot's time may stand still.
+/// How long the robot's time may stand still, as often as it is looked at.
 const STANDSTILL_LIMIT: Duration = Duration::from_secs(10);
 
 /// What becomes of a mission on trial.
@@ -66,7 +66,7 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     mut meanwhile: impl FnMut(&mut LinkClient<L>) -> Result<(), E>,
 ) -> Result<Outcome, E> {
     let mut last_us = 0;
-    let mut moved_at = Instant::now();
+    let mut stood = Duration::ZERO;
     loop {
         let status = robot.status()?;
         if let Some(outcome) = known(&status, mission) {
@@ -84,12 +84,13 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
         }
         if status.t_us != last_us {
             last_us = status.t_us;
-            moved_at = Instant::now();
-        } else if moved_at.elapsed() > STANDSTILL_LIMIT {
+            stood = Duration::ZERO;
+        } else if stood > STANDSTILL_LIMIT {
             return Ok(Outcome::Standstill);
         }
         meanwhile(robot)?;
         std::thread::sleep(LOOK_TIME);
+        stood += LOOK_TIME;
     }
 }
 

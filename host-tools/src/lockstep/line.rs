@@ -20,7 +20,10 @@ use crate::serial::ByteLink;
 use crate::serial::clock::{Clock, SimulatedTime};
 
 /// How long the client waits on the wall for a board that swaps no bytes before it takes it for hung.
-pub const STANDSTILL_LIMIT: Duration = Duration::from_secs(20);
+pub const STANDSTILL_LIMIT: Duration = Duration::from_secs(30);
+
+/// How often it looks meanwhile. A process that was suspended has looked once.
+const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Virtual time that a board may leave bytes untouched.
 const UNTOUCHED_LIMIT: Duration = Duration::from_secs(5);
@@ -114,13 +117,37 @@ impl Shared {
 
     /// The line once its time has begun, with the board's first swap, or once the board is gone.
     fn begun(&self) -> io::Result<MutexGuard<'_, State>> {
-        let not_begun = |state: &mut State| state.swaps == 0 && !state.board_gone;
-        let (state, timeout) = self
-            .changed
-            .wait_timeout_while(self.lock(), STANDSTILL_LIMIT, not_begun)
-            .unwrap_or_else(PoisonError::into_inner);
-        if timeout.timed_out() {
-            return Err(standstill());
+        self.wait_while(self.lock(), |state| state.swaps == 0 && !state.board_gone)
+    }
+
+    /// Waits on the wall, as long as the board swaps bytes now and then.
+    fn wait_while<'s>(
+        &'s self,
+        mut state: MutexGuard<'s, State>,
+        goes_on: impl Fn(&State) -> bool,
+    ) -> io::Result<MutexGuard<'s, State>> {
+        let mut seen = state.swaps;
+        let mut stood = Duration::ZERO;
+        while goes_on(&state) {
+            let (woken, timeout) = self
+                .changed
+                .wait_timeout(state, LOOK_INTERVAL)
+                .unwrap_or_else(PoisonError::into_inner);
+            state = woken;
+            if state.swaps != seen {
+                seen = state.swaps;
+                stood = Duration::ZERO;
+            } else if timeout.timed_out() {
+                stood += LOOK_INTERVAL;
+            }
+            if stood >= STANDSTILL_LIMIT && goes_on(&state) {
+                // The board finds a client that thinks.
+                state.wait = None;
+                return Err(io::Error::new(
+                    io::ErrorKind::TimedOut,
+                    "the board has swapped no bytes with its plant for too long; if its firmware cannot, give `--link uart`",
+                ));
+            }
         }
         Ok(state)
     }
@@ -135,29 +162,11 @@ impl Shared {
         let until = state.swaps.saturating_add(swaps_in(time));
         state.wait = Some(Wait { what, until });
         self.changed.notify_all();
-        let mut seen = state.swaps;
-        while state.wait.is_some() && !state.board_gone {
-            let (woken, timeout) = self
-                .changed
-                .wait_timeout(state, STANDSTILL_LIMIT)
-                .unwrap_or_else(PoisonError::into_inner);
-            state = woken;
-            if timeout.timed_out() && state.swaps == seen && state.wait.is_some() {
-                state.wait = None;
-                return Err(standstill());
-            }
-            seen = state.swaps;
-        }
+        let mut state =
+            self.wait_while(state, |state| state.wait.is_some() && !state.board_gone)?;
         state.wait = None;
         Ok(state)
     }
-}
-
-fn standstill() -> io::Error {
-    io::Error::new(
-        io::ErrorKind::TimedOut,
-        "the board has swapped no bytes with its plant for too long; if its firmware cannot, give `--link uart`",
-    )
 }
 
 /// Swaps in a time, begun ones included.

@@ -38,6 +38,9 @@ const LISTEN_TIME: Duration = Duration::from_millis(20);
 /// How long a robot whose time is over may take to say its last words.
 const SILENCE_AT_END: Duration = Duration::from_millis(300);
 
+/// Where that time is the wall's: how often in a row it answers and has nothing else to say. On a loaded machine a robot that is silent may have got no processor.
+const SILENT_ANSWERS: u32 = 15;
+
 /// The task whose missions want to hear of the host.
 const LINK_MONITOR: &str = "LinkMonitor";
 
@@ -231,6 +234,8 @@ struct Driver<W> {
     wall_start: Instant,
     /// When the robot's trace last had something to say, on the line's clock.
     last_word: Instant,
+    /// Answers since then that were looked for at the end.
+    silent_answers: u32,
     /// Whether a mission wants to hear of the host, and from which robot time on it does not.
     calls: bool,
     cut_link_us: Option<u64>,
@@ -315,6 +320,7 @@ impl<W: Write> Driver<W> {
             started: 0,
             wall_start,
             last_word: link_start,
+            silent_answers: 0,
             calls,
             cut_link_us: plan.cut_link_us,
             last_call: link_start,
@@ -335,8 +341,10 @@ impl<W: Write> Driver<W> {
         }
         self.upload_next(watch)?;
         let mut exchanges = self.pace.exchanges();
-        let mut moved_at = Instant::now();
+        // As often as it was looked at: a process that was suspended has not looked.
+        let mut stood = Duration::ZERO;
         loop {
+            let looked = Instant::now();
             if interrupt.is_requested() {
                 return Ok(true);
             }
@@ -355,26 +363,39 @@ impl<W: Write> Driver<W> {
             }
             if self.pace.exchanges() != exchanges {
                 exchanges = self.pace.exchanges();
-                moved_at = Instant::now();
-            } else if moved_at.elapsed() > STANDSTILL_LIMIT {
+                stood = Duration::ZERO;
+            } else if stood > STANDSTILL_LIMIT {
                 return Err(RunError::Standstill {
                     robot_us: self.pace.robot_us(),
                     console: String::new(),
                 });
+            } else {
+                stood += looked.elapsed().min(LISTEN_TIME);
             }
         }
     }
 
     /// Whether the time of interest has passed without the macro step that would have ended the story: in a stop or in the safe state
     /// robot time goes on, and the machine does not.
-    fn is_over_in_silence(&self) -> bool {
+    fn is_over_in_silence(&mut self) -> bool {
         let over = match self.gate() {
             None => self
                 .until_us
                 .is_some_and(|until_us| self.pace.robot_us() > until_us),
             Some(board) => board.waits_at_gate() && !self.missions_left_in_time(),
         };
-        over && self.robot.clock().since(self.last_word) > SILENCE_AT_END
+        if !over || self.link == LinkWay::Exchange {
+            return over && self.robot.clock().since(self.last_word) > SILENCE_AT_END;
+        }
+        if self.silent_answers < SILENT_ANSWERS {
+            let _hold = self.hold();
+            // One that does not answer any more says nothing more, either.
+            let answers = self.robot.status().is_ok();
+            self.silent_answers += if answers { 1 } else { SILENT_ANSWERS };
+            // What came with the answer, or before it, is looked at first.
+            return false;
+        }
+        true
     }
 
     /// Lets the robot hear that this program is there, if it wants to and the link is not cut.
@@ -498,6 +519,7 @@ impl<W: Write> Driver<W> {
             match event {
                 StreamEvent::Trace(records) => {
                     self.last_word = self.robot.clock().now();
+                    self.silent_answers = 0;
                     self.take_records(&records, watch)?;
                 }
                 // Nobody asked for them.
@@ -595,8 +617,8 @@ impl<W: Write> Driver<W> {
     /// Waits for what was recorded and is not here yet, while robot time is held.
     fn end_recording(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
         const LONGEST_WAIT: Duration = Duration::from_secs(5);
-        let began = self.robot.clock().now();
-        while self.recording.is_some() && self.robot.clock().since(began) < LONGEST_WAIT {
+        let mut waited = Duration::ZERO;
+        while self.recording.is_some() && waited < LONGEST_WAIT {
             let pending = match self.robot.status() {
                 Ok(status) => status.record_pending,
                 // A robot that fell silent at the very end has told all that it will.
@@ -605,7 +627,9 @@ impl<W: Write> Driver<W> {
             if !pending {
                 break;
             }
+            let began = self.robot.clock().now();
             self.link(|robot| robot.listen(LISTEN_TIME))?;
+            waited += self.robot.clock().since(began).min(LISTEN_TIME);
         }
         self.take_events(watch)
     }

@@ -38,7 +38,7 @@ pub const DEFAULT_BAUD: u32 = 115_200;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// How long a write may wait for a line that takes nothing.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The shortest wait that a socket or line can be asked for; zero means "for ever" to a socket.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
