@@ -1,9 +1,11 @@
 //! The emulated board: a QEMU process that runs the firmware, its serial line, and the pipes to the plant.
 //!
 //! Everything of one run lives in a folder of its own under the system's temporary folder, and ends with the [`Emulator`]: on drop,
-//! on Ctrl-C (a handler that makes the main loop return), and, where `setpriv` is installed, even if this process is killed.
+//! on Ctrl-C (a handler that makes the main loop return), and, where `setpriv` is installed, even if this process is killed. What is left of the folder then goes
+//! with the next run.
 
 pub mod firmware;
+mod folder;
 pub mod pipes;
 
 use std::fs::File;
@@ -15,11 +17,11 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use rt_firmware::body::{Reply, Request};
-use tempfile::TempDir;
 use thiserror::Error;
 
 use crate::lockstep::line::BoardEnd;
 use crate::plant::flash::Flash;
+use folder::RunFolder;
 use pipes::PipeServer;
 
 /// The emulator's command.
@@ -54,10 +56,10 @@ const UART_SOCKET: &str = "uart0";
 const CONSOLE_FILE: &str = "console";
 
 /// How long the emulator may take to connect its serial line.
-const START_LIMIT: Duration = Duration::from_secs(20);
+const START_LIMIT: Duration = Duration::from_secs(60);
 
 /// How long the firmware may leave bytes that were sent to it untouched.
-const UART_WRITE_LIMIT: Duration = Duration::from_secs(5);
+const UART_WRITE_LIMIT: Duration = Duration::from_secs(30);
 
 /// Lines of the emulator's own output that an error message repeats.
 const CONSOLE_LINES_TOLD: usize = 8;
@@ -116,7 +118,7 @@ pub struct Emulator {
     plant: PipeServer,
     flash: PipeServer,
     link: Option<(BoardEnd, PipeServer)>,
-    folder: TempDir,
+    folder: RunFolder,
     uart: Option<UnixStream>,
 }
 
@@ -151,10 +153,7 @@ impl Emulator {
             .map_err(|_| EmulatorError::NoFirmware {
                 path: firmware.to_owned(),
             })?;
-        let folder = tempfile::Builder::new()
-            .prefix("esm-")
-            .tempdir()
-            .map_err(system("make a folder for the run"))?;
+        let folder = RunFolder::new().map_err(system("make a folder for the run"))?;
         // The firmware takes the way by which its link goes from whether the third pair is there.
         let pairs = [pipes::PINS, pipes::FLASH, pipes::LINK];
         let made = pairs.len() - usize::from(line.is_none());
