@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::fs;
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -281,9 +282,9 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
     let name = key.display().to_string();
     let flash = flash_with_key(home.path(), &name).display().to_string();
     let mut heard = vec![];
-    // In the upload, while a signature is on its way, and in the run behind it.
-    for after_ms in [5, 60, 150, 400] {
-        let child = Command::new(env!("CARGO_BIN_EXE_esm"))
+    // In the upload, while a signature is on its way, as it happens; and in the run behind it, when that has something to tell.
+    for after_ms in [Some(5), Some(60), Some(150), None] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_esm"))
             .args([
                 "run",
                 "missions/patrol.esm",
@@ -300,10 +301,16 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        std::thread::sleep(Duration::from_millis(after_ms));
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        match after_ms {
+            Some(ms) => std::thread::sleep(Duration::from_millis(ms)),
+            None => {
+                out.read_until(b'\n', &mut heard).unwrap();
+            }
+        }
         kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
-        let Output { stdout, stderr, .. } = child.wait_with_output().unwrap();
-        heard.extend([stdout, stderr].concat());
+        out.read_to_end(&mut heard).unwrap();
+        heard.extend(child.wait_with_output().unwrap().stderr);
     }
     assert!(!heard.is_empty());
     hold_no_key_of(&key, &heard);

@@ -3,17 +3,24 @@
 //! Nothing here is skipped where something is missing: a test that cannot find its firmware or emulator fails, and says what to do.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long a command may take before it counts as hung. The longest drives the emulated board for 120 s of robot time.
-const PATIENCE: Duration = Duration::from_secs(240);
+use host_tools::link_client::LinkClient;
+use host_tools::serial::port::Port;
+use host_tools::serial::{self, ByteLink, DEFAULT_BAUD, OpenError};
+use tempfile::TempDir;
 
-/// How long a command may take to end after it was asked to.
-const END_PATIENCE: Duration = Duration::from_secs(20);
+use crate::subject;
+
+/// How long a command may take before it counts as hung. The longest drives the emulated board for 120 s of robot time.
+const PATIENCE: Duration = Duration::from_secs(600);
+
+/// How long something may take that is a matter of a second or two, before it counts as hung.
+const END_PATIENCE: Duration = Duration::from_secs(120);
 
 /// How often a running command is looked at.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
@@ -79,11 +86,12 @@ pub fn lean_firmware() -> PathBuf {
 
 /// Runs cargo at the top of the checkout.
 fn make(arguments: &[&str]) {
-    let status = Command::new("cargo")
+    let mut cargo = Command::new("cargo");
+    cargo
         .args(arguments)
         .current_dir(root())
-        .stdout(Stdio::null())
-        .status();
+        .stdout(Stdio::null());
+    let status = spawn(&mut cargo).and_then(|mut cargo| cargo.wait());
     assert!(
         status.is_ok_and(|status| status.success()),
         "`cargo {}` fails: see above. `cargo xtask test` finds or installs all that the tests need",
@@ -100,8 +108,6 @@ pub struct Done {
     pub out: String,
     /// What it wrote to standard error.
     pub err: String,
-    /// How long it took.
-    pub took: Duration,
 }
 
 impl Done {
@@ -147,23 +153,32 @@ pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Done {
     run(command)
 }
 
-/// [`esm`] with at most so much memory: a command that wants more fails. Comes with the processor time that it took, which other programs do not lengthen.
+/// [`esm`] with at most so much memory: a command that wants more fails. Comes with its processor time, as [`esm_timed`].
 ///
 /// # Panics
 /// If it cannot be started or does not end.
 #[track_caller]
 pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> (Done, Duration) {
+    // The shell counts in KiB.
+    esm_in_shell(&format!("ulimit -v {}; ", memory_mb * 1_024), arguments)
+}
+
+/// [`esm`], with the processor time that it and what it started took: other programs do not lengthen that, nor does a machine that stands still for a while.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+#[track_caller]
+pub fn esm_timed<S: AsRef<str>>(arguments: &[S]) -> (Done, Duration) {
+    esm_in_shell("", arguments)
+}
+
+#[track_caller]
+fn esm_in_shell<S: AsRef<str>>(before: &str, arguments: &[S]) -> (Done, Duration) {
     let times = tempfile::NamedTempFile::new().expect("a file for the time");
     let mut command = Command::new("sh");
-    // The shell counts in KiB.
-    let limit = memory_mb * 1_024;
+    let esm = "\"$0\" \"$@\"; status=$?; times > \"$ESM_TIMES\"; exit $status";
     command
-        .args([
-            "-c",
-            &format!(
-                "ulimit -v {limit}; \"$0\" \"$@\"; status=$?; times > \"$ESM_TIMES\"; exit $status"
-            ),
-        ])
+        .args(["-c", &format!("{before}{esm}")])
         .arg(esm_binary())
         .args(arguments.iter().map(AsRef::as_ref))
         .env("ESM_TIMES", times.path())
@@ -181,63 +196,139 @@ pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> (Done, Du
 
 /// Runs a command to its end, with its output kept.
 #[track_caller]
-fn run(mut command: Command) -> Done {
+fn run(command: Command) -> Done {
+    Running::of(command).done()
+}
+
+/// A command that runs while the test goes on. Dropping it kills it.
+pub struct Running {
+    command: Command,
+    child: Child,
     // Files and not pipes: nobody has to read them while it runs.
-    let folder = tempfile::tempdir().expect("a folder for output");
-    let (out, err) = (folder.path().join("out"), folder.path().join("err"));
-    let create = |path: &Path| File::create(path).expect("a file for output");
-    command
-        .stdin(Stdio::null())
-        .stdout(create(&out))
-        .stderr(create(&err));
-    let started = Instant::now();
-    let mut child = command
-        .spawn()
-        .unwrap_or_else(|error| panic!("{command:?} does not start: {error}"));
-    let status = ended(&mut child, PATIENCE);
-    let read = |path: &Path| {
-        String::from_utf8_lossy(&std::fs::read(path).unwrap_or_default()).into_owned()
-    };
-    let Some(status) = status else {
-        interrupt(&mut child);
-        panic!("{command:?} does not end\n{}\n{}", read(&out), read(&err));
-    };
-    Done {
-        status: status.code(),
-        out: read(&out),
-        err: read(&err),
-        took: started.elapsed(),
+    folder: TempDir,
+}
+
+impl Running {
+    /// Starts `esm` at the top of the checkout.
+    ///
+    /// # Panics
+    /// If it cannot be started.
+    #[track_caller]
+    pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Self {
+        Self::esm_with_temporary(&std::env::temp_dir(), arguments)
+    }
+
+    /// The same, with another folder for what is there for the time of the run.
+    ///
+    /// # Panics
+    /// If it cannot be started.
+    #[track_caller]
+    pub fn esm_with_temporary<S: AsRef<str>>(folder: &Path, arguments: &[S]) -> Self {
+        let mut command = Command::new(esm_binary());
+        command.args(arguments.iter().map(AsRef::as_ref));
+        command.current_dir(root()).env("TMPDIR", folder);
+        Self::of(command)
+    }
+
+    #[track_caller]
+    fn of(mut command: Command) -> Self {
+        let folder = tempfile::tempdir().expect("a folder for output");
+        let create = |name| File::create(folder.path().join(name)).expect("a file for output");
+        command
+            .stdin(Stdio::null())
+            .stdout(create("out"))
+            .stderr(create("err"));
+        let child = spawn(&mut command);
+        Running {
+            child: child.unwrap_or_else(|error| panic!("{command:?} does not start: {error}")),
+            command,
+            folder,
+        }
+    }
+
+    /// What it has written to standard output so far.
+    pub fn out(&self) -> String {
+        self.said("out")
+    }
+
+    /// What it has written to standard error so far.
+    pub fn err(&self) -> String {
+        self.said("err")
+    }
+
+    fn said(&self, name: &str) -> String {
+        let said = std::fs::read(self.folder.path().join(name)).unwrap_or_default();
+        String::from_utf8_lossy(&said).into_owned()
+    }
+
+    /// Waits until something has come of it.
+    ///
+    /// # Panics
+    /// If it ends before, or if that takes too long.
+    #[track_caller]
+    pub fn until(mut self, what: &str, is_there: impl Fn(&Self) -> bool) -> Self {
+        let deadline = Instant::now() + END_PATIENCE;
+        while !is_there(&self) {
+            let ended = self.child.try_wait();
+            let goes_on = matches!(ended, Ok(None)) && Instant::now() < deadline;
+            assert!(
+                goes_on,
+                "waited in vain for: {what}; {:?} ({ended:?})\n{}\n{}",
+                self.command,
+                self.out(),
+                self.err()
+            );
+            std::thread::sleep(LOOK_INTERVAL);
+        }
+        self
+    }
+
+    /// Does what Ctrl-C does, and waits for the end.
+    ///
+    /// # Panics
+    /// If it has ended before.
+    #[track_caller]
+    pub fn interrupted(mut self) -> Done {
+        let early = self.child.try_wait();
+        let status = interrupt(&mut self.child);
+        let done = self.ended_with(status);
+        assert!(
+            matches!(early, Ok(None)),
+            "{:?} ended by itself: {done:#?}",
+            self.command
+        );
+        done
+    }
+
+    #[track_caller]
+    fn done(mut self) -> Done {
+        let status = ended(&mut self.child, PATIENCE);
+        if status.is_none() {
+            interrupt(&mut self.child);
+        }
+        let done = self.ended_with(status);
+        assert!(
+            status.is_some(),
+            "{:?} does not end: {done:#?}",
+            self.command
+        );
+        done
+    }
+
+    fn ended_with(&self, status: Option<ExitStatus>) -> Done {
+        Done {
+            status: status.and_then(|status| status.code()),
+            out: self.out(),
+            err: self.err(),
+        }
     }
 }
 
-/// Runs `esm` for a time, then does what Ctrl-C does.
-///
-/// # Panics
-/// If it ends before, or cannot be started.
-#[track_caller]
-pub fn esm_for<S: AsRef<str>>(time: Duration, arguments: &[S]) -> Done {
-    let out = tempfile::NamedTempFile::new().expect("a file for output");
-    let err = tempfile::NamedTempFile::new().expect("a file for output");
-    let mut command = Command::new(esm_binary());
-    command
-        .args(arguments.iter().map(AsRef::as_ref))
-        .current_dir(root())
-        .stdin(Stdio::null())
-        .stdout(out.reopen().expect("a file for output"))
-        .stderr(err.reopen().expect("a file for output"));
-    let started = Instant::now();
-    let mut child = command.spawn().expect("`esm` starts");
-    let early = ended(&mut child, time);
-    let status = interrupt(&mut child);
-    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
-    let done = Done {
-        status: status.and_then(|status| status.code()),
-        out: read(out.path()),
-        err: read(err.path()),
-        took: started.elapsed(),
-    };
-    assert!(early.is_none(), "{command:?} ended by itself: {done:#?}");
-    done
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 /// Runs `esm` until it has said `word` on standard error, then does what Ctrl-C does.
@@ -246,56 +337,39 @@ pub fn esm_for<S: AsRef<str>>(time: Duration, arguments: &[S]) -> Done {
 /// If it ends before, says that in no long time, or cannot be started.
 #[track_caller]
 pub fn esm_until<S: AsRef<str>>(word: &str, arguments: &[S]) -> Done {
-    let out = tempfile::NamedTempFile::new().expect("a file for output");
-    let err = tempfile::NamedTempFile::new().expect("a file for output");
-    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
-    let started = Instant::now();
-    let mut child = Command::new(esm_binary())
-        .args(arguments.iter().map(AsRef::as_ref))
-        .current_dir(root())
-        .stdin(Stdio::null())
-        .stdout(out.reopen().expect("a file for output"))
-        .stderr(err.reopen().expect("a file for output"))
-        .spawn()
-        .expect("`esm` starts");
-    let mut early = None;
-    while early.is_none() && started.elapsed() < PATIENCE && !read(err.path()).contains(word) {
-        early = ended(&mut child, LOOK_INTERVAL);
-    }
-    let status = interrupt(&mut child);
-    let done = Done {
-        status: status.and_then(|status| status.code()),
-        out: read(out.path()),
-        err: read(err.path()),
-        took: started.elapsed(),
-    };
-    let said = done.err.contains(word);
-    assert!(said && early.is_none(), "{early:?}, {word:?}: {done:#?}");
-    done
+    let running = Running::esm(arguments);
+    let said = running.until(word, |running| running.err().contains(word));
+    said.interrupted()
 }
 
-/// Runs `esm` for a time, then kills it as `kill -9` does: it has no say in it.
+/// Held while a process is started: until it is the other program, it has a copy of all that is open here, and a port that is open somewhere cannot be opened again.
+static STARTING: Mutex<()> = Mutex::new(());
+
+/// Lets nobody start a process, or [`open`] a port, for as long as the answer lives.
+pub fn starting() -> MutexGuard<'static, ()> {
+    STARTING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Starts a process.
 ///
-/// # Panics
-/// If it ends before, or cannot be started.
-#[track_caller]
-pub fn esm_killed_after<S: AsRef<str>>(time: Duration, arguments: &[S]) {
-    let mut command = Command::new(esm_binary());
-    command
-        .args(arguments.iter().map(AsRef::as_ref))
-        .current_dir(root())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let mut child = command.spawn().expect("`esm` starts");
-    let early = ended(&mut child, time);
-    let _ = child.kill();
-    let _ = child.wait();
-    assert!(early.is_none(), "{command:?} ended by itself: {early:?}");
+/// # Errors
+/// What the system says.
+pub fn spawn(command: &mut Command) -> io::Result<Child> {
+    let _starting = starting();
+    command.spawn()
+}
+
+/// Opens a port which processes that this one has started have open now and then, too.
+///
+/// # Errors
+/// As [`serial::open`].
+pub fn open(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
+    let _starting = starting();
+    serial::open(port, baud)
 }
 
 /// Waits for the end of a process.
-fn ended(child: &mut Child, patience: Duration) -> Option<std::process::ExitStatus> {
+fn ended(child: &mut Child, patience: Duration) -> Option<ExitStatus> {
     let deadline = Instant::now() + patience;
     while Instant::now() < deadline {
         if let Ok(Some(status)) = child.try_wait() {
@@ -307,16 +381,22 @@ fn ended(child: &mut Child, patience: Duration) -> Option<std::process::ExitStat
 }
 
 /// Does what Ctrl-C does, and takes care that the process ends.
-fn interrupt(child: &mut Child) -> Option<std::process::ExitStatus> {
-    let _ = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
+fn interrupt(child: &mut Child) -> Option<ExitStatus> {
+    signal(child.id(), "-INT");
     let status = ended(child, END_PATIENCE);
     if status.is_none() {
         let _ = child.kill();
         let _ = child.wait();
     }
     status
+}
+
+/// Sends a process a signal, by its name as `kill` takes it.
+pub fn signal(process: u32, name: &str) {
+    let mut kill = Command::new("kill");
+    let kill = spawn(kill.args([name, &process.to_string()]));
+    // One that has just ended is no reason to fail.
+    let _ = kill.and_then(|mut kill| kill.wait());
 }
 
 /// Two boards in real time are as many as two cores can emulate with time to spare; one leaves room for what the test itself does.
@@ -361,7 +441,7 @@ impl Robot {
             let own = self::firmware("rover");
             command.arg("--firmware").arg(firmware.unwrap_or(&own));
         }
-        let mut child = command.spawn().expect("`esm board` starts");
+        let mut child = spawn(&mut command).expect("`esm board` starts");
         let mut line = String::new();
         let out = child.stdout.take().expect("standard output is piped");
         let mut out = BufReader::new(out);
@@ -393,6 +473,29 @@ impl Robot {
     pub fn press_enter(&mut self) {
         let keys = self.keys.as_mut().expect("standard input is piped");
         keys.write_all(b"\n").expect("the board reads");
+    }
+
+    /// Begins a session in this process.
+    ///
+    /// # Panics
+    /// If the robot does not answer.
+    #[track_caller]
+    pub fn connect(&self) -> LinkClient<Box<dyn ByteLink>> {
+        let port = self.port.parse().expect("`esm board` says a port");
+        let line = open(&port, DEFAULT_BAUD).expect("the port is free");
+        let (client, _) = LinkClient::connect(line).expect("the robot answers");
+        client
+    }
+
+    /// Gives it a mission without a trial, which `esm upload` does not do: it stays, however long this machine takes over anything, and however soon it fails.
+    ///
+    /// # Panics
+    /// If the mission is none, or the robot does not take it.
+    #[track_caller]
+    pub fn give(&self, mission: &Path) {
+        let built = subject::build_file(mission).expect("a mission");
+        let given = self.connect().upload(&built.blob, &mut |_| ());
+        given.expect("the robot takes it");
     }
 
     /// Runs `esm` with arguments and the robot's port.

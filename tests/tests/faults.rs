@@ -5,7 +5,10 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::path::PathBuf;
+
 use rt_firmware::supervision::SLOT_0_BOUND_US;
+use tempfile::TempDir;
 
 use esm_tests::command::{Robot, esm, firmware};
 
@@ -28,19 +31,20 @@ fn robot_with(states: &str) -> Robot {
     robot
 }
 
+/// Without a trial, in which a fault may be the end of the mission and not of the drive, and which would be over sooner or later.
 fn upload(robot: &Robot, states: &str) {
-    upload_with(robot, states, &[]);
+    let (_folder, path) = mission(states);
+    robot.give(&path);
 }
 
-fn upload_with(robot: &Robot, states: &str, arguments: &[&str]) {
+fn mission(states: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.esm");
     let machine = format!(
         "{HEAD}machine M {{ region r {{ state Quiet timeout 1 s; initial -> Quiet; {states} }} }}"
     );
     std::fs::write(&path, machine).unwrap();
-    let upload = ["upload", path.to_str().unwrap()];
-    robot.esm(&[&upload, arguments].concat()).good();
+    (folder, path)
 }
 
 /// What the counters must say, after the state behind `Quiet` has been current for a while.
@@ -158,10 +162,11 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
         ("Undefined", "fault", "cfsr 0x00010000"),
     ] {
         let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
-        // On trial, so that the robot does not start with it again.
-        let states = format!("task Fatal: {task}; Quiet -> Fatal [timeout];");
-        upload_with(&robot, &states, &["--trial", "60 s"]);
         assert_eq!(robot.status()["last_reset"], "power on", "{task}");
+        // On trial, so that the robot does not start with it again.
+        let (_folder, path) = mission(&format!("task Fatal: {task}; Quiet -> Fatal [timeout];"));
+        let on_trial = ["upload", path.to_str().unwrap(), "--trial", "3600 s"];
+        robot.esm(&on_trial).good();
         let status = robot.status_when("the reset", |status| status["mode"] != "running");
         let told = status["last_reset"].as_str().unwrap();
         assert!(told.contains(reason), "{task}: {told}");
@@ -217,9 +222,7 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
 #[test]
 fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
     let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
-    // Late enough to be confirmed, so that the robot starts with it.
-    let states = "state Wait timeout 2 s; Quiet -> Wait [timeout]; task Fatal: Panic; Wait -> Fatal [timeout];";
-    upload(&robot, states);
+    upload(&robot, "task Fatal: Panic; Quiet -> Fatal [timeout];");
     let status = robot.status_when("three starts", |status| {
         status["last_words"]["bad_starts"] == 3
     });
@@ -270,22 +273,21 @@ fn faults_of_the_machine_end_in_the_safe_state() {
     let robot = Robot::start("lm3s6965", None);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.esm");
-    // Late enough to be confirmed: on trial a fault is the end of the mission, not of the drive.
     for (machine, reason) in [
         (
-            "queue 2; machine M { event E; region r { state Quiet timeout 3 s; state B; initial -> Quiet;
+            "queue 2; machine M { event E; region r { state Quiet timeout 1 s; state B; initial -> Quiet;
              Quiet -> B [timeout] / send E, send E, send E; } }",
             "queue",
         ),
         (
-            "machine M { event E; region r { state Quiet timeout 3 s; state B; initial -> Quiet;
+            "machine M { event E; region r { state Quiet timeout 1 s; state B; initial -> Quiet;
              Quiet -> B [timeout] / send E; B -> B on E / send E; } }",
             "no end",
         ),
     ] {
         let head = "interpreter slot 1; slot 1 period 20 ms duration 2 ms;\n";
         std::fs::write(&path, format!("{head}{machine}")).unwrap();
-        robot.esm(&["upload", path.to_str().unwrap()]).good();
+        robot.give(&path);
         let status = robot.status_when("the safe state", |status| status["mode"] == "safe");
         let told = status["safe_reason"].as_str().unwrap();
         assert!(told.contains(reason), "{reason}: {told}");

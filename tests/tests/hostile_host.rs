@@ -5,7 +5,6 @@
 
 use std::io;
 use std::sync::{Arc, Mutex};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use esm_tests::command::{firmware, root};
@@ -16,9 +15,7 @@ use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::qemu::{Emulator, Idle};
-use host_tools::run::board::Board;
-use host_tools::serial::pacing::Paced;
+use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use host_tools::world::World;
 use rt_firmware::link::access::{Access, KEY_BYTES, SEED_BYTES, SIGNATURE_BYTES};
@@ -118,13 +115,13 @@ impl Told {
     }
 }
 
-/// Sends whatever a host without a key can, as fast as the line takes it.
-fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], time: Duration) -> Told {
+/// Sends so many bytes of whatever a host without a key can, as fast as the line takes them.
+fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u64) -> Told {
     let (mut random, mut reader, mut told) = (Random::new(7), FrameReader::new(), Told::default());
     let mut frames = recorded.split_inclusive(|byte| *byte == DELIMITER).cycle();
-    let begun = Instant::now();
+    let mut sent = 0;
     let mut seq = 0u8;
-    while begun.elapsed() < time {
+    while sent < flood_bytes {
         let bytes = match random.below(4) {
             // What the owner sent once, all of it and in its order.
             0 => {
@@ -140,6 +137,7 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], time: Duration)
             }
         };
         line.send(&bytes).unwrap();
+        sent += bytes.len() as u64;
         let mut buffer = [0; 1024];
         let count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
         for byte in &buffer[..count] {
@@ -151,28 +149,43 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], time: Duration)
     told
 }
 
-/// Reads until the line has been silent for as long as an answer takes.
+/// Reads up to the answer to a question that nobody has asked before: what comes behind it is not of the flood.
 fn pass_over_answers(line: &mut impl ByteLink) {
-    const SILENCE: Duration = Duration::from_millis(500);
-    let mut buffer = [0; 1024];
-    let begun = Instant::now();
-    while line.receive(&mut buffer, SILENCE).unwrap() > 0 {
-        assert!(begun.elapsed() < Duration::from_secs(20), "it never ends");
-    }
-}
-
-/// Uploads as soon as the robot looks at signatures again.
-fn upload<L: ByteLink>(robot: &mut LinkClient<L>, blob: &[u8]) -> u32 {
+    const PATIENCE: Duration = Duration::from_secs(120);
+    // Not a number that the owner comes to soon: this may be answered more than once.
+    let seq = (std::process::id() as u8).wrapping_sub(1);
+    let question = frame(
+        seq,
+        Request::Task {
+            index: 0,
+            offset: 0,
+        },
+    );
+    let mut reader = FrameReader::new();
     let begun = Instant::now();
     loop {
-        match robot.upload(blob, &mut |_| ()) {
-            Err(ClientError::Refused {
-                error: LinkError::TooSoon { .. },
-                ..
-            }) if begun.elapsed() < Duration::from_secs(5) => {
-                thread::sleep(Duration::from_millis(100));
+        line.send(&question).unwrap();
+        let mut buffer = [0; 1024];
+        // Asked anew where nothing comes for a while: what the flood began may have spoiled it.
+        loop {
+            assert!(begun.elapsed() < PATIENCE, "it never ends");
+            let count = line.receive(&mut buffer, Duration::from_secs(1)).unwrap();
+            if count == 0 {
+                break;
             }
-            other => return other.unwrap(),
+            for byte in &buffer[..count] {
+                let Some(frame) = reader.push(*byte) else {
+                    continue;
+                };
+                let answer = decode(frame);
+                if let Ok(FromDevice::Reply {
+                    result: Ok(Response::TaskText { .. }),
+                    ..
+                }) = answer
+                {
+                    return;
+                }
+            }
         }
     }
 }
@@ -180,22 +193,13 @@ fn upload<L: ByteLink>(robot: &mut LinkClient<L>, blob: &[u8]) -> u32 {
 #[test]
 fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     let seconds = environment::number("ESM_HOSTILE_SECONDS", 10);
-    let firmware = firmware("rover");
     let board = Board::Emulated {
-        firmware: firmware.clone(),
+        firmware: firmware("rover"),
     };
     let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, Pace::new(true), None);
-    let served = plant.clone();
-    let mut emulator = Emulator::start(
-        &firmware,
-        Idle::Passes,
-        move |request| served.exchange(request),
-        plant.flash(board.flash_bytes()),
-    )
-    .unwrap();
-    let line = Paced::new(emulator.take_uart().unwrap(), DEFAULT_BAUD);
+    let (_board, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart).unwrap();
     let sent = Arc::default();
     let tapped = Tapped {
         line,
@@ -218,7 +222,9 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     let Tapped { mut line, .. } = robot.into_line();
     let recorded = std::mem::take(&mut *sent.lock().unwrap());
 
-    let told = flood(&mut line, &recorded, &patrol, Duration::from_secs(seconds));
+    // What the line takes in that time.
+    let flood_bytes = seconds * u64::from(DEFAULT_BAUD) / 10;
+    let told = flood(&mut line, &recorded, &patrol, flood_bytes);
     assert_eq!(told.carried_out, Vec::<String>::new());
     for refusal in [
         LinkError::NeedsKey,
@@ -233,7 +239,6 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     println!("{} requests refused in {seconds} s", told.refused.len());
 
     // The owner comes back, when what the flood was answered has passed: a hello among what is replayed may have had the number of his own.
-    line.send(&[DELIMITER]).unwrap();
     pass_over_answers(&mut line);
     let (mut robot, info) = LinkClient::connect(line).unwrap();
     assert_eq!(info.access, Access::Locked);
@@ -251,7 +256,7 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     assert!(after.steps > before.steps + 10, "it drives on");
     assert!(matches!(robot.start(), Err(ClientError::NoKey)));
     robot.use_key(Box::new(move || Ok(key())));
-    let uploaded = upload(&mut robot, &next);
+    let uploaded = robot.upload(&next, &mut |_| ()).unwrap();
     assert_eq!(uploaded.to_le_bytes(), *next.last_chunk().unwrap());
     let status = robot.status().unwrap();
     assert_eq!((status.mission, status.missed), (Some(uploaded), 0));

@@ -8,12 +8,12 @@
 use std::io;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::process::{Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use esm_tests::command::{esm_binary, firmware, root};
+use esm_tests::command::{self, esm_binary, firmware, root};
 use esm_tests::environment;
 use esm_tests::random::Random;
 use esm_tests::subject;
@@ -22,13 +22,13 @@ use host_tools::link_client::LinkClient;
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::qemu::{Emulator, Idle};
-use host_tools::run::board::Board;
+use host_tools::run::board::{Board, LinkWay, RunningBoard};
+use host_tools::serial::ByteLink;
 use host_tools::serial::port::Port;
 use host_tools::serial::pty::PtyServer;
-use host_tools::serial::{self, ByteLink};
 use host_tools::world::World;
-use rt_firmware::link::message::Mode;
+use rt_firmware::link::frame::{DELIMITER, decode};
+use rt_firmware::link::message::{Mode, Request, ToDevice};
 use tempfile::TempDir;
 
 /// Faster than a real line, for the sake of the test's time.
@@ -82,20 +82,24 @@ fn blob(path: &str) -> Vec<u8> {
     subject::build_file(&root().join(path)).unwrap().blob
 }
 
-/// Held while a process is started: until it is the other program it has a copy of all that is open here, and a port that is open somewhere cannot be opened again.
-static STARTING: Mutex<()> = Mutex::new(());
-
-fn start(command: &mut Command) -> Child {
-    let _starting = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
-    command.spawn().unwrap()
+fn open(port: &Path) -> Box<dyn ByteLink> {
+    command::open(&Port::Tty(port.to_owned()), BAUD).unwrap()
 }
 
 /// Opens the robot's port and begins a session.
 fn connect(port: &Path) -> LinkClient<Box<dyn ByteLink>> {
-    let starting = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
-    let line = serial::open(&Port::Tty(port.to_owned()), BAUD).unwrap();
-    drop(starting);
-    LinkClient::connect(line).unwrap().0
+    LinkClient::connect(open(port)).unwrap().0
+}
+
+/// Sees that the robot makes another macro step.
+#[track_caller]
+fn assert_drives_on(robot: &mut LinkClient<Box<dyn ByteLink>>, what: &str) {
+    let steps = robot.status().unwrap().steps;
+    let begun = Instant::now();
+    while robot.status().unwrap().steps == steps {
+        assert!(begun.elapsed() < PATIENCE, "{what}: it stands still");
+        sleep(Duration::from_millis(5));
+    }
 }
 
 #[test]
@@ -121,9 +125,8 @@ fn the_robot_drives_on_and_the_next_upload_works_wherever_one_ends() {
         // Up to beyond the last chunk, so that some break off at the commit.
         let left = random.between(0, next.len() * 11 / 10);
         let what = format!("round {round}, {fate:?} after {left} bytes");
-        let line = serial::open(&Port::Tty(server.path().to_owned()), BAUD).unwrap();
         let fateful = Fateful {
-            line,
+            line: open(server.path()),
             left,
             fate: Some(fate),
             hole: 0,
@@ -139,9 +142,7 @@ fn the_robot_drives_on_and_the_next_upload_works_wherever_one_ends() {
         let status = client.status().unwrap();
         assert_eq!(status.mode, Mode::Running, "{what}");
         assert_eq!((status.missed, status.overruns), (0, 0), "{what}");
-        if status.mission == before.mission {
-            assert!(status.steps > before.steps, "{what}: it stands still");
-        }
+        assert_drives_on(&mut client, &what);
         let mut first = None;
         let hash = client
             .upload(next, &mut |bytes| {
@@ -173,7 +174,7 @@ const SUSPENDED: Duration = Duration::from_secs(11);
 const SUSPENDED_BEFORE_DEATH: Duration = Duration::from_millis(300);
 
 /// How long anything may take of which a test waits for the end.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Robots that are interrupted at the same time: a suspended command takes no processor.
 const ROBOTS: u64 = 6;
@@ -189,6 +190,8 @@ enum Blow {
     SuspendedAndKilled,
     /// The cable is pulled out, and put in again when the command has ended.
     Unplugged,
+    /// Ctrl-C. From then on no part of the mission comes through, so that the command cannot be done before it has noticed.
+    Interrupted,
 }
 
 const BLOWS: [Blow; 4] = [
@@ -207,6 +210,33 @@ struct Plan {
     at: Option<(usize, Blow, u32)>,
     /// It fell.
     fell: bool,
+    /// Since parts of missions come through no more: the beginning of the next frame.
+    held: Option<Vec<u8>>,
+}
+
+impl Plan {
+    /// What comes through of these bytes.
+    fn let_through(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let Some(frame) = &mut self.held else {
+            return bytes.to_vec();
+        };
+        let mut through = Vec::new();
+        for byte in bytes {
+            frame.push(*byte);
+            if *byte != DELIMITER {
+                continue;
+            }
+            let mut read = std::mem::take(frame);
+            let whole = read.clone();
+            read.pop();
+            let is_other =
+                |message: ToDevice<'_>| !matches!(message.request, Request::Chunk { .. });
+            if read.is_empty() || decode(&mut read).is_ok_and(is_other) {
+                through.extend(whole);
+            }
+        }
+        through
+    }
 }
 
 /// The robot's line, which is kept where the cable is pulled out.
@@ -214,12 +244,6 @@ struct Plan {
 struct Tapped {
     line: Arc<Mutex<Box<dyn ByteLink>>>,
     plan: Arc<Mutex<Plan>>,
-}
-
-fn signal(pid: u32, name: &str) {
-    let mut kill = Command::new("kill");
-    let status = start(kill.args([name, &pid.to_string()])).wait();
-    assert!(status.unwrap().success(), "kill {name} {pid}");
 }
 
 impl ByteLink for Tapped {
@@ -233,17 +257,23 @@ impl ByteLink for Tapped {
         plan.sent += bytes.len();
         let due = (plan.at).take_if(|(at, ..)| before + bytes.len() > *at);
         let Some((at, blow, pid)) = due else {
-            return self.line.lock().unwrap().send(bytes);
+            let through = plan.let_through(bytes);
+            return self.line.lock().unwrap().send(&through);
         };
         plan.fell = true;
         self.line.lock().unwrap().send(&bytes[..at - before])?;
         match blow {
             // What it had sent before arrives all the same.
-            Blow::Killed => signal(pid, "-KILL"),
-            Blow::Suspended | Blow::SuspendedAndKilled => signal(pid, "-STOP"),
+            Blow::Killed => command::signal(pid, "-KILL"),
+            Blow::Suspended | Blow::SuspendedAndKilled => command::signal(pid, "-STOP"),
             Blow::Unplugged => return Err(io::ErrorKind::BrokenPipe.into()),
+            Blow::Interrupted => {
+                plan.held = Some(Vec::new());
+                command::signal(pid, "-INT");
+            }
         }
-        self.line.lock().unwrap().send(&bytes[at - before..])
+        let through = plan.let_through(&bytes[at - before..]);
+        self.line.lock().unwrap().send(&through)
     }
 }
 
@@ -297,12 +327,18 @@ impl Plugged {
         command
     }
 
-    /// Runs `esm` to its end, which is to be good.
+    /// Runs `esm` to its end.
+    fn esm_done(&self, arguments: &[&str]) -> Output {
+        let child = command::spawn(&mut self.esm(arguments)).unwrap();
+        child.wait_with_output().unwrap()
+    }
+
+    /// Runs `esm` to its end, which is to be good; answers what it told a person beside.
     #[track_caller]
     fn esm_good(&self, arguments: &[&str]) -> String {
-        let done = start(&mut self.esm(arguments)).wait_with_output().unwrap();
+        let done = self.esm_done(arguments);
         assert!(done.status.success(), "{arguments:?}: {done:?}");
-        String::from_utf8(done.stdout).unwrap()
+        String::from_utf8(done.stderr).unwrap()
     }
 
     /// Uploads, and has the command meet its fate after it has sent so many bytes. Answers what it said, or `None` if it was done before.
@@ -310,11 +346,10 @@ impl Plugged {
         let mut child = {
             // Nothing passes before it is known whom the blow is for.
             let mut plan = self.tapped.plan.lock().unwrap();
-            let child = start(&mut self.esm(&["upload", file]));
+            let child = command::spawn(&mut self.esm(&["upload", file])).unwrap();
             *plan = Plan {
-                sent: 0,
                 at: Some((at, blow, child.id())),
-                fell: false,
+                ..Plan::default()
             };
             child
         };
@@ -329,18 +364,19 @@ impl Plugged {
         drop(plan);
         match blow {
             _ if !fell => {}
-            Blow::Killed => {}
+            Blow::Killed | Blow::Interrupted => {}
             Blow::Suspended => {
                 sleep(SUSPENDED);
-                signal(child.id(), "-CONT");
+                command::signal(child.id(), "-CONT");
             }
             Blow::SuspendedAndKilled => {
                 sleep(SUSPENDED_BEFORE_DEATH);
-                signal(child.id(), "-KILL");
+                command::signal(child.id(), "-KILL");
             }
             Blow::Unplugged => self.pull_out(),
         }
         let output = child.wait_with_output().unwrap();
+        self.tapped.plan.lock().unwrap().held = None;
         if self.server.is_none() {
             self.plug_in();
         }
@@ -354,7 +390,7 @@ fn may_end_with(blow: Blow, status: Option<i32>) -> bool {
         Blow::Killed | Blow::SuspendedAndKilled => status.is_none(),
         // It went on in time; or its mission was given up while it slept; or nobody waited for it.
         Blow::Suspended => matches!(status, Some(0 | 1 | 3)),
-        Blow::Unplugged => status == Some(3),
+        Blow::Unplugged | Blow::Interrupted => status == Some(3),
     }
 }
 
@@ -416,9 +452,7 @@ fn interrupt_uploads(robot: &mut Plugged, rounds: usize, seed: u64) {
         if status.trial.is_none() {
             assert_eq!(status.mission, Some(whole.hash()), "{what}");
         }
-        if status.mission == before.mission && status.fell_back == before.fell_back {
-            assert!(status.steps > before.steps, "{what}: it stands still");
-        }
+        assert_drives_on(&mut client, &what);
         // Who finds a trial that nobody watches any more waits for its end, or ends it.
         let begun = Instant::now();
         while round % 2 == 0 && client.status().unwrap().trial.is_some() {
@@ -428,7 +462,12 @@ fn interrupt_uploads(robot: &mut Plugged, rounds: usize, seed: u64) {
         let is_on_trial = client.status().unwrap().trial.is_some();
         drop(client);
         if is_on_trial {
-            robot.esm_good(&["fallback"]);
+            let done = robot.esm_done(&["fallback"]);
+            let mut client = connect(&robot.port());
+            let is_over = client.status().unwrap().trial.is_none();
+            // The robot may have been faster.
+            let is_well = matches!(done.status.code(), Some(0 | 1)) && is_over;
+            assert!(is_well, "{what}: {done:?}");
         }
 
         robot.esm_good(&["upload", new.file()]);
@@ -473,20 +512,64 @@ fn whatever_befalls_the_command_the_emulated_board_drives_on_too() {
     let rounds = environment::number("ESM_BOARD_INTERRUPTIONS", 4);
     let seed = environment::number("ESM_SEED", 0);
     let _ = esm_binary();
-    let firmware = firmware("rover");
     let board = Board::Emulated {
-        firmware: firmware.clone(),
+        firmware: firmware("rover"),
     };
-    let plant = in_a_cell();
-    let served = plant.clone();
-    let mut emulator = Emulator::start(
-        &firmware,
-        Idle::Passes,
-        move |request| served.exchange(request),
-        plant.flash(board.flash_bytes()),
-    )
-    .unwrap();
-    let line = emulator.take_uart().unwrap();
-    interrupt_uploads(&mut Plugged::new(Box::new(line)), rounds as usize, seed);
-    emulator.check_alive().unwrap();
+    let starting = command::starting();
+    let (mut board, line) = RunningBoard::start(board, &in_a_cell(), None, LinkWay::Uart).unwrap();
+    drop(starting);
+    interrupt_uploads(&mut Plugged::new(line), rounds as usize, seed);
+    board.check().unwrap();
+}
+
+/// A robot that drives with the first of the missions, and what an upload of the second one is broken off in the midst of.
+fn in_the_midst() -> (HostBoard, Plugged, [Sent; 2], TempDir, usize) {
+    let (board, line) = HostBoard::start(host_board::rover, in_a_cell(), None).unwrap();
+    let robot = Plugged::new(Box::new(line));
+    let folder = tempfile::tempdir().unwrap();
+    let missions = MISSIONS.map(|name| Sent::new(name, folder.path()));
+    robot.esm_good(&["upload", missions[0].file()]);
+    // What comes before the mission is much less than half of it.
+    let at = missions[1].blob.len() / 2 + 400;
+    (board, robot, missions, folder, at)
+}
+
+#[test]
+fn ctrl_c_ends_an_upload_and_the_robot_drives_on_with_what_it_had() {
+    let (board, mut robot, [old, new], _folder, at) = in_the_midst();
+    let output = robot
+        .interrupted(new.file(), at, Blow::Interrupted)
+        .unwrap();
+    assert!(
+        may_end_with(Blow::Interrupted, output.status.code()),
+        "{output:?}"
+    );
+    let told = format!("interrupted; the robot drives with {:08x}", old.hash());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains(&told), "{output:?}");
+    let status = connect(&robot.port()).status().unwrap();
+    assert_eq!((status.mission, status.missed), (Some(old.hash()), 0));
+    // What was there is forgotten.
+    let said = robot.esm_good(&["upload", new.file()]);
+    assert!(!said.contains("went on at byte"), "{said}");
+    let status = connect(&robot.port()).status().unwrap();
+    assert_eq!(status.mission, Some(new.hash()));
+    board.check().unwrap();
+}
+
+#[test]
+fn an_upload_whose_host_was_killed_goes_on_where_it_was() {
+    let (board, mut robot, [old, new], _folder, at) = in_the_midst();
+    let output = robot.interrupted(new.file(), at, Blow::Killed).unwrap();
+    assert!(
+        may_end_with(Blow::Killed, output.status.code()),
+        "{output:?}"
+    );
+    let status = connect(&robot.port()).status().unwrap();
+    assert_eq!(status.mission, Some(old.hash()));
+    let said = robot.esm_good(&["upload", new.file()]);
+    assert!(said.contains("went on at byte"), "{said}");
+    let status = connect(&robot.port()).status().unwrap();
+    assert_eq!((status.mission, status.missed), (Some(new.hash()), 0));
+    board.check().unwrap();
 }

@@ -193,8 +193,7 @@ impl Editor {
     }
 
     fn send(&mut self, message: &Value) {
-        let text = message.to_string();
-        self.send_bytes(format!("Content-Length: {}\r\n\r\n{text}", text.len()).as_bytes());
+        self.send_bytes(&bytes_of(message));
     }
 
     fn notify(&mut self, method: &str, params: Value) {
@@ -258,11 +257,16 @@ impl Editor {
     }
 
     fn change(&mut self, name: &str, changes: Value) {
+        let note = self.changed(name, changes);
+        self.send(&note);
+    }
+
+    /// The message that tells of changes.
+    fn changed(&self, name: &str, changes: Value) -> Value {
         let uri = self.uri(name);
-        self.notify(
-            "textDocument/didChange",
-            json!({ "textDocument": { "uri": uri, "version": 2 }, "contentChanges": changes }),
-        );
+        let params =
+            json!({ "textDocument": { "uri": uri, "version": 2 }, "contentChanges": changes });
+        json!({ "jsonrpc": "2.0", "method": "textDocument/didChange", "params": params })
     }
 
     /// What is shown once the server has nothing more to do: codes and lines from 1, by file.
@@ -320,6 +324,12 @@ impl Drop for Editor {
         let _ = self.server.kill();
         let _ = self.server.wait();
     }
+}
+
+/// A message as it is sent.
+fn bytes_of(message: &Value) -> Vec<u8> {
+    let text = message.to_string();
+    format!("Content-Length: {}\r\n\r\n{text}", text.len()).into_bytes()
 }
 
 /// Text of a range, both as the protocol counts; the texts here have one byte a character.
@@ -963,17 +973,19 @@ fn requests_do_not_pile_up_behind_changes_of_a_long_text() {
     assert!(!editor.request("textDocument/hover", at.clone()).is_null());
     let end = json!({ "line": 0, "character": 0 });
     let first_id = editor.last_id + 1;
+    // All at once, so that they are there when the server looks for the next one.
+    let mut sent = Vec::new();
     for _ in 0..20 {
         let text = "// A word.\n";
-        editor.change(
-            "mission.esm",
-            json!([{ "range": { "start": end, "end": end }, "text": text }]),
-        );
+        let changes = json!([{ "range": { "start": end, "end": end }, "text": text }]);
+        sent.extend(bytes_of(&editor.changed("mission.esm", changes)));
         editor.last_id += 1;
         let id = editor.last_id;
         let method = "textDocument/hover";
-        editor.send(&json!({ "jsonrpc": "2.0", "id": id, "method": method, "params": at }));
+        let hover = json!({ "jsonrpc": "2.0", "id": id, "method": method, "params": at });
+        sent.extend(bytes_of(&hover));
     }
+    editor.send_bytes(&sent);
     let mut overtaken = 0;
     let last_id = editor.last_id;
     for id in first_id..=last_id {

@@ -11,7 +11,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use esm_tests::command::{Robot, esm, esm_binary, esm_for, firmware, root};
+use esm_tests::command::{Robot, Running, esm, esm_binary, firmware, root};
 use host_tools::compile::compile;
 use host_tools::link_client::{LinkClient, RobotInfo, Streams};
 use host_tools::lockstep::pace::Pace;
@@ -678,8 +678,16 @@ fn the_command_records_a_robot_from_the_midst_of_its_run_until_it_is_ended() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("midst.rec");
     let file = file.to_str().unwrap();
-    let record = ["log", "--port", robot.port(), "--record", file];
-    let done = esm_for(Duration::from_secs(4), &record).good();
+    let log = Running::esm(&["log", "--port", robot.port(), "--record", file]);
+    let two_seconds = |_: &Running| {
+        let bytes = std::fs::read(file).unwrap_or_default();
+        Recording::read(&bytes).is_ok_and(|recording| {
+            let made = recording.stretches.iter().map(|stretch| stretch.made);
+            made.sum::<u64>() > 100
+        })
+    };
+    let log = log.until("two seconds of a recording", two_seconds);
+    let done = log.interrupted().good();
     assert!(done.err.contains("recorded in"), "{done:#?}");
     let told = esm(&["replay", file, "--json"]).good().json();
     assert_eq!(told["file"], "whole", "{told}");

@@ -121,12 +121,11 @@ fn live(session: Session, missions: &[Mission], robot: &mut Robot, due: &Mutex<D
 
 /// The robot's status as soon as what it started with has had its first macro step.
 fn settled(robot: &mut Robot) -> Status {
+    const PATIENCE: Duration = Duration::from_secs(60);
     let begun = Instant::now();
     loop {
         let status = robot.status().unwrap();
-        if status.mode == Mode::Running && status.steps > 0
-            || begun.elapsed() > Duration::from_millis(300)
-        {
+        if status.mode == Mode::Running && status.steps > 0 || begun.elapsed() > PATIENCE {
             return status;
         }
     }

@@ -3,12 +3,11 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_core::format::{CRC_BYTES, crc32};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use esm_tests::command::{Robot, esm, esm_for, esm_killed_after, esm_until, firmware};
+use esm_tests::command::{Robot, Running, esm, esm_until, firmware};
 use esm_tests::random::Random;
-use host_tools::link_client::{ClientError, LinkClient};
-use host_tools::serial;
+use host_tools::link_client::ClientError;
 
 const BOARDS: [&str; 2] = ["host", "lm3s6965"];
 
@@ -53,9 +52,11 @@ fn a_robot_takes_missions_while_it_moves_and_tells_what_it_does() {
         assert!(active.contains(&"sonars/Listen"), "{board}: {active:?}");
 
         // The diary has a line every other second.
-        let time = Duration::from_secs(5);
-        let log = esm_for(time, &["log", "--port", robot.port()]).good().out;
-        assert!(log.contains("battery"), "{board}: {log}");
+        let log = Running::esm(&["log", "--port", robot.port()]);
+        let has_line = |log: &Running| log.out().contains("battery");
+        log.until("a line of the diary", has_line)
+            .interrupted()
+            .good();
 
         robot.esm(&["upload", "missions/follow_wall.esm"]).good();
         let status = robot.status_when("follow_wall", |status| status["steps"].as_u64() > Some(10));
@@ -366,9 +367,7 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
     for board in BOARDS {
         let robot = Robot::start(board, None);
         robot.esm(&["upload", "missions/patrol.esm"]).good();
-        let port = robot.port().parse().unwrap();
-        let line = serial::open(&port, serial::DEFAULT_BAUD).unwrap();
-        let (mut client, _) = LinkClient::connect(line).unwrap();
+        let mut client = robot.connect();
         let mut random = Random::new(5);
         let mut refused = 0;
         let mut tried = 0;
@@ -430,33 +429,6 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
     }
 }
 
-/// Uploads over a line on which that takes seconds.
-fn slow_upload(robot: &Robot, file: &str) -> [String; 6] {
-    let words = ["upload", file, "--port", robot.port(), "--baud", "9600"];
-    words.map(str::to_owned)
-}
-
-#[test]
-fn ctrl_c_ends_an_upload_and_the_robot_drives_on_with_what_it_had() {
-    let robot = Robot::start("host", None);
-    robot.esm(&["upload", "missions/patrol.esm"]).good();
-    let (hash, _) = blob("patrol");
-    let upload = slow_upload(&robot, "missions/follow_wall.esm");
-    let time = Duration::from_millis(2500);
-    let done = esm_for(time, &upload);
-    assert_eq!(done.status, Some(3), "{done:#?}");
-    let told = format!("interrupted; the robot drives with {hash}");
-    assert!(done.err.contains(&told), "{done:#?}");
-    assert!(done.took < time + Duration::from_secs(2), "{done:#?}");
-    let status = robot.status();
-    assert_eq!(status["mission"], hash.as_str());
-    assert_eq!(status["slots_missed"], 0);
-    // What was there is forgotten.
-    let again = robot.esm(&["upload", "missions/follow_wall.esm"]).good();
-    assert!(!again.err.contains("went on at byte"), "{again:#?}");
-    assert_eq!(robot.status()["mission"], blob("follow_wall").0.as_str());
-}
-
 #[test]
 fn ctrl_c_ends_the_wait_for_the_end_of_a_trial_and_nothing_is_sent() {
     let robot = Robot::start("host", None);
@@ -477,20 +449,6 @@ fn ctrl_c_ends_the_wait_for_the_end_of_a_trial_and_nothing_is_sent() {
 }
 
 #[test]
-fn an_upload_whose_host_was_killed_goes_on_where_it_was() {
-    let robot = Robot::start("host", None);
-    robot.esm(&["upload", "missions/patrol.esm"]).good();
-    let upload = slow_upload(&robot, "missions/follow_wall.esm");
-    esm_killed_after(Duration::from_millis(2500), &upload);
-    assert_eq!(robot.status()["mission"], blob("patrol").0.as_str());
-    let again = robot.esm(&["upload", "missions/follow_wall.esm"]).good();
-    assert!(again.err.contains("went on at byte"), "{again:#?}");
-    let status = robot.status();
-    assert_eq!(status["mission"], blob("follow_wall").0.as_str());
-    assert_eq!(status["slots_missed"], 0);
-}
-
-#[test]
 fn an_interrupted_run_leaves_nothing_behind() {
     // A copy of the firmware has a name that no other emulator was started with.
     let folder = tempfile::tempdir().unwrap();
@@ -505,23 +463,28 @@ fn an_interrupted_run_leaves_nothing_behind() {
             .filter(|words| words.contains("qemu") && words.contains(elf))
             .count()
     };
-    let watching = std::thread::scope(|scope| {
-        let run = scope.spawn(|| {
-            let arguments = [
-                "run",
-                "missions/patrol.esm",
-                "--realtime",
-                "--firmware",
-                elf,
-            ];
-            esm_for(Duration::from_secs(4), &arguments)
-        });
-        std::thread::sleep(Duration::from_secs(2));
-        let during = emulators();
-        let done = run.join().unwrap();
-        assert!(done.status.is_some(), "it had to be killed: {done:#?}");
-        during
-    });
-    assert_eq!(watching, 1, "while it ran");
-    assert_eq!(emulators(), 0, "after Ctrl-C");
+    let temporary = tempfile::tempdir().unwrap();
+    let left = || std::fs::read_dir(temporary.path()).unwrap().count();
+    let started = || {
+        let mission = "missions/patrol.esm";
+        let arguments = ["run", mission, "--realtime", "--firmware", elf];
+        let run = Running::esm_with_temporary(temporary.path(), &arguments);
+        run.until("the mission in the emulator", |run| {
+            run.out().contains("upload |")
+        })
+    };
+    // Killed, it has no say in it: its folder stays until the next one is made.
+    drop(started());
+    assert_eq!(left(), 1, "of the one that was killed");
+    let run = started();
+    // The system ends the other's emulator, and takes its time for that.
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while emulators() > 1 {
+        assert!(Instant::now() < deadline, "is `setpriv` installed?");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!((emulators(), left()), (1, 1), "while it runs");
+    let done = run.interrupted();
+    assert!(done.status.is_some(), "it had to be killed: {done:#?}");
+    assert_eq!((emulators(), left()), (0, 0), "after Ctrl-C");
 }

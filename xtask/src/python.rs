@@ -14,8 +14,8 @@ const ENVIRONMENT_FOLDER: &str = "target/python";
 const MISSION: &str = "missions/patrol.esm";
 
 /// How long the environment may take to be made, and the tests to run.
-const SET_UP_LIMIT: Duration = Duration::from_secs(180);
-const TEST_LIMIT: Duration = Duration::from_secs(120);
+const SET_UP_LIMIT: Duration = Duration::from_secs(600);
+const TEST_LIMIT: Duration = Duration::from_secs(600);
 
 /// A Python that can make environments, if there is one.
 pub fn find() -> Option<PathBuf> {
