@@ -108,7 +108,12 @@ impl Told {
             // A key that is asked for its nonce, the bytes of an upload, and a session that begins: all may.
             Ok(Response::Challenge { .. } | Response::Received { .. } | Response::Hello(_)) => {}
             // Of sessions that are replayed.
-            Ok(Response::Status(_) | Response::Blob { .. } | Response::Clock { .. }) => {}
+            Ok(
+                Response::Status(_)
+                | Response::Blob { .. }
+                | Response::Clock { .. }
+                | Response::Features { .. },
+            ) => {}
             Ok(other) => self.carried_out.push(format!("{other:?}")),
             Err(error) => self.refused.push(error),
         }
