@@ -3,8 +3,6 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_core::format::{CRC_BYTES, crc32};
-use std::time::{Duration, Instant};
-
 use esm_tests::command::{Robot, Running, esm, esm_until, firmware};
 use esm_tests::random::Random;
 use host_tools::link_client::ClientError;
@@ -464,27 +462,23 @@ fn an_interrupted_run_leaves_nothing_behind() {
             .count()
     };
     let temporary = tempfile::tempdir().unwrap();
-    let left = || std::fs::read_dir(temporary.path()).unwrap().count();
-    let started = || {
+    let left = || -> Vec<_> {
+        let entries = std::fs::read_dir(temporary.path()).unwrap().flatten();
+        entries.map(|entry| entry.path()).collect()
+    };
+    let run = || {
         let mission = "missions/patrol.esm";
         let arguments = ["run", mission, "--realtime", "--firmware", elf];
-        let run = Running::esm_with_temporary(temporary.path(), &arguments);
-        run.until("the mission in the emulator", |run| {
-            run.out().contains("upload |")
-        })
+        Running::esm_with_temporary(temporary.path(), &arguments)
     };
     // Killed, it has no say in it: its folder stays until the next one is made.
-    drop(started());
-    assert_eq!(left(), 1, "of the one that was killed");
-    let run = started();
-    // The system ends the other's emulator, and takes its time for that.
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while emulators() > 1 {
-        assert!(Instant::now() < deadline, "is `setpriv` installed?");
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    assert_eq!((emulators(), left()), (1, 1), "while it runs");
+    drop(run().until("the emulator", |_| emulators() == 1));
+    let killed = left();
+    assert_eq!(killed.len(), 1, "of the one that was killed");
+    // The system ends the other's emulator (by `setpriv`), and takes its time for that.
+    let is_alone = |_: &Running| emulators() == 1 && left().len() == 1 && left() != killed;
+    let run = run().until("an emulator and a folder, of this run alone", is_alone);
     let done = run.interrupted();
     assert!(done.status.is_some(), "it had to be killed: {done:#?}");
-    assert_eq!((emulators(), left()), (0, 0), "after Ctrl-C");
+    assert_eq!((emulators(), left().len()), (0, 0), "after Ctrl-C");
 }
