@@ -33,7 +33,7 @@ pub const VERSION: u16 = 2;
 /// The first bytes of every recording.
 pub const MARK: &[u8; 6] = b"ESMREC";
 
-/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and takes some forty times as much there. Two months of a robot on patrol take so many.
+/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and takes some forty times as much there. Three weeks of a robot on patrol take so many.
 pub const MAX_FILE_BYTES: u64 = 16 << 20;
 
 /// What recordings began with that an earlier program wrote as lines of JSON.
