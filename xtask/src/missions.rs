@@ -115,6 +115,8 @@ fn esm(root: &Path, arguments: &[&PathBuf]) -> Result<String, Failure> {
         .args([
             "run",
             "--quiet",
+            // As the demo and the tests have it, which is there then.
+            "--release",
             "--package",
             "host-tools",
             "--bin",

@@ -100,9 +100,6 @@ fn all(root: &Path, choice: Choice, tally: &mut Tally) {
 
 /// What is built optimised: the command, and firmware, with its sizes and lints.
 fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
-    if let Some(toolchain) = compiler(choice, tally) {
-        firmware_checks(root, &toolchain, tally);
-    }
     tally.step("the command esm, optimised", || {
         process::run(cargo(root).args([
             "build",
@@ -113,6 +110,9 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
             "esm",
         ]))
     });
+    if let Some(toolchain) = compiler(choice, tally) {
+        firmware_checks(root, &toolchain, tally);
+    }
 }
 
 /// What drives robots, on the host and in the emulator: the demo, and the tests of the whole. Needs what [`builds`] makes.
