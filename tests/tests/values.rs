@@ -117,11 +117,14 @@ fn sampled(board: &str) {
         .pose();
     let pose = numbers("position/Track.pose");
     let (from, to) = (begun.position, plant.pose().position);
-    let length = |x: f64, y: f64| (x * x + y * y).sqrt();
-    let way = length(to.x_m - from.x_m, to.y_m - from.y_m);
-    let told = length(pose[0], pose[1]);
-    assert!(way > 0.5, "{board}: it drives: {way} m");
-    assert!((way - told).abs() < 0.1, "{board}: {way} m, {told} m told");
+    let square = |x: f64, y: f64| x * x + y * y;
+    let way_m2 = square(to.x_m - from.x_m, to.y_m - from.y_m);
+    let told_m2 = square(pose[0], pose[1]);
+    assert!(way_m2 > 0.25, "{board}: it drives: {way_m2} m²");
+    assert!(
+        (way_m2 - told_m2).abs() < 0.2,
+        "{board}: {way_m2} m², {told_m2} m² told"
+    );
     let battery_v = numbers("battery/Measure.battery")[0];
     let truth_v = plant.battery_v();
     assert!(
