@@ -22,7 +22,7 @@ use core::ops::{Deref, Range};
 
 use clock::Clock;
 
-pub use carry::{TakenOver, TaskPairs};
+pub use carry::TakenOver;
 pub use progress::{MAX_STEPS, Progress, ResumeError};
 
 use crate::format::{self, Section};

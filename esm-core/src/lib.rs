@@ -44,6 +44,7 @@ pub mod dispatcher;
 pub mod format;
 mod interpreter;
 mod layout;
+mod pairing;
 pub mod reads;
 mod rules;
 pub mod signature;
@@ -51,10 +52,11 @@ pub mod tables;
 pub mod texts;
 mod verify;
 
-pub use buffer::BlobBuffer;
+pub use buffer::{BlobBuffer, BlobReader};
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
     ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
-    StepSummary, TakenOver, TaskPairs, TransitionTaken,
+    StepSummary, TakenOver, TransitionTaken,
 };
+pub use pairing::{Pairing, TooManyPairs};
 pub use verify::{Cause, Refusal, Verified, verify};

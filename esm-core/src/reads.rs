@@ -9,6 +9,8 @@
 //!    that region, and an event in the queue is the channel of an action.
 //! 3. *The arena is as long as the blob asks for*, which is compared when the interpreter is made. An index that comes from outside is compared before it is used.
 //!
+//! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`] cannot change them until the reader is back.
+//!
 //! This is the only file of the crate with `unsafe`, and without the feature `unchecked` it has none. Tests run every input through both versions.
 
 use core::ops::Deref;
@@ -343,6 +345,140 @@ mod unchecked {
             let mask = ((1u32 << count) - 1) << (at % 8);
             // SAFETY: as above.
             unsafe { place.write_unaligned(place.read_unaligned() & !mask) }
+        }
+    }
+}
+
+pub(crate) use storage::{Reader, Storage};
+
+/// Memory that one may write, or else two may read.
+#[cfg(feature = "unchecked")]
+#[allow(
+    unsafe_code,
+    reason = "the bytes are written by their owner alone, and only while no reader is out"
+)]
+mod storage {
+    use core::marker::PhantomData;
+    use core::ptr::NonNull;
+
+    /// Bytes, and whether a reader of them is out.
+    pub(crate) struct Storage<'m> {
+        /// From a `&'m mut [u8]` that nobody uses otherwise. A reader has a copy of it.
+        bytes: NonNull<[u8]>,
+        is_lent: bool,
+        owned: PhantomData<&'m mut [u8]>,
+    }
+
+    /// Reads the bytes of a storage. There is one at most.
+    pub(crate) struct Reader<'m> {
+        bytes: NonNull<[u8]>,
+        borrowed: PhantomData<&'m [u8]>,
+    }
+
+    // SAFETY: it is what a `&mut [u8]` is, or as long as a reader is out a `&[u8]`.
+    unsafe impl Send for Storage<'_> {}
+    // SAFETY: through a shared one bytes are only read.
+    unsafe impl Sync for Storage<'_> {}
+    // SAFETY: it is what a `&[u8]` is.
+    unsafe impl Send for Reader<'_> {}
+    // SAFETY: as above.
+    unsafe impl Sync for Reader<'_> {}
+
+    impl<'m> Storage<'m> {
+        pub(crate) fn new(bytes: &'m mut [u8]) -> Self {
+            Storage {
+                bytes: NonNull::from(bytes),
+                is_lent: false,
+                owned: PhantomData,
+            }
+        }
+
+        #[inline(always)]
+        pub(crate) fn bytes(&self) -> &[u8] {
+            // SAFETY: they are borrowed for `'m`, and written by `bytes_mut` alone, whose borrow of all of this excludes the one here.
+            unsafe { self.bytes.as_ref() }
+        }
+
+        /// The bytes, to be written. None while a reader is out.
+        pub(crate) fn bytes_mut(&mut self) -> &mut [u8] {
+            if self.is_lent {
+                return &mut [];
+            }
+            // SAFETY: they are borrowed for `'m`; nobody else has this, and no reader is out.
+            unsafe { self.bytes.as_mut() }
+        }
+
+        /// A reader of the bytes, if none is out.
+        pub(crate) fn lend(&mut self) -> Option<Reader<'m>> {
+            (!core::mem::replace(&mut self.is_lent, true)).then_some(Reader {
+                bytes: self.bytes,
+                borrowed: PhantomData,
+            })
+        }
+
+        /// Takes the reader back, if it is the one of this storage.
+        pub(crate) fn take_back(&mut self, reader: Reader<'m>) -> Result<(), Reader<'m>> {
+            // Of two storages that begin at one address, one is empty.
+            if !core::ptr::eq(self.bytes.as_ptr(), reader.bytes.as_ptr()) {
+                return Err(reader);
+            }
+            self.is_lent = false;
+            Ok(())
+        }
+    }
+
+    impl Reader<'_> {
+        pub(crate) fn bytes(&self) -> &[u8] {
+            // SAFETY: they are borrowed for `'m`, and the storage writes none as long as this is out.
+            unsafe { self.bytes.as_ref() }
+        }
+    }
+}
+
+/// Memory that one may write: without `unsafe`, nobody else can read it meanwhile.
+#[cfg(not(feature = "unchecked"))]
+mod storage {
+    use core::convert::Infallible;
+    use core::marker::PhantomData;
+
+    /// Bytes.
+    pub(crate) struct Storage<'m> {
+        bytes: &'m mut [u8],
+    }
+
+    /// There is none.
+    pub(crate) struct Reader<'m> {
+        never: Infallible,
+        borrowed: PhantomData<&'m [u8]>,
+    }
+
+    impl<'m> Storage<'m> {
+        pub(crate) fn new(bytes: &'m mut [u8]) -> Self {
+            Storage { bytes }
+        }
+
+        pub(crate) fn bytes(&self) -> &[u8] {
+            self.bytes
+        }
+
+        pub(crate) fn bytes_mut(&mut self) -> &mut [u8] {
+            self.bytes
+        }
+
+        #[expect(clippy::unused_self, reason = "the other one has something to lend")]
+        pub(crate) fn lend(&mut self) -> Option<Reader<'m>> {
+            None
+        }
+
+        #[expect(clippy::unused_self, reason = "as above")]
+        pub(crate) fn take_back(&mut self, reader: Reader<'m>) -> Result<(), Reader<'m>> {
+            Err(reader)
+        }
+    }
+
+    impl Reader<'_> {
+        pub(crate) fn bytes(&self) -> &[u8] {
+            match self.never {}
         }
     }
 }

@@ -44,6 +44,7 @@ use core::ops::Deref;
 
 use serde::{Deserialize, Serialize};
 
+use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
 use crate::interpreter::ArenaLayout;
 use crate::layout::Field;
@@ -192,6 +193,14 @@ impl<B: Deref<Target = [u8]>> Verified<B> {
     #[must_use]
     pub fn ram_bytes(&self) -> usize {
         self.arena_words() * size_of::<u32>()
+    }
+}
+
+impl<'m> Verified<BlobBuffer<'m>> {
+    /// The same for somebody else, as long as the blob is where it is: see [`BlobBuffer::lend`].
+    pub fn lend(&mut self) -> Option<Verified<BlobReader<'m>>> {
+        let layout = self.layout;
+        (self.bytes.lend()).map(|bytes| Verified { bytes, layout })
     }
 }
 

@@ -183,6 +183,8 @@ impl Shortage {
                 "exclusive groups",
                 "put tasks into one group that are never active together anyway",
             ),
+            // It is of two missions, and asked for when one takes over from the other warm.
+            Capacity::Pairs => ("entries in common", "upload it without `--warm`"),
         };
         Shortage { need, what, hint }
     }
@@ -226,7 +228,7 @@ fn machine_span(model: &Model) -> Span {
 /// The declaration of the first thing for which there is no room, if one can be told.
 fn beyond(model: &Model, tables: &Tables<'_>, what: Capacity, available: usize) -> Option<Span> {
     match what {
-        Capacity::BlobBytes | Capacity::ArenaWords => None,
+        Capacity::BlobBytes | Capacity::ArenaWords | Capacity::Pairs => None,
         Capacity::Slots => model.slots.get(available).map(|slot| slot.span),
         Capacity::TaskInstances => {
             let place = task_instances(model).nth(available)?;

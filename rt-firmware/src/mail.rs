@@ -4,13 +4,13 @@
 //! giving it away is passing a reference through a queue. So nothing large is copied, nothing is locked, and what is under way is
 //! always one thing.
 
-use esm_core::Verified;
 use heapless::spsc::Queue;
 
 use crate::link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
 use crate::link::trial::FallBack;
 use crate::ports::Job;
 use crate::realtime::params::SavedParams;
+use crate::realtime::upcoming::{PairTable, Spare, Upcoming};
 use esm_core::BlobBuffer;
 
 /// One letter or job at a time; a queue holds one less than its length.
@@ -40,6 +40,7 @@ pub(crate) struct Posted<'m> {
 /// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls back answers nobody.
 pub(crate) struct Freed<'m> {
     pub(crate) blob: BlobBuffer<'m>,
+    pub(crate) spare: Spare<'m>,
     /// The mission in it was given up.
     pub(crate) fell_back: Option<FallBack>,
 }
@@ -64,13 +65,17 @@ impl Mail<'_> {
 }
 
 /// What link and real-time side say to each other.
-pub enum Letter<'m> {
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one letter, and no heap to box a part of it on"
+)]
+pub(crate) enum Letter<'m> {
     /// Nothing.
     Empty,
     /// Link: switch to this mission.
     Swap {
         /// The mission.
-        mission: Verified<BlobBuffer<'m>>,
+        mission: Upcoming<'m>,
         /// How.
         swap: Swap,
         /// What was saved of parameters, for this mission or another.
@@ -84,13 +89,8 @@ pub enum Letter<'m> {
         on_trial: bool,
         /// Active regions that go on as they were.
         carried: u16,
-    },
-    /// Real time: it cannot run.
-    SwapFailed {
-        /// Hash of the mission.
-        mission: u32,
-        /// Why.
-        error: LinkError,
+        /// Given back.
+        pairs: PairTable<'m>,
     },
     /// Link: the mission on trial stays.
     Confirm {

@@ -55,6 +55,7 @@ use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
 use crate::realtime::slots::SlotEntry;
 use crate::realtime::tasks::{Group, NO_GROUP, NONE, TaskEntry, TaskTable};
 use crate::realtime::trace::Trace;
+use crate::realtime::upcoming::{Lists, Room, Rooms};
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::recorder::RecorderMemory;
 use crate::ring::Ring;
@@ -62,6 +63,9 @@ use crate::status::Snapshot;
 use crate::supervision::Signs;
 use crate::telemetry::TelemetryMemory;
 use esm_core::BlobBuffer;
+
+/// Entries of the table of what two missions have in common, for each word of the interpreter's. It is never too short for their region instances.
+const PAIRS_OF_WORD: usize = 2;
 
 /// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
 /// interpreter, slots, task instances, nets, exclusive groups; and the bytes of the trace ring.
@@ -78,8 +82,10 @@ pub struct Memory<
     blobs: [[u8; BLOB_BYTES]; 2],
     /// All that a mission keeps, for two where one can take over from another warm.
     arenas: [[u32; ARENA_WORDS]; MISSIONS],
-    slots: [SlotEntry; SLOTS],
+    slots: [[SlotEntry; SLOTS]; MISSIONS],
     tasks: [[TaskEntry; TASKS]; MISSIONS],
+    /// What a mission has in common with the one that it takes over from.
+    pairs: [[[u16; PAIRS_OF_WORD]; ARENA_WORDS]; MISSIONS - 1],
     nets: [[Net; NETS]; MISSIONS],
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
@@ -108,8 +114,9 @@ impl<
         Memory {
             blobs: [[0; BLOB_BYTES]; 2],
             arenas: [[0; ARENA_WORDS]; MISSIONS],
-            slots: [SlotEntry::UNUSED; SLOTS],
+            slots: [[SlotEntry::UNUSED; SLOTS]; MISSIONS],
             tasks: [[TaskEntry::UNUSED; TASKS]; MISSIONS],
+            pairs: [[[0; PAIRS_OF_WORD]; ARENA_WORDS]; MISSIONS - 1],
             nets: [[Net::EMPTY; NETS]; MISSIONS],
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
@@ -227,11 +234,22 @@ pub fn split<
     let trace_wanted = &memory.trace_wanted;
     let is_stopped = about.kept.is_some_and(Kept::is_emergency_stopped);
     *memory.signs.emergency_stop.get_mut() = is_stopped;
+    let mut tasks = memory.tasks.iter_mut();
+    let mut slots = memory.slots.iter_mut();
+    let rooms = memory.arenas.each_mut().map(|arena| Room {
+        arena,
+        lists: Lists {
+            tasks: tasks.next().map(|tasks| &mut tasks[..]).unwrap_or_default(),
+            slots: slots.next().map(|slots| &mut slots[..]).unwrap_or_default(),
+            first_in_slot_0: None,
+        },
+    });
+    let pairs = memory.pairs.as_flattened_mut().as_flattened_mut();
+    let (rooms, own) = Rooms::new(rooms, pairs);
     let real_time = RealTime::new(Parts {
         executor,
-        arenas: memory.arenas.each_mut().map(|arena| &mut arena[..]),
-        tasks: TaskTable::new(&mut memory.tasks, &mut memory.groups),
-        slots: &mut memory.slots,
+        own,
+        tasks: TaskTable::new(&mut memory.groups),
         limits,
         job: memory.job.write(None),
         to_background,
@@ -260,6 +278,7 @@ pub fn split<
             .blobs
             .each_mut()
             .map(|storage| Some(BlobBuffer::new(storage))),
+        rooms,
         upload: None,
         letter: Some(memory.letter.write(Letter::Empty)),
         ticket: None,

@@ -59,6 +59,8 @@ pub(crate) struct Signs {
     pub(crate) emergency_stop: AtomicBool,
     /// The button that latches one is pressed; looked at while one is latched.
     pub(crate) stop_pressed: AtomicBool,
+    /// The link prepares a mission, or has asked for one to take over.
+    pub(crate) mission_is_coming: AtomicBool,
 }
 
 impl Signs {
@@ -69,6 +71,7 @@ impl Signs {
             requests: AtomicU32::new(0),
             emergency_stop: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),
+            mission_is_coming: AtomicBool::new(false),
         }
     }
 }

@@ -580,6 +580,76 @@ fn the_demo_drives_far_through_rooms_and_swaps_missions_without_missing_a_slot()
     assert_eq!(starts, 2);
 }
 
+/// Something happens each millisecond, and the interpreter's slot is nearly as long as what is left of one.
+const QUICK: &str = "
+    interpreter slot 1;
+    slot 1 period 20 ms duration 550 us;
+    slot 2 period 1 ms duration 350 us;
+    slot 3 period 20 ms duration 500 us;
+    task SlotMonitor slot 2 { out flag overrun; out flag missed; param limit: u32 = 10 min 0 max 1000; }
+    task BatteryMonitor slot 3 { out data battery: Battery; out flag low; param low_v: f32 = 6.6 min 0.0 max 20.0; }
+    container Deep {
+        in flag quick;
+        region a { state One timeout 60 ms; state Two timeout 40 ms; initial -> One; One -> Two [timeout]; Two -> One [timeout]; }
+        region b { state One timeout 30 ms; state Two timeout 50 ms; initial -> One; One -> Two [timeout]; Two -> One [timeout]; }
+    }
+    machine Quick {
+        event Leave;
+        region watch { task Watch: SlotMonitor with { limit = 20 }; initial -> Watch; }
+        region battery { task Measure: BatteryMonitor; initial -> Measure; }
+        region left { super In: Deep; state Out timeout 70 ms; initial -> In / set .quick; In -> Out on Leave; Out -> In [timeout]; }
+        region right { super In: Deep; state Out timeout 70 ms; initial -> In; In -> Out on Leave; Out -> In [timeout]; }
+        region steps { state A timeout 100 ms; state B timeout 100 ms; initial -> A; A -> B [timeout] / send Leave; B -> A [timeout]; }
+    }";
+
+#[test]
+fn a_mission_that_follows_another_delays_no_slot_by_half_a_millisecond_cold_or_warm() {
+    let folder = tempfile::tempdir().unwrap();
+    let missions = root().join("missions");
+    std::fs::copy(missions.join("rover.esm"), folder.path().join("rover.esm")).unwrap();
+    let patrol = std::fs::read_to_string(missions.join("patrol.esm")).unwrap();
+    let elf = firmware("rover");
+    for (name, text, (from, to), longest_ns) in [
+        // Long before the macro step nothing is due, and the missions are exchanged then.
+        (
+            "patrol",
+            &*patrol,
+            ("angle_rad = 1.0", "angle_rad = 1.5"),
+            10_000,
+        ),
+        ("quick", QUICK, ("limit = 20", "limit = 21"), 500_000),
+    ] {
+        let file = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path.to_str().unwrap().to_owned()
+        };
+        let changed = text.replace(from, to);
+        assert_ne!(changed, text);
+        let before = file(&format!("{name}.esm"), text);
+        let then = format!("1 s {}", file(&format!("{name}_changed.esm"), &changed));
+        let out = folder.path().join(name);
+        for warm in [&[][..], &["--warm"]] {
+            let arguments = ["run", &before, "--then", &then, "--until", "2400 ms"];
+            let files = [
+                "--firmware",
+                elf.to_str().unwrap(),
+                "--out",
+                out.to_str().unwrap(),
+            ];
+            esm(&[&arguments[..], &files, warm].concat()).good();
+            let summary = std::fs::read(out.join("summary.json")).unwrap();
+            let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+            assert_eq!(summary["slots_missed"], 0, "{name} {warm:?}: {summary:#}");
+            // Its first macro step is the one behind the swap.
+            let slots = &summary["missions"][1]["slots"];
+            let delay_ns = slots[0]["longest_delay_ns"].as_u64().unwrap();
+            assert!(delay_ns <= longest_ns, "{name} {warm:?}: {delay_ns} ns");
+            assert!(slots[0]["executed"].as_u64() > Some(20), "{slots:#}");
+        }
+    }
+}
+
 /// A robot like the rover, but with wheels a millimetre farther apart.
 fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
     let parts: PinRoverParts<'_> = parts.into();

@@ -10,7 +10,7 @@ use std::ops::Deref;
 
 use esm_core::reads::{Checked, Reads};
 use esm_core::tables::{StateKind, Tables};
-use esm_core::{Interpreter, Observer, TakenOver, TransitionTaken, format};
+use esm_core::{Interpreter, Observer, Pairing, TakenOver, TooManyPairs, TransitionTaken, format};
 use esm_tests::random::Random;
 use esm_tests::{environment, random_machine, subject};
 use host_tools::compile::{NameTable, compile_with};
@@ -28,6 +28,14 @@ fn machine<'m>(blob: &[u8], arena: &'m mut Vec<u32>) -> Machine<'m> {
     let verified = subject::verified(blob).unwrap();
     arena.resize(verified.arena_words(), 0);
     Interpreter::with_reads(verified, arena).unwrap()
+}
+
+/// What a robot does in two steps: finds out what both have in common, whatever is current, and takes over.
+fn take_over(new: &mut Machine<'_>, old: &Machine<'_>) -> TakenOver {
+    let mut table = vec![0xAAAA; usize::from(u16::MAX)];
+    let mut pairing = Pairing::new(&mut table);
+    pairing.find(&new.tables(), &old.tables(), |_| 0).unwrap();
+    new.take_over(old, &pairing)
 }
 
 /// What the tasks of a machine do before a macro step.
@@ -125,7 +133,7 @@ fn a_swap_to_the_same_machine_is_none() {
         if failed {
             continue;
         }
-        let taken = next.take_over(&left, &mut ());
+        let taken = take_over(&mut next, &left);
         assert_eq!(taken.anew, 0, "seed {seed}\n{text}");
         regions += usize::from(taken.regions);
         for number in 0..STEPS {
@@ -301,7 +309,7 @@ fn states_and_regions_go_on_in_whatever_order_they_are_declared() {
                 let there = build(regions.clone());
                 let (mut old, mut new) = (machine(&blob, &mut a), machine(&there, &mut b));
                 step(&mut old);
-                let taken = new.take_over(&old, &mut ());
+                let taken = take_over(&mut new, &old);
                 assert_eq!(taken.regions, 2, "{current} to {regions}");
                 let names = Directory::of(&new.tables()).unwrap();
                 let path_of = |region: usize| {
@@ -343,7 +351,7 @@ fn a_swap_to_another_machine_carries_over_what_has_the_same_path_and_kind() {
         if old.fault().is_some() {
             continue;
         }
-        let TakenOver { regions, anew } = new.take_over(&old, &mut ());
+        let TakenOver { regions, anew } = take_over(&mut new, &old);
         let old_names = Directory::of(&old.tables()).unwrap();
         let new_names = Directory::of(&new.tables()).unwrap();
         let found: BTreeMap<String, String> = new_names
@@ -451,7 +459,7 @@ fn steps_left(before: &[u8], steps: usize, after: &[u8]) -> usize {
     for _ in 0..steps {
         step(&mut old);
     }
-    new.take_over(&old, &mut ());
+    take_over(&mut new, &old);
     let over = |machine: &Machine<'_>| machine.current(0) == 2;
     assert!(!over(&new));
     (1..10_000)
@@ -507,7 +515,7 @@ fn a_machine_that_stopped_and_one_without_names_hand_over_nothing() {
         regions: 0,
         anew: 1,
     };
-    assert_eq!(new.take_over(&old, &mut ()), nothing);
+    assert_eq!(take_over(&mut new, &old), nothing);
 
     let whole = subject::build(WAITING).unwrap().blob;
     let verified = subject::verified(&whole).unwrap();
@@ -522,5 +530,35 @@ fn a_machine_that_stopped_and_one_without_names_hand_over_nothing() {
     for _ in 0..3 {
         step(&mut old);
     }
-    assert_eq!(new.take_over(&old, &mut ()), nothing);
+    assert_eq!(take_over(&mut new, &old), nothing);
+}
+
+#[test]
+fn a_table_that_is_too_short_is_refused_with_what_is_needed() {
+    let first = environment::number("ESM_SEED", 1);
+    let mut longest = 0;
+    for seed in first..first + 20 {
+        let blob = subject::build(&random_machine::machine(seed)).unwrap().blob;
+        let verified = subject::verified(&blob).unwrap();
+        let tables = verified.tables();
+        let found = |entries: usize| {
+            let mut table = vec![0; entries];
+            let mut pairing = Pairing::new(&mut table);
+            let found = pairing.find(&tables, &tables, |_| u8::MAX);
+            let pairs = pairing.tasks().count() + pairing.nets().count();
+            assert!(found.is_ok() || pairs == 0, "a part of it is nothing");
+            found
+        };
+        let mut entries = 0;
+        while let Err(TooManyPairs { needed, available }) = found(entries) {
+            assert!(needed > available && available == entries, "seed {seed}");
+            entries = needed;
+        }
+        if entries > 0 {
+            let refused = found(entries - 1).unwrap_err();
+            assert_eq!(refused.needed, entries, "seed {seed}: all of it is counted");
+        }
+        longest = longest.max(entries);
+    }
+    assert!(longest > 50, "{longest}");
 }

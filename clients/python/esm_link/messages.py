@@ -42,7 +42,7 @@ SLOT_STATES = (
     "trial not recorded",
     "given up",
 )
-CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups")
+CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before")
 CHANNELS = ("trace", "log", "record", "values")
 ACCESS = ("unsupported", "open", "locked", "unreadable")
 # Each by its bit.

@@ -405,7 +405,7 @@ mod tests {
     use super::*;
     use crate::compile::compile;
     use crate::lang;
-    use esm_core::Interpreter;
+    use esm_core::{Interpreter, Pairing};
     use std::time::Duration;
 
     fn blob(text: &str) -> Verified<Vec<u8>> {
@@ -475,7 +475,11 @@ mod tests {
             carried.text(9),
             "goes on: r/B\nstarts anew: fresh\nends: old/X\n"
         );
-        let taken_over = new.take_over(&old, &mut ());
+        let mut table = [0; 64];
+        let mut pairing = Pairing::new(&mut table);
+        let found = pairing.find(&new_tables.tables(), &old_tables.tables(), |_| 0);
+        found.unwrap();
+        let taken_over = new.take_over(&old, &pairing);
         assert_eq!((taken_over.regions, taken_over.anew), (1, 1));
     }
 }

@@ -175,6 +175,11 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
                 Capacity::TaskInstances => "task states",
                 Capacity::Nets => "nets",
                 Capacity::ExclusiveGroups => "exclusive groups",
+                Capacity::Pairs => {
+                    return format!(
+                        "the mission has {needed} entries in common with the one that runs, the robot has room for {available}: upload it without `--warm`"
+                    );
+                }
             };
             format!("the mission needs {needed} {what}, the robot has room for {available}")
         }

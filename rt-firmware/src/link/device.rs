@@ -24,6 +24,7 @@ use crate::features::{Feature, Features, KEYS, NEWS, PARAMS, RECORD, TELEMETRY, 
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::params::SavedParams;
+use crate::realtime::upcoming::{Rooms, Upcoming};
 use crate::recorder::RecordReader;
 use crate::ring::RingReader;
 use crate::runtime::About;
@@ -190,6 +191,8 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) about: About<'m>,
     /// Buffers that no mission is in.
     pub(crate) blobs: [Option<BlobBuffer<'m>>; 2],
+    /// Memory of missions that do not run, and what has to do with it.
+    pub(crate) rooms: Rooms<'m>,
     pub(crate) upload: Option<Upload<'m>>,
     /// The letter, while it is here.
     pub(crate) letter: Option<&'m mut Letter<'m>>,
@@ -506,14 +509,9 @@ fn keep_in_mind(
             ..
         }
         | Letter::Confirmed { mission } => keeper.trial_confirmed(mission),
-        Letter::SwapFailed { mission, .. } => {
-            // What cannot even begin was checked before: there is nothing better to choose.
-            keeper.trial_failed(mission);
-            Ok(())
-        }
-        // Nor does what comes back as it went.
+        // What comes back as it went does not even begin.
         Letter::Swap { ref mission, .. } => {
-            keeper.trial_failed(mission.hash());
+            keeper.trial_failed(mission.mission().hash());
             Ok(())
         }
         Letter::Released => keeper.set_emergency_stop(false),
@@ -573,7 +571,7 @@ fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, LinkError> {
             mission: *mission,
             carried: *carried,
         }),
-        Letter::SwapFailed { error, .. } | Letter::Failed(error) => Err(*error),
+        Letter::Failed(error) => Err(*error),
         Letter::Blob { total, bytes } => Ok(Response::Blob {
             total: *total,
             data: bytes.as_slice(),
@@ -1087,9 +1085,22 @@ impl<'m> Desk<'_, 'm> {
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
     fn commit<'a>(&mut self, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
+        self.tell_of_mission(true);
         match self.stage(swap, port) {
             Ok(()) => self.post(),
-            Err(error) => Reaction::Answer(Err(error)),
+            Err(error) => {
+                self.tell_of_mission(false);
+                Reaction::Answer(Err(error))
+            }
+        }
+    }
+
+    /// Tells the real-time side that a mission is to come, so that it looks for it in time.
+    fn tell_of_mission(&self, is_coming: bool) {
+        if WARM {
+            self.signs
+                .mission_is_coming
+                .store(is_coming, Ordering::Relaxed);
         }
     }
 
@@ -1135,27 +1146,47 @@ impl<'m> Desk<'_, 'm> {
                 return Err(LinkError::Invalid(refusal));
             }
         };
-        let checked = check(&verified, self.registry, &self.capacities)
-            .and_then(|()| self.accept(signed.as_ref(), port))
+        if let Err(error) = check(&verified, self.registry, &self.capacities) {
+            self.keep(verified.into_bytes());
+            return Err(error);
+        }
+        let mission = self.prepare(verified, swap.warm)?;
+        let accepted = self
+            .accept(signed.as_ref(), port)
             .and_then(|()| match port.keeper() {
-                Some(keeper) => keeper.trial_begins(verified.bytes()),
+                Some(keeper) => keeper.trial_begins(mission.mission().bytes()),
                 None => Ok(()),
             });
-        match (checked, &mut self.letter) {
+        match (accepted, &mut self.letter) {
             (Ok(()), Some(letter)) => {
                 **letter = Letter::Swap {
-                    mission: verified,
+                    mission,
                     swap,
                     saved: saved_params(port),
                 };
                 Ok(())
             }
-            (Ok(()), None) => {
-                self.keep(verified.into_bytes());
-                Err(LinkError::Busy)
+            (accepted, _) => {
+                let blob = self.rooms.take_apart(mission);
+                self.keep(blob);
+                Err(accepted.err().unwrap_or(LinkError::Busy))
             }
-            (Err(error), _) => {
-                self.keep(verified.into_bytes());
+        }
+    }
+
+    /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it cannot be made for.
+    #[inline(never)]
+    fn prepare(
+        &mut self,
+        mission: Verified<BlobBuffer<'m>>,
+        warm: bool,
+    ) -> Result<Upcoming<'m>, LinkError> {
+        match self.rooms.prepare(mission, warm, self.registry) {
+            Ok(mission) => Ok(mission),
+            Err((error, blob)) => {
+                if let Some(blob) = blob {
+                    self.keep(blob);
+                }
                 Err(error)
             }
         }
@@ -1163,7 +1194,13 @@ impl<'m> Desk<'_, 'm> {
 
     /// Takes buffers that missions were in, and lets the keeper remember which of them failed.
     fn take_freed(&mut self, port: &mut impl LinkPort) {
-        while let Some(Freed { blob, fell_back }) = self.freed.dequeue() {
+        while let Some(Freed {
+            mut blob,
+            spare,
+            fell_back,
+        }) = self.freed.dequeue()
+        {
+            self.rooms.keep(&mut blob, spare);
             self.keep(blob);
             if let (Some(fell_back), Some(keeper)) = (fell_back, port.keeper()) {
                 self.start_wanted |= keeper.trial_failed(fell_back.mission);
@@ -1204,7 +1241,14 @@ impl<'m> Desk<'_, 'm> {
             self.keep(blob);
             return true;
         };
-        match (verified(blob), &mut self.letter) {
+        let mission = match verified(blob) {
+            Ok(mission) => self.prepare(mission, false),
+            Err((blob, _)) => {
+                self.keep(blob);
+                return true;
+            }
+        };
+        match (mission, &mut self.letter) {
             (Ok(mission), Some(letter)) => {
                 let trial_ms = if on_trial { TRIAL_AT_START_MS } else { 0 };
                 let swap = Swap {
@@ -1220,8 +1264,12 @@ impl<'m> Desk<'_, 'm> {
                 self.ticket = None;
                 self.post();
             }
-            (Ok(mission), None) => self.keep(mission.into_bytes()),
-            (Err((blob, _)), _) => self.keep(blob),
+            (Ok(mission), None) => {
+                let blob = self.rooms.take_apart(mission);
+                self.keep(blob);
+            }
+            // It was kept.
+            (Err(_), _) => {}
         }
         true
     }
@@ -1294,8 +1342,14 @@ impl<'m> Desk<'_, 'm> {
 
     /// Keeps the letter until there is something to ask, and the buffer that is in one that could not be sent.
     fn put_away(&mut self, letter: &'m mut Letter<'m>) {
-        if let Letter::Swap { mission, .. } = core::mem::replace(letter, Letter::Empty) {
-            self.keep(mission.into_bytes());
+        self.tell_of_mission(false);
+        match core::mem::replace(letter, Letter::Empty) {
+            Letter::Swap { mission, .. } => {
+                let blob = self.rooms.take_apart(mission);
+                self.keep(blob);
+            }
+            Letter::Swapped { pairs, .. } => self.rooms.keep_table(pairs),
+            _ => {}
         }
         self.letter = Some(letter);
     }

@@ -420,7 +420,7 @@ pub struct Capacities {
     pub exclusive_groups: u16,
 }
 
-/// One of the [`Capacities`].
+/// One of the [`Capacities`], or what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Capacity {
     /// Bytes of a blob.
@@ -435,6 +435,8 @@ pub enum Capacity {
     Nets,
     /// Groups of exclusive tasks.
     ExclusiveGroups,
+    /// Entries of the table of what a mission has in common with the one that it is to take over from warm: two for each of the [words](Capacities::arena_words).
+    Pairs,
 }
 
 /// Why a robot started.

@@ -11,19 +11,20 @@ pub mod params;
 pub(crate) mod slots;
 pub(crate) mod tasks;
 pub(crate) mod trace;
+pub(crate) mod upcoming;
 
 use core::num::NonZeroU64;
 use core::sync::atomic::Ordering;
 
 use esm_core::tables::{Tables, TaskPlaces};
-use esm_core::{Dispatcher, Fault, Interpreter, TaskPairs, Verified, dispatcher};
+use esm_core::{Dispatcher, Fault, Interpreter, Pairing, dispatcher};
 use heapless::spsc::{Consumer, Producer};
 
 use crate::black_box::Event;
 use crate::board::{Board, OccurrenceStart, microseconds};
-use crate::features::{MISSIONS, PARAMS, TELEMETRY, WARM};
+use crate::features::{PARAMS, TELEMETRY, WARM};
 use crate::kept::Kept;
-use crate::link::message::{Capacity, LinkError, Mode, SafeReason, Swap, TaskCounters};
+use crate::link::message::{LinkError, Mode, SafeReason, Swap, TaskCounters};
 use crate::link::telemetry::Ask;
 use crate::link::trace::{EMERGENCY, TraceRecord};
 use crate::link::trial::{self, FallBack, FallBackReason};
@@ -32,19 +33,23 @@ use crate::ports::{Executor, FlagChanges, Harvest, Inputs, Job, Said};
 use crate::recorder::Recorder;
 use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
-use crate::task::{Declaration, Direction, MAX_DATA_PORTS, Step};
+use crate::task::{Declaration, MAX_DATA_PORTS, Step};
 use crate::telemetry::Sampler;
 use esm_core::BlobBuffer;
 use params::{LiveParams, SavedParams};
 use slots::{SlotEntry, nanoseconds};
 use tasks::{NONE, TaskTable};
 use trace::{StepObserver, Trace};
+use upcoming::{Lists, OwnRoom, Prepared, Resting, Room, Upcoming};
 
 /// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
 pub const IDLE_POLL_US: u32 = 10_000;
 
 /// How long occurrences may follow one another, each made ready after the one before, without a look at the whole clock.
 const LOOK_US: u32 = 100_000;
+
+/// How long before the first macro step of another mission the missions are exchanged, if nothing is due in between: longer than that takes.
+const CHANGE_LEAD_US: u32 = 2_000;
 
 /// How much may go wrong before the robot goes to its safe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,39 +101,10 @@ impl Mission<'_> {
     }
 }
 
-/// What a mission takes over from the one before beside the interpreter's state: the tasks that serve it, and values on nets.
-struct Carrying<'c, 'm> {
-    tasks: &'c mut TaskTable<'m>,
-    executor: &'c mut Executor<'m>,
-}
-
-impl TaskPairs for Carrying<'_, '_> {
-    fn pair(&mut self, (here, task): (&Tables<'_>, usize), (there, other): (&Tables<'_>, usize)) {
-        let Some(place) = self.tasks.carry(task, other) else {
-            return;
-        };
-        let first_connection = |tables: &Tables<'_>, task| {
-            let instance = tables.task_instance(task);
-            instance.map_or(0, |instance| instance.first_connection)
-        };
-        let (first, other_first) = (first_connection(here, task), first_connection(there, other));
-        let declaration = self.executor.registry().declaration(place.bank.into());
-        let ports = declaration.map_or(&[][..], |declaration| declaration.ports);
-        for (port, declared) in ports.iter().enumerate() {
-            if declared.direction != Direction::In
-                && let Some(Some(net)) = here.connection(first + port)
-                && let Some(Some(before)) = there.connection(other_first + port)
-            {
-                self.executor.carry_net(net, before);
-            }
-        }
-    }
-}
-
 /// What is known of the mission that runs while it is on trial.
 struct Trial<'m> {
     /// The mission before, to fall back to.
-    before: Option<Verified<BlobBuffer<'m>>>,
+    before: Option<Resting<'m>>,
     /// When it ends, in microseconds since the first macro step of the first mission.
     until_us: u64,
     /// Why it has failed: the robot falls back at the interpreter's next occurrence.
@@ -161,10 +137,9 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     mission: Option<Mission<'m>>,
     /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
     dispatcher: Dispatcher<SLOTS>,
-    /// Memory for interpreters, as far as no mission has it.
-    arenas: [Option<&'m mut [u32]>; MISSIONS],
+    /// Memory for the next mission, where the link has none.
+    own: OwnRoom<'m>,
     tasks: TaskTable<'m>,
-    slots: &'m mut [SlotEntry],
     mode: Mode,
     limits: Limits,
     /// The task instance that has said how many overruns in a row are allowed while it is enabled, and how many.
@@ -181,8 +156,12 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     freed: Producer<'q, Freed<'m>>,
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
+    /// What is answered when the new mission begins.
+    answered: Option<&'m mut Letter<'m>>,
     /// When it is too late for what waits, on the board's clock in microseconds.
     waiting_by_us: u64,
+    /// When it came, in ticks.
+    waiting_since_ticks: u64,
     params: LiveParams,
     /// What the mission of this hash starts with.
     saved: SavedParams,
@@ -250,9 +229,8 @@ impl Ready {
 /// What a real-time side is made of.
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
-    pub(crate) arenas: [&'m mut [u32]; MISSIONS],
+    pub(crate) own: OwnRoom<'m>,
     pub(crate) tasks: TaskTable<'m>,
-    pub(crate) slots: &'m mut [SlotEntry],
     pub(crate) limits: Limits,
     pub(crate) job: &'m mut Option<Job<'m>>,
     pub(crate) to_background: Producer<'q, &'m mut Option<Job<'m>>>,
@@ -274,9 +252,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             executor: parts.executor,
             mission: None,
             dispatcher: Dispatcher::idle(),
-            arenas: parts.arenas.map(Some),
+            own: parts.own,
             tasks: parts.tasks,
-            slots: parts.slots,
             mode: Mode::Empty,
             limits: parts.limits,
             supervisor: None,
@@ -288,7 +265,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             to_link: parts.to_link,
             freed: parts.freed,
             waiting: None,
+            answered: None,
             waiting_by_us: NO_DEADLINE,
+            waiting_since_ticks: 0,
             params: LiveParams::NONE,
             saved: SavedParams::NONE,
             trial: None,
@@ -514,6 +493,14 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             return None;
         }
         let mission = self.mission.as_ref()?;
+        if WARM
+            && next.slot == mission.interpreter_slot
+            && (self.waiting.is_some()
+                || self.trial.is_some()
+                || self.signs.mission_is_coming.load(Ordering::Relaxed))
+        {
+            return None;
+        }
         let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
         let wait_ticks = (start_ticks as u32).wrapping_sub(now_ticks) as i32;
         if wait_ticks <= 0 {
@@ -531,7 +518,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
         self.ready.window_ticks = 0;
         let Some(mission) = &self.mission else { return };
-        let Some(entry) = self.slots.get(next.slot) else {
+        let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
             return;
         };
         if self.mode != Mode::Running || next.slot == mission.interpreter_slot {
@@ -580,9 +567,12 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if !letter_waits {
             self.take_letter(board);
         }
-        let at_ticks = self.execute_due(board);
+        let mut at_ticks = self.execute_due(board);
         if letter_waits {
             self.take_letter(board);
+            if WARM && self.waiting.is_some() {
+                at_ticks = self.execute_due(board);
+            }
         }
         self.ready = Ready::NOTHING;
         let next = self.dispatcher.next();
@@ -609,7 +599,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             if self.waiting.is_some() {
                 self.refuse_late::<B>(now);
             }
-            let Some(mission) = &mut self.mission else {
+            let Some(mission) = &self.mission else {
                 if self.waiting.is_some() {
                     let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
                     self.change_mission(Origin {
@@ -620,6 +610,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                         continue;
                     }
                 }
+                self.send_answered();
                 self.take_job_back(None);
                 self.feed_watchdog(board, now);
                 if self.mode == Mode::EmergencyStopped {
@@ -629,8 +620,30 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 self.tell_health();
                 return now + poll_ticks;
             };
+            let (origin, interpreter_slot) = (mission.origin, mission.interpreter_slot);
+            let at = |start_us: u64| Origin {
+                ticks: origin.ticks + start_us * u64::from(B::TICKS_PER_US),
+                us: origin.us + start_us,
+            };
             let next = self.dispatcher.next();
-            let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            let start_ticks = at(next.start_us).ticks;
+            if WARM
+                && let Some(wait_ticks) = start_ticks.checked_sub(now)
+                && next.slot == interpreter_slot
+            {
+                let is_asked = self.changes_mission::<B>(at(next.start_us));
+                let lead_ticks = lead_ticks::<B>();
+                let is_coming = is_asked || self.signs.mission_is_coming.load(Ordering::Relaxed);
+                if is_coming && wait_ticks > lead_ticks {
+                    self.feed_watchdog(board, now);
+                    return now + poll_ticks.min(wait_ticks - lead_ticks);
+                }
+                if is_asked {
+                    // Nothing of the mission before is due until then.
+                    self.change_mission(at(next.start_us));
+                    continue;
+                }
+            }
             let Some(late_ticks) = now.checked_sub(start_ticks) else {
                 self.feed_watchdog(board, now);
                 // A slot is not delayed by a poll just before it.
@@ -649,9 +662,10 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 .dispatcher
                 .missed(taken.slot)
                 .wrapping_sub(missed_before);
-            let interpreter = taken.slot == mission.interpreter_slot;
+            let interpreter = taken.slot == interpreter_slot;
             if PARAMS
                 && interpreter
+                && let Some(mission) = &self.mission
                 && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
             {
                 set_param(&mut self.params, &mission.interpreter.tables(), letter);
@@ -659,20 +673,16 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 let refused = self.to_link.enqueue(letter);
                 debug_assert!(refused.is_ok());
             }
-            if interpreter
-                && (self.waiting.is_some()
-                    || (self.trial.as_ref())
-                        .is_some_and(|trial| trial.is_over(mission.origin.us + taken.start_us)))
-            {
-                let at = Origin {
-                    ticks: mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US),
-                    us: mission.origin.us + taken.start_us,
-                };
+            let start = at(taken.start_us);
+            if interpreter && self.changes_mission::<B>(start) {
                 self.note_missed(taken.slot, missed);
                 self.give_up_before(taken.start_us);
-                self.change_mission(at);
+                self.change_mission(start);
                 continue;
             }
+            let Some(mission) = &mut self.mission else {
+                continue;
+            };
             let occurrence = Occurrence {
                 slot: taken.slot,
                 start_us: taken.start_us,
@@ -685,10 +695,23 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 self.record.skipped(missed);
                 self.trace.write_next_in_full();
             }
-            let start_ticks = mission.origin.ticks + taken.start_us * u64::from(B::TICKS_PER_US);
             self.count_missed(board, &occurrence, missed);
-            self.execute(board, &occurrence, now, start_ticks);
+            self.execute(board, &occurrence, now, start.ticks);
         }
+    }
+
+    /// Whether a macro step at this time is the first of another mission, or of this one anew. A swap that is asked for when that step is due waits for the one after it, for which there is time to
+    /// make it; where the step is late anyway, it comes with it.
+    fn changes_mission<B: Board>(&self, at: Origin) -> bool {
+        let is_asked = (self.waiting.as_ref()).is_some_and(|letter| match &**letter {
+            Letter::SetParam { .. } => false,
+            Letter::Swap { .. } if WARM => {
+                let due_ticks = self.waiting_since_ticks.checked_sub(at.ticks);
+                due_ticks.is_none_or(|due_ticks| due_ticks > lead_ticks::<B>())
+            }
+            _ => true,
+        });
+        is_asked || (self.trial.as_ref()).is_some_and(|trial| trial.is_over(at.us))
     }
 
     /// What the real-time side is doing.
@@ -838,6 +861,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             interpreter: occurrence.interpreter,
         };
         let duration_us = self
+            .tasks
+            .lists
             .slots
             .get(occurrence.slot)
             .map_or(0, SlotEntry::duration_us);
@@ -857,6 +882,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
         self.take_job_back(Some(occurrence.number));
         if occurrence.interpreter {
+            self.send_answered();
             self.listen(start_us);
             if self.mode == Mode::Running {
                 self.macro_step(board, start_us);
@@ -867,6 +893,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if self.mode == Mode::Running {
             let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
             let first = self
+                .tasks
+                .lists
                 .slots
                 .get(occurrence.slot)
                 .and_then(SlotEntry::first_task);
@@ -910,7 +938,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         took_ticks: u32,
         duration_ticks: u32,
     ) {
-        let Some(entry) = self.slots.get_mut(slot) else {
+        let Some(entry) = self.tasks.lists.slots.get_mut(slot) else {
             return;
         };
         entry.began(delay_ticks);
@@ -1192,7 +1220,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 (self.waiting).take_if(|letter| matches!(letter, Letter::FallBack { .. }))
             {
                 *letter = Letter::Done;
-                self.send(letter);
+                self.answer_then(letter);
             }
             return;
         }
@@ -1214,52 +1242,49 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
             _ => self.start_anew(at),
         };
-        self.tell_health();
-        self.send(letter);
+        self.answer_then(letter);
+    }
+
+    /// Answers a letter that has changed the mission when its first macro step begins: until then the one before runs, whatever was exchanged already.
+    fn answer_then(&mut self, letter: &'m mut Letter<'m>) {
+        if WARM {
+            self.answered = Some(letter);
+        } else {
+            self.tell_health();
+            self.send(letter);
+        }
+    }
+
+    fn send_answered(&mut self) {
+        if WARM && let Some(letter) = self.answered.take() {
+            self.tell_health();
+            self.send(letter);
+        }
     }
 
     /// Switches to another mission.
     // Not inlined, as nothing here: no other mission should be made on top of this one.
     #[inline(never)]
-    fn swap(&mut self, new: Verified<BlobBuffer<'m>>, swap: Swap, at: Origin) -> Letter<'m> {
-        let mission = new.hash();
+    fn swap(&mut self, new: Upcoming<'m>, swap: Swap, at: Origin) -> Letter<'m> {
+        let mission = new.mission().hash();
         // What failed or stands still has nothing to hand over.
-        let warm = WARM && swap.warm && self.mode == Mode::Running;
-        // Where nothing is ever handed over there is memory for one, which ends first.
-        let (before, ended) = match WARM {
-            true => (self.mission.take(), None),
-            false => (None, self.end_mission()),
-        };
-        let ended_running = ended.as_ref().map(|(_, running)| *running);
-        let running = before.as_ref().map(Mission::running).or(ended_running);
-        let started = self.start_mission(new, running, at, before.as_ref().filter(|_| warm));
-        let old = match before {
-            Some(before) => Some(self.give_back(before.interpreter)),
-            None => ended.map(|(old, _)| old),
-        };
-        match started {
-            Ok(carried) => {
-                let on_trial = swap.trial_ms > 0;
-                if on_trial {
-                    self.trial = Some(Trial {
-                        before: old,
-                        until_us: at.us + u64::from(swap.trial_ms) * 1_000,
-                        failed: None,
-                    });
-                } else if let Some(old) = old {
-                    self.free(old.into_bytes(), None);
-                }
-                Letter::Swapped {
-                    mission,
-                    on_trial,
-                    carried,
-                }
-            }
-            Err((error, blob)) => {
-                self.free(blob, None);
-                self.go_back_to(old, running, at);
-                Letter::SwapFailed { mission, error }
-            }
+        let warm = swap.warm && self.mode == Mode::Running;
+        let (carried, old, pairs) = self.start_upcoming(new, warm, at);
+        let on_trial = swap.trial_ms > 0;
+        if on_trial {
+            self.trial = Some(Trial {
+                before: old,
+                until_us: at.us + u64::from(swap.trial_ms) * 1_000,
+                failed: None,
+            });
+        } else if let Some(old) = old {
+            self.free(old, None);
+        }
+        Letter::Swapped {
+            mission,
+            on_trial,
+            carried,
+            pairs,
         }
     }
 
@@ -1270,17 +1295,13 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         if self.mode == Mode::EmergencyStopped {
             return Letter::Failed(LinkError::EmergencyStopped);
         }
-        let Some((mission, running)) = self.end_mission() else {
+        let running = self.running();
+        let Some(mission) = self.end_mission() else {
             return Letter::Failed(LinkError::NoMission);
         };
         self.mode = Mode::Running;
-        match self.start_mission(mission, Some(running), at, None) {
-            Ok(_) => Letter::Done,
-            Err((error, blob)) => {
-                self.free(blob, None);
-                Letter::Failed(error)
-            }
-        }
+        self.start_again(mission, running, at);
+        Letter::Done
     }
 
     /// Goes back to the mission before the one on trial.
@@ -1289,21 +1310,22 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let Some(Trial { before, .. }) = self.trial.take() else {
             return;
         };
-        let Some((failed, running)) = self.end_mission() else {
+        let running = self.running();
+        let Some(failed) = self.end_mission() else {
             return;
         };
         let fell_back = FallBack {
-            mission: failed.hash(),
+            mission: failed.mission.hash(),
             reason,
         };
         self.trace.record(TraceRecord::FellBack {
             mission: fell_back.mission,
             reason: reason.number(),
         });
-        self.free(failed.into_bytes(), Some(fell_back));
+        self.free(failed, Some(fell_back));
         self.health.fell_back = Some(fell_back);
         let mode = self.mode;
-        self.go_back_to(before, Some(running), at);
+        self.go_back_to(before, running, at);
         if let Mode::Safe(reason) = mode
             && !is_the_missions_fault(reason)
         {
@@ -1316,23 +1338,45 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
     /// Starts a mission that ran before, or goes without one.
     fn go_back_to(
         &mut self,
-        before: Option<Verified<BlobBuffer<'m>>>,
+        before: Option<Resting<'m>>,
         running: Option<(Origin, u32)>,
         at: Origin,
     ) {
         self.begin_health();
-        if let Some(before) = before
-            && let Err((_, blob)) = self.start_mission(before, running, at, None)
-        {
-            // It ran in this memory.
-            self.free(blob, None);
+        if let Some(before) = before {
+            self.start_again(before, running, at);
         }
     }
 
-    /// Gives a buffer back that no mission is in any more.
-    fn free(&mut self, blob: BlobBuffer<'m>, fell_back: Option<FallBack>) {
+    /// Starts a mission that does not run, from its beginning.
+    #[inline(never)]
+    fn start_again(
+        &mut self,
+        Resting { mission, spare }: Resting<'m>,
+        running: Option<(Origin, u32)>,
+        at: Origin,
+    ) {
+        // A mission that has ended has left a room.
+        let prepared = self.own.take(spare).and_then(|room| match WARM {
+            true => Prepared::again(mission, room),
+            // The room was another's.
+            false => Prepared::new(mission, room, self.executor.registry()),
+        });
+        debug_assert!(prepared.is_some());
+        if let Some(prepared) = prepared {
+            self.start_mission(prepared, running, at, None);
+        }
+    }
+
+    /// Gives a buffer back that no mission is in any more, with the memory that goes with it.
+    fn free(&mut self, ended: Resting<'m>, fell_back: Option<FallBack>) {
+        let freed = Freed {
+            blob: ended.mission.into_bytes(),
+            spare: ended.spare,
+            fell_back,
+        };
         // There are as many places as buffers.
-        let refused = self.freed.enqueue(Freed { blob, fell_back });
+        let refused = self.freed.enqueue(freed);
         debug_assert!(refused.is_ok());
     }
 
@@ -1350,40 +1394,41 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         }
     }
 
-    /// Takes the mission away, if there is one. What is left are its tables, its origin and the interpreter's period.
+    /// Takes the mission away, if there is one. What is left are its tables and memory.
     // Not inlined: no other mission should be made on top of this one.
     #[inline(never)]
-    fn end_mission(&mut self) -> Option<(Verified<BlobBuffer<'m>>, (Origin, u32))> {
+    fn end_mission(&mut self) -> Option<Resting<'m>> {
         let mission = self.mission.take()?;
-        let running = mission.running();
-        Some((self.give_back(mission.interpreter), running))
+        let lists = self.tasks.begin(Lists::default());
+        self.executor.begin_carry();
+        self.executor.end_carry(tasks::left_behind(lists.tasks));
+        Some(self.rest(mission, lists))
     }
 
-    /// Takes an interpreter apart, and keeps its memory for the next.
-    fn give_back(
-        &mut self,
-        interpreter: Interpreter<'m, BlobBuffer<'m>>,
-    ) -> Verified<BlobBuffer<'m>> {
-        let (verified, arena) = interpreter.into_parts();
-        self.keep_arena(arena);
-        verified
+    /// The origin of the mission's slots, and its interpreter's period.
+    #[inline(never)]
+    fn running(&self) -> Option<(Origin, u32)> {
+        self.mission.as_ref().map(Mission::running)
     }
 
-    fn keep_arena(&mut self, arena: &'m mut [u32]) {
-        if let Some(place) = self.arenas.iter_mut().find(|place| place.is_none()) {
-            *place = Some(arena);
-        }
+    /// Takes a mission apart that has ended.
+    fn rest(&mut self, mission: Mission<'m>, lists: Lists<'m>) -> Resting<'m> {
+        let (mission, arena) = mission.interpreter.into_parts();
+        let spare = self.own.keep(Room { arena, lists });
+        Resting { mission, spare }
     }
 
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
-    /// period, which the slots go on with if it is the new interpreter's, too. From `before` it takes over what both have. Answers how many regions go on as they were.
+    /// period, which the slots go on with if it is the new interpreter's, too. If there still is a mission, the new one takes over what they have in `common`. Answers how many regions go on
+    /// as they were, and the mission before, if there was one.
+    #[inline(never)]
     fn start_mission(
         &mut self,
-        verified: Verified<BlobBuffer<'m>>,
+        prepared: Prepared<'m>,
         running: Option<(Origin, u32)>,
         at: Origin,
-        before: Option<&Mission<'m>>,
-    ) -> Result<u16, (LinkError, BlobBuffer<'m>)> {
+        common: Option<&Pairing<'_>>,
+    ) -> (u16, Option<Resting<'m>>) {
         self.running = None;
         self.supervisor = None;
         self.failure = None;
@@ -1391,71 +1436,46 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         self.link_silent_us = 0;
         self.params = LiveParams::NONE;
         self.begin_health();
-        // There is one for each mission that is there at the same time.
-        let Some(arena) = self.arenas.iter_mut().find_map(Option::take) else {
-            return Err((LinkError::Busy, verified.into_bytes()));
-        };
-        let mut interpreter = match Interpreter::new(verified, arena) {
-            Ok(interpreter) => interpreter,
-            Err(refused) => {
-                let error = LinkError::CapacityExceeded {
-                    what: Capacity::ArenaWords,
-                    needed: refused.needed_words as u32,
-                    available: refused.arena.len() as u32,
-                };
-                self.keep_arena(refused.arena);
-                return Err((error, refused.verified.into_bytes()));
-            }
-        };
+        let Prepared {
+            mut interpreter,
+            lists,
+        } = prepared;
         let tables = interpreter.tables();
         let follows = running.filter(|(_, period_us)| *period_us == interpreter_period_us(&tables));
         let origin = follows.map_or(at, |(origin, _)| origin);
         let began_us = at.us - origin.us;
-        if self
-            .dispatcher
-            .restart_at(tables.slots(), began_us)
-            .is_err()
-        {
-            let error = LinkError::CapacityExceeded {
-                what: Capacity::Slots,
-                needed: tables.slots().len() as u32,
-                available: SLOTS as u32,
-            };
-            return Err((error, self.give_back(interpreter).into_bytes()));
-        }
-        self.executor.begin_carry();
-        let carried = if WARM {
-            self.tasks.begin();
-            let carried = before.map_or(0, |before| {
-                let mut carrying = Carrying {
-                    tasks: &mut self.tasks,
-                    executor: &mut self.executor,
-                };
-                let taken_over = interpreter.take_over(&before.interpreter, &mut carrying);
-                taken_over.regions
-            });
-            self.executor.end_carry(self.tasks.left_behind());
-            carried
-        } else {
-            self.executor.end_carry(self.tasks.left_behind());
-            self.tasks.begin();
-            0
-        };
-        let tables = interpreter.tables();
+        // It was checked before that there is room for the slots, and verified that they have periods.
+        let refused = self.dispatcher.restart_at(tables.slots(), began_us);
+        debug_assert!(refused.is_ok());
         // What starts with the interpreter, and before it in the order of the slots, has been.
         while follows.is_some()
             && self.dispatcher.next().slot != tables.interpreter_slot()
             && self.dispatcher.take(began_us).is_some()
         {}
-        let registry = self.executor.registry();
-        self.tasks.load(&tables, registry, self.slots, |task| {
-            interpreter.is_enabled(task)
-        });
+        let old = self.tasks.begin(lists);
+        let (mut carried, mut tasks_us) = (0, 0);
+        // Where there is memory for one mission, the one before has ended.
+        let before = if WARM { self.mission.take() } else { None };
+        if WARM {
+            self.executor.begin_carry();
+            if let (Some(before), Some(pairing)) = (&before, common) {
+                carried = interpreter.take_over(&before.interpreter, pairing).regions;
+                tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
+                self.tasks.go_on(old.tasks, pairing.tasks(), |task| {
+                    interpreter.is_enabled(task)
+                });
+                for (net, other) in pairing.nets() {
+                    self.executor.carry_net(net, other);
+                }
+            }
+            self.executor.end_carry(tasks::left_behind(old.tasks));
+        }
+        let tables = interpreter.tables();
         let longest = tables.slots().map(|slot| slot.period_us).max();
         self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
         let saved = self.saved.of(mission);
-        params::restore(&mut self.params, saved, &tables, registry);
+        params::restore(&mut self.params, saved, &tables, self.executor.registry());
         self.health.mission = Some(mission);
         if !self.mode.is_latched() {
             self.mode = Mode::Running;
@@ -1467,20 +1487,18 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             mission,
             start_us: at.us,
         });
-        self.record.started(mission, at.us, before.is_some());
+        self.record.started(mission, at.us, common.is_some());
         self.sampler.started(mission);
         self.mission = Some(Mission {
             interpreter,
             origin,
             began_us,
-            tasks_us: before.map_or(0, |before| {
-                before.t_us(at.us.saturating_sub(before.origin.us))
-            }),
+            tasks_us,
             occurrences: 0,
             next_step: 0,
             interpreter_slot,
         });
-        Ok(carried)
+        (carried, before.map(|before| self.rest(before, old)))
     }
 
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.
@@ -1490,11 +1508,15 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
         let Some(Posted { letter, by_us }) = self.from_link.dequeue() else {
             return;
         };
-        if is_late::<B>(board.now_ticks(), by_us) {
+        let now_ticks = board.now_ticks();
+        if is_late::<B>(now_ticks, by_us) {
             self.send(letter);
             return;
         }
         self.waiting_by_us = by_us;
+        if WARM {
+            self.waiting_since_ticks = now_ticks;
+        }
         let answer = match &*letter {
             Letter::Swap { .. } => {
                 self.waiting = Some(letter);
@@ -1507,7 +1529,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             &Letter::Confirm { mission } if self.is_on_trial(mission) => {
                 let before = self.trial.take().and_then(|trial| trial.before);
                 if let Some(before) = before {
-                    self.free(before.into_bytes(), None);
+                    self.free(before, None);
                 }
                 Letter::Confirmed { mission }
             }
@@ -1686,7 +1708,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             }
             Letter::ReadSlot { slot } => {
                 let index = usize::from(slot);
-                match (tables.slot(index), self.slots.get(index)) {
+                match (tables.slot(index), self.tasks.lists.slots.get(index)) {
                     (Some(slot), Some(entry)) => Letter::Slot(entry.counters(
                         slot.number,
                         self.dispatcher.missed(index),
@@ -1751,7 +1773,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
                 trial.until_us.saturating_sub(self.previous_end_us),
                 US_PER_MS,
             ) as u32,
-            before: trial.before.as_ref().map(Verified::hash),
+            before: trial.before.as_ref().map(|before| before.mission.hash()),
         });
         if let Some(kept) = self.kept {
             kept.set_alive(self.previous_end_us);
@@ -1790,6 +1812,11 @@ fn is_the_missions_fault(reason: SafeReason) -> bool {
             | SafeReason::Overruns
             | SafeReason::Missed
     )
+}
+
+/// [`CHANGE_LEAD_US`] on the board's clock.
+fn lead_ticks<B: Board>() -> u64 {
+    u64::from(CHANGE_LEAD_US) * u64::from(B::TICKS_PER_US)
 }
 
 /// Whether the board's clock is past this time in microseconds.

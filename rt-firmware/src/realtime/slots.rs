@@ -67,6 +67,15 @@ impl SlotEntry {
         self.duration_us = duration_us;
     }
 
+    /// Counts from the beginning.
+    pub(crate) fn begin_anew(&mut self) {
+        *self = SlotEntry {
+            duration_us: self.duration_us,
+            first_task: self.first_task,
+            ..Self::EMPTY
+        };
+    }
+
     /// The first task instance of the slot.
     pub(crate) fn first_task(&self) -> Option<u16> {
         (self.first_task != NONE).then_some(self.first_task)

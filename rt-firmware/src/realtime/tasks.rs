@@ -4,13 +4,15 @@
 use esm_core::tables::Tables;
 
 use super::slots::SlotEntry;
-use crate::features::{MISSIONS, WARM};
+use super::upcoming::Lists;
 use crate::ports::{Registry, TaskPlace};
 
 /// Stands for no task instance.
 pub(crate) const NONE: u16 = u16::MAX;
 /// Stands for no bank of the registry.
 const NO_BANK: u8 = u8::MAX;
+/// Stands for no place of a bank, which has fewer.
+const NO_PLACE: u8 = u8::MAX;
 /// Stands for no group.
 pub(crate) const NO_GROUP: u8 = u8::MAX;
 
@@ -36,6 +38,8 @@ enum Activation {
     Fresh,
     /// Executed since it was entered.
     UnderWay,
+    /// Its mission was left, and it serves the one that took over.
+    GoneOn,
 }
 
 impl TaskEntry {
@@ -78,170 +82,190 @@ impl Group {
 
 /// The task instances of a mission.
 pub(crate) struct TaskTable<'m> {
-    entries: &'m mut [TaskEntry],
-    /// Those of the mission before, while the next one takes over from it. None where it cannot.
-    entries_before: &'m mut [TaskEntry],
+    /// Those of the mission, if there is one.
+    pub(crate) lists: Lists<'m>,
     groups: &'m mut [Group],
-    first_in_slot_0: Option<u16>,
     next_order: u32,
     /// Whether something has changed since slot-0 tasks were looked at, so that one may start that could not.
     look_for_jobs: bool,
 }
 
+/// Makes the lists of a mission that was [checked](crate::check), before its first macro step: gives each task instance a task, in instance order, and links those of each slot.
+pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut Lists<'_>) {
+    let Lists {
+        tasks,
+        slots,
+        first_in_slot_0,
+    } = lists;
+    let count = tables.task_instance_count().min(tasks.len());
+    tasks.fill(TaskEntry::EMPTY);
+    *first_in_slot_0 = None;
+    // Nobody looks at a slot that the mission does not have.
+    for (entry, slot) in slots.iter_mut().zip(tables.slots()) {
+        *entry = SlotEntry::EMPTY;
+        entry.set_duration_us(slot.duration_us);
+    }
+    for instance in 0..count {
+        let state = tables.task_state_of(instance);
+        let task = state.and_then(|state| tables.task(state.task));
+        let bank = task.and_then(|task| registry.find(task.signature_hash));
+        let free = free_place(tasks, bank.unwrap_or(NO_BANK));
+        if let Some(entry) = tasks.get_mut(instance) {
+            entry.place = free;
+            entry.group = task
+                .and_then(|task| task.exclusive)
+                .map_or(NO_GROUP, |group| group as u8);
+        }
+    }
+    // From the last to the first, so that each becomes the head of its slot's list.
+    for (instance, entry) in tasks.iter_mut().enumerate().take(count).rev() {
+        let Some(state) = tables.task_state_of(instance) else {
+            return;
+        };
+        let next = match state.slot {
+            None => first_in_slot_0.replace(instance as u16).unwrap_or(NONE),
+            Some(slot) => match slots.get_mut(slot) {
+                Some(slot) => slot.put_first(instance as u16),
+                None => continue,
+            },
+        };
+        entry.next_in_slot = next;
+    }
+}
+
+/// Makes the lists of a mission that ran with them what they were before its first macro step.
+pub(crate) fn prepare_again(lists: &mut Lists<'_>) {
+    for entry in lists.tasks.iter_mut() {
+        entry.activation = Activation::Off;
+        entry.overruns = 0;
+    }
+    for slot in lists.slots.iter_mut() {
+        slot.begin_anew();
+    }
+}
+
+/// The tasks of a mission that has ended which do not go on. Those that served nobody have nothing to forget.
+pub(crate) fn left_behind(entries: &[TaskEntry]) -> impl Iterator<Item = TaskPlace> {
+    entries
+        .iter()
+        .filter(|entry| entry.place.bank != NO_BANK && entry.activation != Activation::GoneOn)
+        .map(|entry| entry.place)
+}
+
+/// The first task of a bank that serves nobody.
+fn free_place(entries: &[TaskEntry], bank: u8) -> TaskPlace {
+    let mut first = 0;
+    loop {
+        // As many at a time as a word has bits, so that as a rule one look at the instances is enough.
+        let mut taken: u32 = 0;
+        for entry in entries {
+            if entry.place.bank == bank {
+                let bit = u32::from(entry.place.place).wrapping_sub(first);
+                taken |= 1u32.checked_shl(bit).unwrap_or(0);
+            }
+        }
+        let place = first + taken.trailing_ones();
+        first += u32::BITS;
+        if place < first || first > u32::from(u8::MAX) {
+            let place = u8::try_from(place).unwrap_or(u8::MAX);
+            return TaskPlace { bank, place };
+        }
+    }
+}
+
 impl<'m> TaskTable<'m> {
-    pub(crate) fn new<const TASKS: usize>(
-        [entries, entries_before @ ..]: &'m mut [[TaskEntry; TASKS]; MISSIONS],
-        groups: &'m mut [Group],
-    ) -> Self {
-        entries.fill(TaskEntry::EMPTY);
+    pub(crate) fn new(groups: &'m mut [Group]) -> Self {
         TaskTable {
-            entries,
-            entries_before: entries_before.as_flattened_mut(),
+            lists: Lists::default(),
             groups,
-            first_in_slot_0: None,
             next_order: 0,
             look_for_jobs: true,
         }
     }
 
-    /// A mission takes over: from here to [`load`](Self::load) tasks of the one before can be [carried](Self::carry).
-    pub(crate) fn begin(&mut self) {
-        if WARM {
-            core::mem::swap(&mut self.entries, &mut self.entries_before);
-        }
-        self.entries.fill(TaskEntry::EMPTY);
+    /// A mission takes over, with these lists. Answers those of the one before.
+    pub(crate) fn begin(&mut self, lists: Lists<'m>) -> Lists<'m> {
+        self.groups.fill(Group::FREE);
+        self.look_for_jobs = true;
+        core::mem::replace(&mut self.lists, lists)
     }
 
-    /// The task of an instance of the mission before serves this one, and goes on as it is. Answers which it is.
-    pub(crate) fn carry(&mut self, instance: usize, before: usize) -> Option<TaskPlace> {
-        let TaskEntry {
-            place,
-            order,
-            activation,
-            ..
-        } = core::mem::replace(self.entries_before.get_mut(before)?, TaskEntry::EMPTY);
-        *self.entries.get_mut(instance)? = TaskEntry {
-            place,
-            order,
-            activation,
-            ..TaskEntry::EMPTY
-        };
-        (place.bank != NO_BANK).then_some(place)
-    }
-
-    /// The tasks that served the mission before and do not go on. Those that served nobody have nothing to forget. To be asked before it [begins](Self::begin) where none can go on.
-    pub(crate) fn left_behind(&self) -> impl Iterator<Item = TaskPlace> {
-        let before = if WARM {
-            &self.entries_before
-        } else {
-            &self.entries
-        };
-        let places = before.iter().map(|entry| entry.place);
-        places.filter(|place| place.bank != NO_BANK)
-    }
-
-    /// Starts with the task instances of a mission that was [checked](crate::check): gives each that nobody serves yet a task, in instance order, and
-    /// links those of each slot. Enabled are those of which `is_enabled` says so: those that were before go on, but for a run in slot 0, which begins anew.
-    pub(crate) fn load(
+    /// The tasks that served the mission before, whose entries are `before`, serve this one and go on as they are: pairs of task instances, here and there. Enabled are those of which
+    /// `is_enabled` says so; but a run in slot 0 begins anew.
+    pub(crate) fn go_on(
         &mut self,
-        tables: &Tables<'_>,
-        registry: Registry<'_>,
-        slots: &mut [SlotEntry],
+        before: &mut [TaskEntry],
+        pairs: impl Iterator<Item = (usize, usize)> + Clone,
         is_enabled: impl Fn(usize) -> bool,
     ) {
-        let count = tables.task_instance_count().min(self.entries.len());
-        self.groups.fill(Group::FREE);
-        self.first_in_slot_0 = None;
-        self.look_for_jobs = true;
-        // Nobody looks at a slot that the mission does not have.
-        for (entry, slot) in slots.iter_mut().zip(tables.slots()) {
-            *entry = SlotEntry::EMPTY;
-            entry.set_duration_us(slot.duration_us);
-        }
-        for instance in 0..count {
-            let state = tables.task_state_of(instance);
-            let task = state.and_then(|state| tables.task(state.task));
-            if self.entry(instance as u16).place.bank == NO_BANK {
-                let bank = task.and_then(|task| registry.find(task.signature_hash));
-                let free = self.free_place(count, bank);
-                if let Some(entry) = self.entries.get_mut(instance) {
-                    entry.place = free;
-                }
+        let place =
+            |entries: &[TaskEntry], instance: usize| entries.get(instance).map(|entry| entry.place);
+        let mut all = pairs.clone();
+        // As a rule each has the place that it would have had anyway.
+        let is_moved =
+            all.any(|(task, other)| place(self.lists.tasks, task) != place(before, other));
+        if is_moved {
+            for entry in self.lists.tasks.iter_mut() {
+                entry.place.place = NO_PLACE;
             }
+        }
+        for (instance, other) in pairs {
             let now = self.next_order;
-            let Some(entry) = self.entries.get_mut(instance) else {
-                return;
+            let (Some(entry), Some(old)) =
+                (self.lists.tasks.get_mut(instance), before.get_mut(other))
+            else {
+                continue;
             };
-            entry.group = task
-                .and_then(|task| task.exclusive)
-                .map_or(NO_GROUP, |group| group as u8);
-            let real_time = state.is_some_and(|state| state.slot.is_some());
-            let before = entry.activation;
+            let was = core::mem::replace(&mut old.activation, Activation::GoneOn);
+            let is_new = was == Activation::Off;
+            entry.place = old.place;
+            entry.order = if is_new { now } else { old.order };
             entry.activation = match is_enabled(instance) {
                 false => Activation::Off,
-                true if real_time && before != Activation::Off => before,
-                true => Activation::Fresh,
+                true if is_new => Activation::Fresh,
+                true => was,
             };
-            if before == Activation::Off {
-                entry.order = now;
-            }
-            let (group, age) = (entry.group, now.wrapping_sub(entry.order));
-            let is_enabled = entry.activation != Activation::Off;
-            let holder = self
-                .groups
-                .get(usize::from(group))
-                .map(|group| group.holder);
-            let is_oldest = holder.is_some_and(|holder| holder == NONE || self.age(holder) < age);
-            if is_enabled
-                && is_oldest
-                && let Some(group) = self.groups.get_mut(usize::from(group))
-            {
-                group.holder = instance as u16;
+            let (activation, group, age) =
+                (entry.activation, entry.group, now.wrapping_sub(entry.order));
+            let group = self.groups.get(usize::from(group));
+            let is_oldest =
+                group.is_some_and(|group| group.holder == NONE || self.age(group.holder) < age);
+            if activation != Activation::Off && is_oldest {
+                self.hold_group(instance as u16);
             }
         }
-        // From the last to the first, so that each becomes the head of its slot's list.
-        for (instance, entry) in self.entries.iter_mut().enumerate().take(count).rev() {
-            let Some(state) = tables.task_state_of(instance) else {
-                return;
-            };
-            let next = match state.slot {
-                None => self
-                    .first_in_slot_0
-                    .replace(instance as u16)
-                    .unwrap_or(NONE),
-                Some(slot) => match slots.get_mut(slot) {
-                    Some(slot) => slot.put_first(instance as u16),
-                    None => continue,
-                },
-            };
-            entry.next_in_slot = next;
+        let mut next = self.lists.first_in_slot_0;
+        while let Some(instance) = next {
+            if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance))
+                && entry.activation == Activation::UnderWay
+            {
+                entry.activation = Activation::Fresh;
+            }
+            next = self.next_in_slot(instance);
+        }
+        if is_moved {
+            for instance in 0..self.lists.tasks.len() {
+                let place = self.entry(instance as u16).place;
+                if place.place == NO_PLACE && place.bank != NO_BANK {
+                    let free = free_place(self.lists.tasks, place.bank);
+                    if let Some(entry) = self.lists.tasks.get_mut(instance) {
+                        entry.place = free;
+                    }
+                }
+            }
         }
     }
 
-    /// The first task of a bank that serves nobody among the first `count` instances.
-    fn free_place(&self, count: usize, bank: Option<u8>) -> TaskPlace {
-        let bank = bank.unwrap_or(NO_BANK);
-        let mut first = 0;
-        loop {
-            // As many at a time as a word has bits, so that as a rule one look at the instances is enough.
-            let mut taken: u32 = 0;
-            for entry in self.entries.iter().take(count) {
-                if entry.place.bank == bank {
-                    let bit = u32::from(entry.place.place).wrapping_sub(first);
-                    taken |= 1u32.checked_shl(bit).unwrap_or(0);
-                }
-            }
-            let place = first + taken.trailing_ones();
-            first += u32::BITS;
-            if place < first || first > u32::from(u8::MAX) {
-                let place = u8::try_from(place).unwrap_or(u8::MAX);
-                return TaskPlace { bank, place };
-            }
+    fn hold_group(&mut self, instance: u16) {
+        let group = self.entry(instance).group;
+        if let Some(group) = self.groups.get_mut(usize::from(group)) {
+            group.holder = instance;
         }
     }
 
     fn entry(&self, instance: u16) -> TaskEntry {
-        self.entries
+        self.lists
+            .tasks
             .get(usize::from(instance))
             .copied()
             .unwrap_or(TaskEntry::EMPTY)
@@ -254,7 +278,7 @@ impl<'m> TaskTable<'m> {
 
     /// The next task instance of the same slot.
     pub(crate) fn next_in_slot(&self, instance: u16) -> Option<u16> {
-        let entry = self.entries.get(usize::from(instance));
+        let entry = self.lists.tasks.get(usize::from(instance));
         let next = entry.map_or(NONE, |entry| entry.next_in_slot);
         (next != NONE).then_some(next)
     }
@@ -265,7 +289,7 @@ impl<'m> TaskTable<'m> {
         let mut instance = first;
         loop {
             // There is none at `NONE`.
-            let entry = self.entries.get(usize::from(instance))?;
+            let entry = self.lists.tasks.get(usize::from(instance))?;
             if entry.activation != Activation::Off {
                 return Some(instance);
             }
@@ -275,7 +299,7 @@ impl<'m> TaskTable<'m> {
 
     /// The first task instance of slot 0.
     pub(crate) fn first_in_slot_0(&self) -> Option<u16> {
-        self.first_in_slot_0
+        self.lists.first_in_slot_0
     }
 
     /// Whether it is worth while to look for a slot-0 task that can be started.
@@ -298,7 +322,7 @@ impl<'m> TaskTable<'m> {
     pub(crate) fn enable(&mut self, instance: u16) {
         self.look_for_jobs = true;
         let order = self.next_order;
-        let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
+        let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) else {
             return;
         };
         let before = core::mem::replace(&mut entry.activation, Activation::Fresh);
@@ -318,7 +342,7 @@ impl<'m> TaskTable<'m> {
     /// The task is enabled no more.
     pub(crate) fn disable(&mut self, instance: u16) {
         self.look_for_jobs = true;
-        let Some(entry) = self.entries.get_mut(usize::from(instance)) else {
+        let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) else {
             return;
         };
         entry.activation = Activation::Off;
@@ -332,7 +356,8 @@ impl<'m> TaskTable<'m> {
         };
         let now = self.next_order;
         held.holder = self
-            .entries
+            .lists
+            .tasks
             .iter()
             .zip(0u16..)
             .filter(|(entry, _)| entry.activation != Activation::Off && entry.group == group)
@@ -343,7 +368,7 @@ impl<'m> TaskTable<'m> {
     /// The run of a slot-0 task ended, and its next activation waits behind those that wait already.
     pub(crate) fn requeue(&mut self, instance: u16) {
         self.look_for_jobs = true;
-        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
+        if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) {
             entry.order = self.next_order;
             self.next_order = self.next_order.wrapping_add(1);
         }
@@ -351,7 +376,7 @@ impl<'m> TaskTable<'m> {
 
     /// The task that serves a task instance, and whether it was entered and not executed since; `None` if somebody else holds its group.
     pub(crate) fn to_run(&self, instance: u16) -> Option<(TaskPlace, bool)> {
-        let entry = self.entries.get(usize::from(instance))?;
+        let entry = self.lists.tasks.get(usize::from(instance))?;
         if entry.group != NO_GROUP
             && let Some(group) = self.groups.get(usize::from(entry.group))
             && group.holder != instance
@@ -376,7 +401,7 @@ impl<'m> TaskTable<'m> {
 
     /// The task is executed.
     pub(crate) fn executed(&mut self, instance: u16) {
-        if let Some(entry) = self.entries.get_mut(usize::from(instance))
+        if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance))
             && entry.activation == Activation::Fresh
         {
             entry.activation = Activation::UnderWay;
@@ -390,7 +415,7 @@ impl<'m> TaskTable<'m> {
 
     /// The task ran longer than its slot.
     pub(crate) fn overrun(&mut self, instance: u16) {
-        if let Some(entry) = self.entries.get_mut(usize::from(instance)) {
+        if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) {
             entry.overruns = entry.overruns.saturating_add(1);
         }
     }
@@ -406,12 +431,16 @@ mod tests {
     use super::*;
 
     fn with_group(test: impl FnOnce(&mut TaskTable<'_>)) {
-        let mut entries = [[TaskEntry::UNUSED; 3]; MISSIONS];
-        let mut groups = [Group::FREE; 1];
-        let mut tasks = TaskTable::new(&mut entries, &mut groups);
-        for entry in tasks.entries.iter_mut() {
-            entry.group = 0;
-        }
+        let mut entries = [TaskEntry {
+            group: 0,
+            ..TaskEntry::EMPTY
+        }; 3];
+        let mut groups = [Group::UNUSED; 1];
+        let mut tasks = TaskTable::new(&mut groups);
+        tasks.begin(Lists {
+            tasks: &mut entries,
+            ..Lists::default()
+        });
         test(&mut tasks);
     }
 
@@ -467,21 +496,20 @@ mod tests {
 
     #[test]
     fn a_task_gets_the_first_place_of_its_bank_that_is_free() {
-        let mut entries = [[TaskEntry::EMPTY; 80]; MISSIONS];
-        let tasks = TaskTable::new(&mut entries, &mut []);
-        let place = |tasks: &TaskTable<'_>| tasks.free_place(80, Some(3)).place;
+        let mut entries = [TaskEntry::EMPTY; 80];
+        let place = |entries: &[TaskEntry]| free_place(entries, 3).place;
         for taken in 0..70 {
-            assert_eq!(place(&tasks), taken, "behind as many as are taken");
-            tasks.entries[usize::from(taken)].place = TaskPlace {
+            assert_eq!(place(&entries), taken, "behind as many as are taken");
+            entries[usize::from(taken)].place = TaskPlace {
                 bank: 3,
                 place: taken,
             };
         }
         for gap in [0, 31, 32, 69] {
-            tasks.entries[gap].place.bank = 4;
-            assert_eq!(usize::from(place(&tasks)), gap);
-            tasks.entries[gap].place.bank = 3;
+            entries[gap].place.bank = 4;
+            assert_eq!(usize::from(place(&entries)), gap);
+            entries[gap].place.bank = 3;
         }
-        assert_eq!(tasks.free_place(80, None).bank, NO_BANK);
+        assert_eq!(free_place(&entries, NO_BANK).bank, NO_BANK);
     }
 }
