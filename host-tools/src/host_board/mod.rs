@@ -297,13 +297,13 @@ fn run(
                 shared
                     .gate_us
                     .store(shared.next_gate_us.load(Relaxed), Relaxed);
-            } else {
-                if link.is_waiting() {
-                    // Time stands still at a gate; questions are answered all the same.
-                    real_time.on_timer(&mut body);
-                }
-                continue;
+                // Before the time of the gate: what is asked for at a macro step's time waits for the next.
+                due_us = real_time.on_timer(&mut body);
+            } else if link.is_waiting() {
+                // Time stands still at a gate; questions are answered all the same.
+                real_time.on_timer(&mut body);
             }
+            continue;
         }
         // As on a real board, the slots come first.
         if let Some(swap_us) = port.swaps_at_us().filter(|swap_us| *swap_us < due_us) {
