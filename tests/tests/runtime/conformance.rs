@@ -1110,7 +1110,7 @@ fn write_exchanges(text: &mut String) {
         line.ask(Request::Hello);
         line.stage(&blob);
         line.command(Request::Commit(Swap::default()));
-        let mission = super::values::hash(&blob);
+        let mission = super::mission::hash(&blob);
         line.ask(Request::Values {
             ask: &super::values::ask_fields(mission, 0, 0),
         });

@@ -4,6 +4,7 @@
 
 mod conformance;
 mod emergency;
+mod exchange;
 mod keeping;
 mod keys;
 mod mission;

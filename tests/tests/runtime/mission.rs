@@ -7,6 +7,11 @@ use host_tools::model::{
     Value,
 };
 
+/// By which a robot knows this mission.
+pub fn hash(blob: &[u8]) -> u32 {
+    u32::from_le_bytes(*blob.last_chunk().expect("a blob ends with its hash"))
+}
+
 /// A mission in the making.
 pub struct Mission {
     model: Model,

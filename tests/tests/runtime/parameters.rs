@@ -1,11 +1,11 @@
 //! Parameters that a host changes while the mission runs.
 
-use esm_core::verify;
 use host_tools::compile::compile;
 use host_tools::lang::load_text;
 use rt_firmware::link::message::{LinkError, Request};
 use rt_firmware::realtime::params::SavedParams;
 
+use crate::mission::hash;
 use crate::robot::{Answer, Bench, Memo, with_robot};
 
 /// Two instances of a container with one task state, each executed twice between two macro steps.
@@ -30,10 +30,6 @@ fn blob(tasks_and_machine: &str) -> Vec<u8> {
     let checked = load_text("m.esm", &source);
     assert!(!checked.has_errors(), "{:?}", checked.diagnostics);
     compile(&checked.model.unwrap(), &[0, 2_000]).unwrap()
-}
-
-fn hash(blob: &[u8]) -> u32 {
-    verify(blob).unwrap().hash()
 }
 
 fn get(robot: &mut Bench<'_, '_, '_>, mission: u32, param: u16) -> Result<Answer, LinkError> {

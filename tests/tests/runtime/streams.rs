@@ -6,8 +6,9 @@ use rt_firmware::link::news::{Cause, News};
 use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
 
 use crate::counting;
+use crate::mission::hash;
 use crate::robot::{Bench, Values, with_robot};
-use crate::values::{ask_values, hash};
+use crate::values::ask_values;
 use crate::warm::listening;
 
 /// Bytes of the longest frame of a stream.

@@ -3,7 +3,7 @@
 use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason, Status, Swap};
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 
-use crate::mission::Mission;
+use crate::mission::{Mission, hash};
 use crate::robot::{Answer, Bench, signature, with_robot};
 use crate::{SLOTS, counting, hogging};
 
@@ -25,10 +25,6 @@ fn idle(number: u32) -> Vec<u8> {
         .task(signature::HOG, None)
         .region(&[("Hog", "Hog", 2, &[number])], &["initial -> Hog"])
         .blob()
-}
-
-fn hash(blob: &[u8]) -> u32 {
-    u32::from_le_bytes(*blob.last_chunk().unwrap())
 }
 
 fn subscribe(robot: &mut Bench<'_, '_, '_>) {

@@ -3,15 +3,10 @@
 use rt_firmware::link::message::{Capacity, LinkError, Request, Swap};
 use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
 
-use crate::mission::Mission;
+use crate::mission::{Mission, hash};
 use crate::robot::{Answer, Bench, Values, signature, with_robot};
 use crate::warm::listening;
 use crate::{SLOTS, counting};
-
-/// The hash of a mission.
-pub fn hash(blob: &[u8]) -> u32 {
-    u32::from_le_bytes(*blob.last_chunk().unwrap())
-}
 
 fn ask(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
     let mission = [mission as u16, (mission >> 16) as u16];
