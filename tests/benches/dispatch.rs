@@ -16,8 +16,7 @@ use host_tools::compile::{self, NameTable};
 use host_tools::lang;
 use host_tools::link_client::{StreamEvent, Streams};
 
-/// Slots of the missions that are measured, the interpreter's included. With 200 of them, which the firmware has room for, the check of 19,900 pairs at the upload takes
-/// longer than the link may be silent.
+/// Slots of the missions that are measured, the interpreter's included; the firmware has room for the most of them.
 const SLOTS: [usize; 3] = [8, 16, 64];
 /// The one that the limits hold for.
 const MAIN_SLOTS: usize = 16;

@@ -31,8 +31,8 @@ use rt_firmware::{
 use semihosting::fd::AsFd;
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig};
 
-/// Slots that a mission may have: the interpreter's and 200 others.
-const SLOTS: usize = 201;
+/// Slots that a mission may have, the interpreter's included: as many as the largest that is measured has.
+const SLOTS: usize = 64;
 /// Tasks with two data ports, and tasks with four.
 const PORTED: usize = 8;
 /// Room for their mission.
