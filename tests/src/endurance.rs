@@ -291,6 +291,10 @@ impl Robot<'_, '_, '_> {
                     return take(response).ok_or_else(|| format!("{request:?}: {response:?}"));
                 }
             }
+            // The run's time begins with the mission's first occurrence, at which a commit is answered.
+            if self.board.origin_ticks.is_none() {
+                self.wait();
+            }
         }
         Err(format!("{request:?}: no answer"))
     }
