@@ -8,7 +8,8 @@ use super::{Prepared, Resting, Room};
 use crate::features::MISSIONS;
 use crate::link::message::{Capacity, LinkError};
 use crate::ports::Registry;
-use crate::realtime::{Origin, RealTime};
+use crate::realtime::RealTime;
+use crate::realtime::mission::Origin;
 use crate::task::Direction;
 
 /// The memory of a mission that has ended: it stays with the blob.

@@ -7,7 +7,8 @@ use esm_core::{BlobBuffer, Verified};
 use super::{Resting, Room};
 use crate::link::message::LinkError;
 use crate::ports::Registry;
-use crate::realtime::{Origin, RealTime};
+use crate::realtime::RealTime;
+use crate::realtime::mission::Origin;
 
 /// The memory of a mission that has ended: it is where there is memory for the next.
 pub(crate) struct Spare<'m>(PhantomData<&'m mut ()>);

@@ -1,0 +1,112 @@
+//! What is counted of occurrences: delays, executions, overruns, and those that were missed; and how much of it leads to the safe state.
+
+use super::RealTime;
+use super::occurrence::Occurrence;
+use super::slots::nanoseconds;
+use crate::black_box::Event;
+use crate::board::Board;
+use crate::link::message::{Mode, SafeReason};
+use crate::link::trace::TraceRecord;
+
+/// How much may go wrong before the robot goes to its safe state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Occurrences of one slot, one after another, that take longer than its duration.
+    pub overruns_in_a_row: u16,
+    /// Occurrences of one slot, one after another, that do not start within their period.
+    pub missed_in_a_row: u32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits {
+            overruns_in_a_row: 10,
+            missed_in_a_row: 10,
+        }
+    }
+}
+
+impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+    #[cold]
+    #[inline(never)]
+    pub(super) fn note_delay(&mut self, delay_ticks: u32, ticks_per_us: u32) {
+        self.max_delay_ticks = delay_ticks;
+        self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
+    }
+
+    #[inline(always)]
+    pub(super) fn count_execution(
+        &mut self,
+        board: &mut impl Board,
+        slot: usize,
+        delay_ticks: u32,
+        took_ticks: u32,
+        duration_ticks: u32,
+    ) {
+        let Some(entry) = self.tasks.lists.slots.get_mut(slot) else {
+            return;
+        };
+        entry.began(delay_ticks);
+        if let Some(was_executed) = self.was_executed.get_mut(slot) {
+            *was_executed = true;
+        }
+        if entry.ended(took_ticks, duration_ticks) {
+            let in_a_row = entry.overruns_in_a_row();
+            self.count_overrun(board, in_a_row);
+        }
+        // After all tasks of the slot, so that none of them writes the motors any more.
+        if let Some(reason) = self.failure.take() {
+            self.fail_safe(board, reason);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_overrun(&mut self, board: &mut impl Board, in_a_row: u16) {
+        self.health.overruns = self.health.overruns.saturating_add(1);
+        if in_a_row > self.allowed_overruns_in_a_row() {
+            self.fail_safe(board, SafeReason::Overruns);
+        }
+    }
+
+    /// How many overruns in a row of one slot do not lead to the safe state.
+    fn allowed_overruns_in_a_row(&self) -> u16 {
+        match (self.supervisor, &self.mission) {
+            (Some((instance, allowed)), Some(mission))
+                if mission.interpreter.is_enabled(usize::from(instance)) =>
+            {
+                allowed
+            }
+            _ => self.limits.overruns_in_a_row,
+        }
+    }
+
+    pub(super) fn count_missed(
+        &mut self,
+        board: &mut impl Board,
+        occurrence: &Occurrence,
+        missed: u32,
+    ) {
+        self.note_missed(occurrence.slot, missed);
+        if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
+            self.fail_safe(board, SafeReason::Missed);
+        }
+    }
+
+    // Not inlined: no task should run on top of what a trace record needs of the stack.
+    #[inline(never)]
+    pub(super) fn note_missed(&mut self, slot: usize, missed: u32) {
+        if missed == 0 {
+            return;
+        }
+        self.health.missed = self.health.missed.saturating_add(missed);
+        self.note(Event::Missed {
+            slot: u8::try_from(slot).unwrap_or(u8::MAX),
+            count: missed,
+        });
+        self.trace.record(TraceRecord::Missed {
+            slot: slot as u16,
+            count: missed,
+        });
+    }
+}

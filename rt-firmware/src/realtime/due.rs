@@ -1,0 +1,175 @@
+//! What is due, but was not ready: occurrences of the interpreter's slot and those that are late, missions that take over, and what is to be done while there is none.
+//!
+//! *Invariant:* each round of the loop takes an occurrence from the dispatcher, exchanges missions, or is the last. So it ends when nothing is due.
+
+use core::sync::atomic::Ordering;
+
+use super::change::lead_ticks;
+use super::letters::set_param;
+use super::mission::Origin;
+use super::occurrence::Occurrence;
+use super::ready::Ready;
+use super::safe_state::is_stop_pressed;
+use super::{IDLE_POLL_US, RealTime};
+use crate::board::{Board, microseconds};
+use crate::features::{PARAMS, WARM};
+use crate::link::message::Mode;
+
+impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+    /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
+    /// for, unless that is the interpreter's.
+    #[inline(never)]
+    pub(super) fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
+        if !letter_waits {
+            self.take_letter(board);
+        }
+        let mut at_ticks = self.execute_due(board);
+        if letter_waits {
+            self.take_letter(board);
+            if WARM && self.waiting.is_some() {
+                at_ticks = self.execute_due(board);
+            }
+        }
+        self.ready = Ready::NOTHING;
+        let next = self.dispatcher.next();
+        if let Some(mission) = &self.mission {
+            let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            if start_ticks == at_ticks {
+                self.make_ready::<B>(next, start_ticks as u32);
+            }
+        }
+        at_ticks
+    }
+
+    /// Executes all that is due; returns when to be called again.
+    fn execute_due<B: Board>(&mut self, board: &mut B) -> u64 {
+        let poll_ticks = u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US);
+        loop {
+            let now = board.now_ticks();
+            self.looked_ticks = now as u32;
+            if self.mode != Mode::EmergencyStopped
+                && (self.signs.emergency_stop.load(Ordering::Relaxed) || is_stop_pressed(board))
+            {
+                self.stop_for_emergency(board);
+            }
+            if self.waiting.is_some() {
+                self.refuse_late::<B>(now);
+            }
+            let Some(mission) = &self.mission else {
+                if self.waiting.is_some() {
+                    let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
+                    self.change_mission(Origin {
+                        ticks: now + lead_ticks,
+                        us: self.previous_end_us,
+                    });
+                    if self.mission.is_some() {
+                        continue;
+                    }
+                }
+                self.send_answered();
+                self.take_job_back(None);
+                self.feed_watchdog(board, now);
+                if self.mode == Mode::EmergencyStopped {
+                    self.hold_still(board);
+                }
+                board.motors_off();
+                self.tell_health();
+                return now + poll_ticks;
+            };
+            let (origin, interpreter_slot) = (mission.origin, mission.interpreter_slot);
+            let at = |start_us: u64| Origin {
+                ticks: origin.ticks + start_us * u64::from(B::TICKS_PER_US),
+                us: origin.us + start_us,
+            };
+            let next = self.dispatcher.next();
+            let start_ticks = at(next.start_us).ticks;
+            if WARM
+                && let Some(wait_ticks) = start_ticks.checked_sub(now)
+                && next.slot == interpreter_slot
+            {
+                let is_asked = self.changes_mission::<B>(at(next.start_us));
+                let lead_ticks = lead_ticks::<B>();
+                let is_coming = is_asked || self.signs.mission_is_coming.load(Ordering::Relaxed);
+                if is_coming && wait_ticks > lead_ticks {
+                    self.feed_watchdog(board, now);
+                    return now + poll_ticks.min(wait_ticks - lead_ticks);
+                }
+                if is_asked {
+                    // Nothing of the mission before is due until then.
+                    self.change_mission(at(next.start_us));
+                    continue;
+                }
+            }
+            let Some(late_ticks) = now.checked_sub(start_ticks) else {
+                self.feed_watchdog(board, now);
+                // A slot is not delayed by a poll just before it.
+                return if start_ticks - now > 2 * poll_ticks {
+                    now + poll_ticks
+                } else {
+                    start_ticks
+                };
+            };
+            let late_us = microseconds(late_ticks, B::TICKS_PER_US);
+            let missed_before = self.dispatcher.missed(next.slot);
+            let Some(taken) = self.dispatcher.take(next.start_us + late_us) else {
+                return now + poll_ticks;
+            };
+            let missed = self
+                .dispatcher
+                .missed(taken.slot)
+                .wrapping_sub(missed_before);
+            let interpreter = taken.slot == interpreter_slot;
+            if PARAMS
+                && interpreter
+                && let Some(mission) = &self.mission
+                && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
+            {
+                set_param(&mut self.params, &mission.interpreter.tables(), letter);
+                // There is one letter, so that there is room for it.
+                let refused = self.to_link.enqueue(letter);
+                debug_assert!(refused.is_ok());
+            }
+            let start = at(taken.start_us);
+            if interpreter && self.changes_mission::<B>(start) {
+                self.note_missed(taken.slot, missed);
+                self.give_up_before(taken.start_us);
+                self.change_mission(start);
+                continue;
+            }
+            let Some(mission) = &mut self.mission else {
+                continue;
+            };
+            let occurrence = Occurrence {
+                slot: taken.slot,
+                start_us: taken.start_us,
+                number: mission.occurrences,
+                interpreter,
+            };
+            if interpreter && missed > 0 {
+                mission.interpreter.skip(missed);
+                mission.next_step += u64::from(missed);
+                self.record.skipped(missed);
+                self.trace.write_next_in_full();
+            }
+            self.count_missed(board, &occurrence, missed);
+            self.execute(board, &occurrence, now, start.ticks);
+        }
+    }
+
+    /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
+    /// whose nominal start is before this time.
+    #[inline(never)]
+    fn give_up_before(&mut self, start_us: u64) {
+        // A slot that is taken goes on at or after `start_us`, so that each of them is taken once at most.
+        while let Some(last_us) = start_us.checked_sub(1) {
+            let owed = self.dispatcher.next().slot;
+            let before = self.dispatcher.missed(owed);
+            if self.dispatcher.take(last_us).is_none() {
+                return;
+            }
+            let skipped = self.dispatcher.missed(owed).wrapping_sub(before);
+            // It was handed out, but is not executed.
+            self.note_missed(owed, skipped.saturating_add(1));
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! The mission that runs: from its start, with what it takes over from the one before, to its end, when its tables and memory are left.
+//!
+//! *Invariant:* a mission that starts was checked, so that there is room for all that it has.
+
+use esm_core::tables::Tables;
+use esm_core::{BlobBuffer, Interpreter, Pairing};
+
+use super::params::LiveParams;
+use super::upcoming::{Lists, Prepared, Resting, Room};
+use super::{RealTime, params, tasks};
+use crate::black_box::Event;
+use crate::features::WARM;
+use crate::link::message::Mode;
+use crate::link::trace::TraceRecord;
+
+/// The mission that runs.
+pub(super) struct Mission<'m> {
+    pub(super) interpreter: Interpreter<'m, BlobBuffer<'m>>,
+    /// What the starts of its slots are counted from.
+    pub(super) origin: Origin,
+    /// Its first macro step, which its own time is counted from, since the origin.
+    began_us: u64,
+    /// What the time of its tasks was then: 0, or what it was in the mission that it took over from.
+    tasks_us: u64,
+    /// Occurrences of all slots so far.
+    pub(super) occurrences: u64,
+    /// Number of the next macro step.
+    pub(super) next_step: u64,
+    /// The slot that runs the interpreter.
+    pub(super) interpreter_slot: usize,
+}
+
+impl Mission<'_> {
+    /// The time of the mission's tasks at a nominal start since the origin.
+    pub(super) fn t_us(&self, start_us: u64) -> u64 {
+        self.tasks_us + start_us.saturating_sub(self.began_us)
+    }
+
+    /// Its origin, and the interpreter's period: what the slots of another mission go on with.
+    fn running(&self) -> (Origin, u32) {
+        (
+            self.origin,
+            interpreter_period_us(&self.interpreter.tables()),
+        )
+    }
+}
+
+/// What the starts of slots are counted from: the first macro step of a mission that started from standing still. It stays where it is
+/// as long as missions follow one another whose interpreter slots have one period.
+#[derive(Clone, Copy)]
+pub(super) struct Origin {
+    /// On the board's clock.
+    pub(super) ticks: u64,
+    /// Since the first macro step of the first mission.
+    pub(super) us: u64,
+}
+
+impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+    /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
+    /// period, which the slots go on with if it is the new interpreter's, too. If there still is a mission, the new one takes over what they have in `common`. Answers how many regions go on
+    /// as they were, and the mission before, if there was one.
+    #[inline(never)]
+    pub(super) fn start_mission(
+        &mut self,
+        prepared: Prepared<'m>,
+        running: Option<(Origin, u32)>,
+        at: Origin,
+        common: Option<&Pairing<'_>>,
+    ) -> (u16, Option<Resting<'m>>) {
+        self.running = None;
+        self.supervisor = None;
+        self.failure = None;
+        self.heard_us = at.us;
+        self.link_silent_us = 0;
+        self.params = LiveParams::NONE;
+        self.begin_health();
+        let Prepared {
+            mut interpreter,
+            lists,
+        } = prepared;
+        let tables = interpreter.tables();
+        let follows = running.filter(|(_, period_us)| *period_us == interpreter_period_us(&tables));
+        let origin = follows.map_or(at, |(origin, _)| origin);
+        let began_us = at.us - origin.us;
+        // It was checked before that there is room for the slots, and verified that they have periods.
+        let refused = self.dispatcher.restart_at(tables.slots(), began_us);
+        debug_assert!(refused.is_ok());
+        // What starts with the interpreter, and before it in the order of the slots, has been.
+        while follows.is_some()
+            && self.dispatcher.next().slot != tables.interpreter_slot()
+            && self.dispatcher.take(began_us).is_some()
+        {}
+        let old = self.tasks.begin(lists);
+        let (mut carried, mut tasks_us) = (0, 0);
+        // Where there is memory for one mission, the one before has ended.
+        let before = if WARM { self.mission.take() } else { None };
+        if WARM {
+            self.executor.begin_carry();
+            if let (Some(before), Some(pairing)) = (&before, common) {
+                carried = interpreter.take_over(&before.interpreter, pairing).regions;
+                tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
+                self.tasks.go_on(old.tasks, pairing.tasks(), |task| {
+                    interpreter.is_enabled(task)
+                });
+                for (net, other) in pairing.nets() {
+                    self.executor.carry_net(net, other);
+                }
+            }
+            self.executor.end_carry(tasks::left_behind(old.tasks));
+        }
+        let tables = interpreter.tables();
+        let longest = tables.slots().map(|slot| slot.period_us).max();
+        self.supervision.begin_mission(longest.unwrap_or(0));
+        let mission = interpreter.verified().hash();
+        let saved = self.saved.of(mission);
+        params::restore(&mut self.params, saved, &tables, self.executor.registry());
+        self.health.mission = Some(mission);
+        if !self.mode.is_latched() {
+            self.mode = Mode::Running;
+        }
+        let interpreter_slot = tables.interpreter_slot();
+        self.note(Event::Mission { hash: mission });
+        self.trace.write_next_in_full();
+        self.trace.record(TraceRecord::Started {
+            mission,
+            start_us: at.us,
+        });
+        self.record.started(mission, at.us, common.is_some());
+        self.sampler.started(mission);
+        self.mission = Some(Mission {
+            interpreter,
+            origin,
+            began_us,
+            tasks_us,
+            occurrences: 0,
+            next_step: 0,
+            interpreter_slot,
+        });
+        (carried, before.map(|before| self.rest(before, old)))
+    }
+
+    /// Starts a mission that does not run, from its beginning.
+    #[inline(never)]
+    pub(super) fn start_again(
+        &mut self,
+        Resting { mission, spare }: Resting<'m>,
+        running: Option<(Origin, u32)>,
+        at: Origin,
+    ) {
+        // A mission that has ended has left a room.
+        let prepared = self.own.take(spare).and_then(|room| match WARM {
+            true => Prepared::again(mission, room),
+            // The room was another's.
+            false => Prepared::new(mission, room, self.executor.registry()),
+        });
+        debug_assert!(prepared.is_some());
+        if let Some(prepared) = prepared {
+            self.start_mission(prepared, running, at, None);
+        }
+    }
+
+    /// Takes the mission away, if there is one. What is left are its tables and memory.
+    // Not inlined: no other mission should be made on top of this one.
+    #[inline(never)]
+    pub(super) fn end_mission(&mut self) -> Option<Resting<'m>> {
+        let mission = self.mission.take()?;
+        let lists = self.tasks.begin(Lists::default());
+        self.executor.begin_carry();
+        self.executor.end_carry(tasks::left_behind(lists.tasks));
+        Some(self.rest(mission, lists))
+    }
+
+    /// The origin of the mission's slots, and its interpreter's period.
+    #[inline(never)]
+    pub(super) fn running(&self) -> Option<(Origin, u32)> {
+        self.mission.as_ref().map(Mission::running)
+    }
+
+    /// Takes a mission apart that has ended.
+    fn rest(&mut self, mission: Mission<'m>, lists: Lists<'m>) -> Resting<'m> {
+        let (mission, arena) = mission.interpreter.into_parts();
+        let spare = self.own.keep(Room { arena, lists });
+        Resting { mission, spare }
+    }
+}
+
+/// Period of the interpreter's slot in microseconds.
+fn interpreter_period_us(tables: &Tables<'_>) -> u32 {
+    tables
+        .slot(tables.interpreter_slot())
+        .map_or(0, |slot| slot.period_us)
+}

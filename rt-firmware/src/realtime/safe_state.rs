@@ -1,0 +1,78 @@
+//! Motors off: the host's stop, the emergency stop, and the safe state that the robot goes to by itself.
+//!
+//! *Invariant:* what is latched ends by what the host says alone, and the reason for which a robot stopped first stays.
+
+use core::sync::atomic::Ordering;
+
+use super::RealTime;
+use super::ready::Ready;
+use super::trial::is_the_missions_fault;
+use crate::black_box::Event;
+use crate::board::Board;
+use crate::link::message::{Mode, SafeReason};
+use crate::link::trace::{EMERGENCY, TraceRecord};
+
+impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+    /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
+    pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
+        self.ready = Ready::NOTHING;
+        if !self.mode.is_latched() {
+            self.mode = Mode::Safe(reason);
+            self.note(Event::Mode(self.mode));
+        }
+        if let Some(trial) = &mut self.trial
+            && is_the_missions_fault(reason)
+        {
+            trial.failed.get_or_insert(reason);
+        }
+        self.trace.record(TraceRecord::MotorsOff {
+            reason: Some(reason.number()),
+        });
+        board.motors_off();
+        self.tell_health();
+    }
+
+    /// Motors off, and so they stay.
+    #[inline(never)]
+    pub(super) fn set_stopped<B: Board>(&mut self, mode: Mode, board: &mut B) {
+        self.ready = Ready::NOTHING;
+        self.mode = mode;
+        self.note(Event::Mode(mode));
+        let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);
+        self.trace.record(TraceRecord::MotorsOff { reason });
+        board.motors_off();
+    }
+
+    /// Whether somebody wants the robot to stop for an emergency, or wanted it and it is not released.
+    #[inline(always)]
+    pub(super) fn wants_emergency_stop<B: Board>(&self, board: &mut B) -> bool {
+        self.signs.emergency_stop.load(Ordering::Relaxed) || board.is_emergency_stop_pressed()
+    }
+
+    /// Stops the robot for an emergency, until it is released.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
+        self.signs.emergency_stop.store(true, Ordering::Relaxed);
+        if let Some(kept) = self.kept {
+            kept.set_emergency_stop(true);
+        }
+        self.set_stopped(Mode::EmergencyStopped, board);
+        self.hold_still(board);
+        self.tell_health();
+    }
+
+    /// Motors off during an emergency stop, whoever may have switched them on.
+    #[inline(never)]
+    pub(super) fn hold_still<B: Board>(&mut self, board: &mut B) {
+        board.motors_off();
+        let is_pressed = is_stop_pressed(board);
+        self.signs.stop_pressed.store(is_pressed, Ordering::Relaxed);
+    }
+}
+
+/// Whether somebody presses the emergency stop: asked here where an instruction more does not matter, so that the code for it is not there again and again.
+#[inline(never)]
+pub(super) fn is_stop_pressed<B: Board>(board: &mut B) -> bool {
+    board.is_emergency_stop_pressed()
+}

@@ -1,0 +1,51 @@
+//! Signs of life: the watchdog is fed while all show some who should, and the mission knows for how long the host has shown none.
+
+use core::sync::atomic::Ordering;
+
+use super::RealTime;
+use crate::board::Board;
+use crate::link::message::Mode;
+
+impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+    /// Feeds the watchdog if all have shown that they live who should have.
+    #[inline(never)]
+    pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
+        let was_executed = &mut self.was_executed;
+        let count = self
+            .mission
+            .as_ref()
+            .map_or(0, |mission| mission.interpreter.tables().slots().len());
+        let first_silent_slot = || {
+            let mut silent = None;
+            for (index, was_executed) in was_executed.iter_mut().enumerate().take(count) {
+                if !core::mem::take(was_executed) {
+                    silent.get_or_insert(index);
+                }
+            }
+            silent
+        };
+        let fed = self.supervision.allows_food(
+            now_ticks,
+            B::TICKS_PER_US,
+            self.signs,
+            self.mode == Mode::Running,
+            first_silent_slot,
+        );
+        match (fed, self.kept) {
+            (Ok(()), _) => board.feed_watchdog(),
+            (Err(who), Some(kept)) => kept.set_silent(who),
+            (Err(_), None) => {}
+        }
+    }
+
+    /// Looks whether the host has called, in an occurrence that starts at this robot time.
+    pub(super) fn listen(&mut self, robot_us: u64) {
+        let requests = self.signs.requests.load(Ordering::Relaxed);
+        if requests != self.requests {
+            self.requests = requests;
+            self.heard_us = robot_us;
+        }
+        let silent_us = robot_us.saturating_sub(self.heard_us);
+        self.link_silent_us = u32::try_from(silent_us).unwrap_or(u32::MAX);
+    }
+}

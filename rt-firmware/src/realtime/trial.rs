@@ -1,0 +1,96 @@
+//! A mission on trial: it stays if it is confirmed in time. If it is not, fails, or somebody asks for it, the robot goes back to the mission before, which is whole as long as the trial lasts.
+
+use super::RealTime;
+use super::mission::Origin;
+use super::upcoming::Resting;
+use crate::link::message::{Mode, SafeReason};
+use crate::link::trace::TraceRecord;
+use crate::link::trial::{FallBack, FallBackReason};
+
+/// What is known of the mission that runs while it is on trial.
+pub(super) struct Trial<'m> {
+    /// The mission before, to fall back to.
+    pub(super) before: Option<Resting<'m>>,
+    /// When it ends, in microseconds since the first macro step of the first mission.
+    pub(super) until_us: u64,
+    /// Why it has failed: the robot falls back at the interpreter's next occurrence.
+    pub(super) failed: Option<SafeReason>,
+}
+
+impl Trial<'_> {
+    /// Why the robot falls back now, if it does.
+    pub(super) fn end_at(&self, now_us: u64) -> Option<FallBackReason> {
+        match self.failed {
+            Some(reason) => Some(FallBackReason::Failed(reason)),
+            None => (now_us >= self.until_us).then_some(FallBackReason::NotConfirmed),
+        }
+    }
+
+    pub(super) fn is_over(&self, now_us: u64) -> bool {
+        self.end_at(now_us).is_some()
+    }
+}
+
+impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+    /// Whether the mission of this hash is on trial, and has not failed.
+    pub(super) fn is_on_trial(&self, mission: u32) -> bool {
+        let goes_on = (self.trial.as_ref()).is_some_and(|trial| trial.failed.is_none());
+        goes_on && self.health.mission == Some(mission)
+    }
+
+    /// Goes back to the mission before the one on trial.
+    #[inline(never)]
+    pub(super) fn fall_back(&mut self, reason: FallBackReason, at: Origin) {
+        let Some(Trial { before, .. }) = self.trial.take() else {
+            return;
+        };
+        let running = self.running();
+        let Some(failed) = self.end_mission() else {
+            return;
+        };
+        let fell_back = FallBack {
+            mission: failed.mission.hash(),
+            reason,
+        };
+        self.trace.record(TraceRecord::FellBack {
+            mission: fell_back.mission,
+            reason: reason.number(),
+        });
+        self.free(failed, Some(fell_back));
+        self.health.fell_back = Some(fell_back);
+        let mode = self.mode;
+        self.go_back_to(before, running, at);
+        if let Mode::Safe(reason) = mode
+            && !is_the_missions_fault(reason)
+        {
+            // What the mission before would not have helped against.
+            self.mode = mode;
+        }
+        self.tell_health();
+    }
+
+    /// Starts a mission that ran before, or goes without one.
+    fn go_back_to(
+        &mut self,
+        before: Option<Resting<'m>>,
+        running: Option<(Origin, u32)>,
+        at: Origin,
+    ) {
+        self.begin_health();
+        if let Some(before) = before {
+            self.start_again(before, running, at);
+        }
+    }
+}
+
+/// Whether what led to the safe state is the doing of the mission that runs, so that the one before would do without. A battery that is low or a body that is lost would be
+/// so with any mission, and motors must not start again for it.
+pub(super) fn is_the_missions_fault(reason: SafeReason) -> bool {
+    matches!(
+        reason,
+        SafeReason::EventQueueOverflow
+            | SafeReason::MacroStepLimit
+            | SafeReason::Overruns
+            | SafeReason::Missed
+    )
+}
