@@ -313,5 +313,10 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
         heard.extend(child.wait_with_output().unwrap().stderr);
     }
     assert!(!heard.is_empty());
+    let said = String::from_utf8_lossy(&heard);
+    assert!(
+        !said.contains(" 60.000 s"),
+        "what happens is told when it happens, also where no terminal is: {said}"
+    );
     hold_no_key_of(&key, &heard);
 }

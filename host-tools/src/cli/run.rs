@@ -489,10 +489,16 @@ impl Teller<'_> {
     fn line(&mut self, text: &str) {
         if self.aside {
             self.console.note(text);
-        } else if let Err(error) = writeln!(self.console.out(), "{text}") {
+        } else if let Err(error) = self.told(text) {
             // The run goes on: its files are wanted whether or not somebody listens.
             self.failed.get_or_insert(error.into());
         }
+    }
+
+    /// A line of what happens is seen when it happens, through a pipe too.
+    fn told(&mut self, text: &str) -> io::Result<()> {
+        writeln!(self.console.out(), "{text}")?;
+        self.console.flush()
     }
 }
 
