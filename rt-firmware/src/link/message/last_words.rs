@@ -1,0 +1,79 @@
+//! Why a robot started, and how the run before ended.
+
+use serde::{Deserialize, Serialize};
+
+use crate::supervision::Silent;
+
+/// Why a robot started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ResetReason {
+    /// The power came on, or nothing is known.
+    PowerOn,
+    /// The reset pin.
+    Pin,
+    /// The hardware watchdog: a task did not return.
+    Watchdog,
+    /// The program panicked.
+    Panic,
+    /// The processor met a fault (bad access, bad instruction, stack overflow).
+    CpuFault,
+    /// The supply voltage fell.
+    BrownOut,
+    /// The firmware asked for it.
+    Software,
+}
+
+/// How a run of the firmware ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LastWords {
+    /// Why, and so why the robot started the last time.
+    pub reason: ResetReason,
+    /// Robot time of the last occurrence of the interpreter's slot, in µs since that run's first macro step of its first mission; 0 if not known.
+    pub after_us: u64,
+    /// The task instance that was being executed by a slot, by its index in the mission's blob.
+    pub task: Option<u16>,
+    /// The line of the panic, if it was one.
+    pub line: u32,
+    /// What the processor said of its fault, if it was one; zeros otherwise.
+    pub fault: CoreFault,
+    /// Who showed no sign of life, so that the watchdog was fed no more.
+    pub silent: Option<Silent>,
+    /// Starts after a watchdog, a panic or a fault in a row, this one included, none of which was healthy for long.
+    pub bad_starts: u32,
+}
+
+impl LastWords {
+    /// Of a run that left nothing but its reason.
+    pub const fn of(reason: ResetReason) -> Self {
+        LastWords {
+            reason,
+            after_us: 0,
+            task: None,
+            line: 0,
+            fault: CoreFault {
+                pc: 0,
+                lr: 0,
+                status: 0,
+                hard_status: 0,
+                address: 0,
+            },
+            silent: None,
+            bad_starts: 0,
+        }
+    }
+}
+
+/// A fault of a processor, in the registers of an ARMv7-M core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CoreFault {
+    /// The instruction that faulted.
+    pub pc: u32,
+    /// Where its function was called from.
+    pub lr: u32,
+    /// Configurable fault status (CFSR).
+    pub status: u32,
+    /// Hard fault status (HFSR).
+    pub hard_status: u32,
+    /// The address of a bad access (MMFAR or BFAR), 0 if it is not known.
+    pub address: u32,
+}

@@ -1,0 +1,74 @@
+//! What host and robot say to each other. Messages are postcard, in [frames](super::frame).
+//!
+//! *Invariant:* a message is encoded by the order of its variants and fields: who changes an order changes the protocol, and says so in [`PROTOCOL_VERSION`].
+
+mod counters;
+mod device_info;
+mod error;
+mod last_words;
+mod request;
+mod response;
+mod status;
+mod stream;
+#[cfg(test)]
+mod tests;
+
+pub use counters::{DELAY_BUCKETS, SlotCounters, TaskCounters};
+pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
+pub use error::LinkError;
+pub use last_words::{CoreFault, LastWords, ResetReason};
+pub use request::{Request, Swap};
+pub use response::{NO_STATE, Response};
+pub use status::{Mode, SafeReason, Status};
+pub use stream::{Channel, Stream};
+
+use serde::{Deserialize, Serialize};
+
+use crate::link::news::News;
+
+/// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
+/// encoding, and that of its answer's first field, never changes.
+pub const PROTOCOL_VERSION: u16 = 3;
+/// Greatest number of bytes in [`Request::Chunk`].
+pub const MAX_CHUNK: usize = 176;
+/// Greatest number of bytes in [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
+pub const MAX_PART: usize = 128;
+/// Greatest number of bytes that one stream message carries.
+pub const MAX_STREAM_BYTES: usize = 96;
+
+/// A message from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ToDevice<'a> {
+    /// Differs from that of the request before. A request that is sent again keeps its number.
+    pub seq: u8,
+    /// What the host wants.
+    #[serde(borrow)]
+    pub request: Request<'a>,
+}
+
+/// A message from the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromDevice<'a> {
+    /// The answer to a request.
+    Reply {
+        /// The request's number.
+        seq: u8,
+        /// What came of it.
+        #[serde(borrow)]
+        result: Result<Response<'a>, LinkError>,
+    },
+    /// A part of a stream.
+    Stream(#[serde(borrow)] Stream<'a>),
+    /// What the host wanted to be told.
+    News(News),
+}
+
+/// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of any version. This much of it never changes.
+pub fn version_in_hello(message: &[u8]) -> Option<u16> {
+    /// [`FromDevice::Reply`], its number, that it is no error, [`Response::Hello`], and [`DeviceInfo::protocol`].
+    type Beginning = (u8, u8, u8, u8, u16);
+    match postcard::take_from_bytes::<Beginning>(message) {
+        Ok(((0, _, 0, 0, version), _)) => Some(version),
+        _ => None,
+    }
+}

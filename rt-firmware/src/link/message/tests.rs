@@ -1,0 +1,254 @@
+//! The greatest messages, and what is read out of counters.
+
+use super::*;
+use crate::features::Features;
+use crate::link::access::{
+    Access, KEY_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
+};
+use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
+use crate::link::news::Cause;
+use crate::link::telemetry::MAX_ASK_BYTES;
+use crate::link::trial::{FallBack, FallBackReason, Trial};
+use crate::store::SlotState;
+use crate::store::keep::{Kept, Source};
+use crate::supervision::Silent;
+
+#[test]
+fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
+    const FULL: u16 = u16::MAX;
+    for (executed, delays, expected) in [
+        (12, [7, 5, 0], [(7, true), (5, true), (0, true)]),
+        (
+            1_000_012,
+            [FULL, 5, 0],
+            [(1_000_007, true), (5, true), (0, true)],
+        ),
+        (
+            1_000_012,
+            [FULL, 5, FULL],
+            [(65_535, false), (5, true), (65_535, false)],
+        ),
+        (
+            u32::MAX,
+            [3, FULL, 0],
+            [(3, true), (u32::MAX - 3, false), (0, true)],
+        ),
+    ] {
+        let mut counters = SlotCounters {
+            executed,
+            ..SlotCounters::default()
+        };
+        counters.delays[..3].copy_from_slice(&delays);
+        assert_eq!(
+            counters.delay_counts()[..3],
+            expected,
+            "{executed}: {delays:?}"
+        );
+    }
+}
+
+#[test]
+fn the_greatest_messages_fit_into_a_frame() {
+    let chunk = [0xa5; MAX_CHUNK];
+    let part = [0xa5; MAX_PART];
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let mut reply = [0; MAX_REPLY_FRAME_BYTES];
+    let text = "a name that is about as long as one wants";
+    let info = DeviceInfo {
+        protocol: u16::MAX,
+        firmware: text,
+        board: text,
+        task_types: u8::MAX,
+        capacities: Capacities {
+            blob_bytes: u32::MAX,
+            arena_words: u32::MAX,
+            slots: u16::MAX,
+            task_instances: u16::MAX,
+            nets: u16::MAX,
+            exclusive_groups: u16::MAX,
+        },
+        mission: Some(u32::MAX),
+        reset: ResetReason::Software,
+        access: Access::Unreadable,
+        uploads: Uploads {
+            chunk_bytes: u16::MAX,
+            window_bytes: u16::MAX,
+        },
+    };
+    let status = Status {
+        mode: Mode::Safe(SafeReason::Board),
+        mission: Some(u32::MAX),
+        steps: u64::MAX,
+        t_us: u64::MAX,
+        executed: u32::MAX,
+        missed: u32::MAX,
+        overruns: u32::MAX,
+        max_delay_ns: u32::MAX,
+        trace_dropped: u32::MAX,
+        background_busy: true,
+        stack_bytes: Some(u32::MAX),
+        reset: ResetReason::Software,
+        trial: Some(Trial {
+            left_ms: u32::MAX,
+            before: Some(u32::MAX),
+        }),
+        fell_back: Some(FallBack {
+            mission: u32::MAX,
+            reason: FallBackReason::Failed(SafeReason::Board),
+        }),
+        kept: Some(Kept {
+            runs: Source::Firmware,
+            slots: [SlotState::NoRoom { len: u32::MAX }; 2],
+        }),
+        changed_params: u8::MAX,
+        saved_params: u8::MAX,
+        record_dropped: u32::MAX,
+        record_pending: true,
+        stop_pressed: true,
+    };
+    let signature = [0xa5; SIGNATURE_BYTES];
+    let install = Request::InstallKey {
+        key: &[0xa5; KEY_BYTES],
+        seed: &[0xa5; SEED_BYTES],
+        signature: &signature,
+    };
+    let mut signed = [0; MAX_SIGNED_BYTES];
+    assert!(postcard::to_slice(&install, &mut signed).is_ok());
+    let requests = [
+        Request::Chunk {
+            offset: u32::MAX,
+            data: &chunk,
+        },
+        Request::Sign {
+            counter: u64::MAX,
+            signature: &signature,
+        },
+        install,
+        Request::Signed {
+            signature: &signature,
+            request: &signed,
+        },
+        Request::Within {
+            by_us: u64::MAX,
+            request: &signed,
+        },
+        Request::Values {
+            ask: &chunk[..MAX_ASK_BYTES],
+        },
+    ];
+    for request in requests {
+        assert!(
+            encode(&ToDevice { seq: 255, request }, &mut frame).is_ok(),
+            "{request:?}"
+        );
+    }
+    let responses = [
+        Response::Challenge {
+            nonce: [0xa5; NONCE_BYTES],
+            counter: u64::MAX,
+            key: [0xa5; KEY_BYTES],
+        },
+        Response::Hello(info),
+        Response::Status(status),
+        Response::TaskText {
+            total: u16::MAX,
+            text: &part,
+        },
+        Response::Blob {
+            total: u32::MAX,
+            data: &part,
+        },
+        Response::States {
+            step: u64::MAX,
+            total: u16::MAX,
+            states: &part,
+        },
+        Response::LastWords {
+            words: LastWords {
+                reason: ResetReason::Software,
+                after_us: u64::MAX,
+                task: Some(u16::MAX),
+                line: u32::MAX,
+                fault: CoreFault {
+                    pc: u32::MAX,
+                    lr: u32::MAX,
+                    status: u32::MAX,
+                    hard_status: u32::MAX,
+                    address: u32::MAX,
+                },
+                silent: Some(Silent::Slot(u8::MAX)),
+                bad_starts: u32::MAX,
+            },
+            file: &part[..crate::kept::MAX_PLACE_BYTES],
+        },
+        Response::BlackBox {
+            end: u32::MAX,
+            records: &part,
+        },
+        Response::Features {
+            built_in: Features(u32::MAX),
+            flash_ms: u16::MAX,
+        },
+        Response::Slot(SlotCounters {
+            number: u32::MAX,
+            missed: u32::MAX,
+            overruns: u32::MAX,
+            executed: u32::MAX,
+            total_execution_ns: u64::MAX,
+            min_execution_ns: u32::MAX,
+            max_execution_ns: u32::MAX,
+            min_delay_ns: u32::MAX,
+            max_delay_ns: u32::MAX,
+            first_bucket_ns: u32::MAX,
+            delays: [u16::MAX; DELAY_BUCKETS],
+        }),
+    ];
+    for response in responses {
+        assert!(
+            encode(
+                &FromDevice::Reply {
+                    seq: 255,
+                    result: Ok(response)
+                },
+                &mut reply
+            )
+            .is_ok(),
+            "{response:?}"
+        );
+    }
+    // As the book says.
+    let counters = responses.into_iter().find_map(|response| match response {
+        Response::Slot(counters) => Some(counters),
+        _ => None,
+    });
+    let bytes = postcard::to_slice(&counters.expect("it is there"), &mut frame)
+        .expect("it fits")
+        .len();
+    assert_eq!(bytes, 79);
+    let stream = Stream {
+        channel: Channel::Log,
+        seq: 255,
+        continues: true,
+        dropped: u32::MAX,
+        bytes: &chunk[..MAX_STREAM_BYTES],
+    };
+    assert!(encode(&FromDevice::Stream(stream), &mut frame).is_ok());
+    let news = News {
+        seq: u8::MAX,
+        cause: Cause::Mode,
+        mode: status.mode,
+        mission: status.mission,
+        on_trial: true,
+        fell_back: status.fell_back,
+        steps: u64::MAX,
+        t_us: u64::MAX,
+        executed: u32::MAX,
+        missed: u32::MAX,
+        overruns: u32::MAX,
+        max_delay_ns: u32::MAX,
+        spoiled_frames: u32::MAX,
+    };
+    // The room of a stream's part.
+    let room = &mut frame[..MAX_STREAM_BYTES];
+    assert_eq!(encode(&FromDevice::News(news), room), Ok(71));
+}
