@@ -14,6 +14,7 @@ use esm_tests::command::{Done, esm, esm_timed, firmware, root};
 use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
 use host_tools::model::{Action, Container, Model, Region, Source, StateKind, Target, Trigger};
+use host_tools::qemu::folder::RunFolder;
 use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
@@ -99,11 +100,15 @@ struct Driven {
     host: (Done, Duration),
 }
 
-/// Where traces and recordings of these tests are kept, to be looked at after a failure.
-fn folder() -> PathBuf {
-    let folder = root().join("target/boards");
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
+/// Where traces and recordings of these tests are kept, to be looked at after a failure: until the next run of the tests, and apart from those of a run beside this one.
+fn folder() -> &'static Path {
+    static FOLDER: OnceLock<RunFolder> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| {
+        let place = root().join("target/boards");
+        std::fs::create_dir_all(&place).unwrap();
+        RunFolder::below(&place).unwrap()
+    });
+    folder.path()
 }
 
 /// Drives a mission; gives the trace.

@@ -1,4 +1,4 @@
-//! The folder of a run, below the system's temporary folder, and what is left of runs whose program was killed.
+//! The folder of a run, and what is left of runs whose program was killed.
 //!
 //! Who has a folder holds a lock on a file in it, which the system lets go of however the program ends. So whoever makes the next folder knows which of the
 //! others nobody has any more, and removes them.
@@ -25,7 +25,7 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes a folder, and removes those that nobody has any more.
+    /// Makes a folder below the system's temporary one, and removes those that nobody has any more.
     ///
     /// # Errors
     /// What the system says of the new one.
@@ -33,7 +33,11 @@ impl RunFolder {
         Self::below(&std::env::temp_dir())
     }
 
-    fn below(place: &Path) -> io::Result<Self> {
+    /// The same in another place.
+    ///
+    /// # Errors
+    /// What the system says of the new one.
+    pub fn below(place: &Path) -> io::Result<Self> {
         let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(place)?;
         // Nobody finds it under its name before it is locked.
         let new = folder.path().join(NEW_OWNER_FILE);

@@ -5,7 +5,7 @@
 //! with the next run.
 
 pub mod firmware;
-mod folder;
+pub mod folder;
 pub mod pipes;
 
 use std::fs::File;
