@@ -72,6 +72,7 @@ fn exit_statuses_are_those_of_the_manual() {
         ),
         ("endless.scenario", "at 0 ms expect motion/Cruise\n"),
         ("noise.blob", "this is no blob"),
+        ("old.rec", "ESMREC\u{2}\0"),
     ]);
     for (arguments, expected) in [
         ("check {}/good.esm", 0),
@@ -99,6 +100,12 @@ fn exit_statuses_are_those_of_the_manual() {
         ("sim {}/good.esm {}/met.scenario --trace {}/met.scenario", 2),
         ("run {}/good.esm --board host --trace {}/good.esm", 2),
         ("run {}/good.esm --board host --record {}/good.esm", 2),
+        ("run {}/good.esm --board host --record {}/old.rec", 2),
+        ("log --record {}/old.rec --port unix:/no/such/socket", 2),
+        (
+            "upload {}/good.esm --record {}/old.rec --port unix:/no/such/socket",
+            2,
+        ),
         ("test {}/good.esm", 1),
         ("test {}/absent", 1),
         ("fmt {}/good.blob --check", 1),

@@ -13,6 +13,7 @@ use thiserror::Error;
 use super::argument::{Time, TimeError};
 use super::console::Console;
 use super::exit::CommandError;
+use super::recorder::keep_recording;
 use super::{file, robot, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::link_client::ClientError;
@@ -211,8 +212,11 @@ pub fn execute(
     inputs.extend(args.then.iter().map(|then| then.file.as_path()));
     inputs.extend(args.replay.as_deref());
     inputs.extend(args.world.as_deref().map(Path::new));
-    for output in [&args.trace, &args.record].into_iter().flatten() {
+    if let Some(output) = &args.trace {
         file::keep_sources(output, &inputs)?;
+    }
+    if let Some(output) = &args.record {
+        keep_recording(output, &inputs)?;
     }
     let interrupt = Interrupt::take_over()?;
     let plan = plan(args, robot, console)?;
