@@ -13,11 +13,6 @@ const MAX_SHOWN_CHARACTERS: usize = 120;
 
 /// The first lines in which two texts differ: those that go with `-`, those that come with `+`, under the number of the first one.
 pub fn first(before: &str, after: &str) -> String {
-    first_behind(0, before, after)
-}
-
-/// The same of what stands behind so many lines that both have.
-pub fn first_behind(lines: usize, before: &str, after: &str) -> String {
     let same = before
         .split_inclusive('\n')
         .zip(after.split_inclusive('\n'))
@@ -28,7 +23,7 @@ pub fn first_behind(lines: usize, before: &str, after: &str) -> String {
         lines.skip(same).take(MAX_COMPARED_LINES).collect()
     };
     let (before, after) = (from(before), from(after));
-    let mut text = format!("  line {}:\n", lines + same + 1);
+    let mut text = format!("  line {}:\n", same + 1);
     for (shown, (sign, line)) in first_changes(&before, &after).into_iter().enumerate() {
         if shown == MAX_SHOWN_LINES {
             text.push_str("  …\n");
@@ -37,6 +32,24 @@ pub fn first_behind(lines: usize, before: &str, after: &str) -> String {
         let _ = writeln!(text, "  {sign}{}", visible(line));
     }
     text
+}
+
+/// Two lines that differ, one below the other; an empty text is none. Of long ones the part is shown in which they differ first.
+pub fn of_lines(before: &str, after: &str) -> String {
+    let pairs = before.chars().zip(after.chars());
+    let same = pairs.take_while(|(before, after)| before == after).count();
+    let left_out = match same + MAX_SHOWN_CHARACTERS / 4 > MAX_SHOWN_CHARACTERS {
+        true => same - MAX_SHOWN_CHARACTERS / 2,
+        false => 0,
+    };
+    let lines = [('-', before), ('+', after)];
+    let shown = lines.iter().filter(|(_, line)| !line.is_empty());
+    shown.fold(String::new(), |mut text, (sign, line)| {
+        let ellipsis = if left_out > 0 { "…" } else { "" };
+        let rest: String = line.chars().skip(left_out).collect();
+        let _ = writeln!(text, "  {sign}{ellipsis}{}", visible(&rest));
+        text
+    })
 }
 
 /// The changed lines up to the first line that both have.
@@ -55,7 +68,8 @@ fn first_changes<'t>(before: &[&'t str], after: &[&'t str]) -> Vec<(char, &'t st
 /// A line with its blanks made visible where they are all that differs: at its end.
 fn visible(line: &str) -> String {
     let kept = line.trim_end();
-    let mut shown: String = kept.chars().take(MAX_SHOWN_CHARACTERS).collect();
+    let shown = kept.chars().take(MAX_SHOWN_CHARACTERS);
+    let mut shown: String = shown.map(harmless).collect();
     if kept.chars().nth(MAX_SHOWN_CHARACTERS).is_some() {
         shown.push('…');
         return shown;
@@ -79,6 +93,15 @@ fn visible(line: &str) -> String {
     shown
 }
 
+/// A character that changes nothing on a terminal but its own place.
+fn harmless(character: char) -> char {
+    match character {
+        '\t' => character,
+        _ if character.is_control() => char::REPLACEMENT_CHARACTER,
+        _ => character,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -94,6 +117,31 @@ mod tests {
         ];
         for (before, after, expected) in cases {
             assert_eq!(first(before, after), expected, "{before:?} {after:?}");
+        }
+    }
+
+    #[test]
+    fn lines_are_shown_where_they_differ() {
+        let (x, y) = ("x".repeat(1_000), "y".repeat(1_000));
+        for (before, after, expected) in [
+            (
+                "a\n".to_owned(),
+                "b\n".to_owned(),
+                "  -a\n  +b\n".to_owned(),
+            ),
+            ("a\n".to_owned(), String::new(), "  -a\n".to_owned()),
+            (
+                "\u{1b}[2J\n".to_owned(),
+                "a".to_owned(),
+                "  -\u{fffd}[2J\n  +a (no line end)\n".to_owned(),
+            ),
+            (
+                format!("{x}\n"),
+                format!("{x}{y}\n"),
+                format!("  -…{}\n  +…{}{}…\n", &x[..60], &x[..60], &y[..60]),
+            ),
+        ] {
+            assert_eq!(of_lines(&before, &after), expected);
         }
     }
 

@@ -27,6 +27,7 @@ pub mod diff;
 pub mod difference;
 pub mod draw;
 pub mod exit;
+pub mod expected;
 pub mod explain;
 pub mod fallback;
 pub mod file;

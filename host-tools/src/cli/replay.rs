@@ -1,18 +1,21 @@
 //! `esm replay`: a recorded run once more, from what entered its interpreter.
 
-use std::io::{self, BufRead, BufWriter, IsTerminal, Write};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 
 use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
+use super::expected::{self, Expected};
 use super::file::Draft;
 use super::run::read_recording;
 use super::step::{self, view::View};
-use super::{difference, file, terminal};
+use super::{file, terminal};
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
 use crate::recording::walk::Walk;
@@ -107,11 +110,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
             false => walk(&recording, args, console),
         };
     }
-    let expected = args
-        .expect
-        .as_deref()
-        .map(|path| file::read_text(path, "trace"))
-        .transpose()?;
+    let expected = args.expect.as_deref().map(Expected::open).transpose()?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
     let mut trace = Trace {
         out: match &args.trace {
@@ -122,7 +121,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
             Some(path) if !to_standard_output => Some(Draft::begin(path, "trace")?),
             _ => None,
         },
-        compared: expected.as_deref().map(Compared::with),
+        expected,
     };
     let ended = replay(&recording, args.over_gaps, &mut trace);
     if let (Some(file), false) = (
@@ -147,27 +146,27 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     if let Some(error) = error {
         return Err(CommandError::Input(error.into()));
     }
-    if let (Some(compared), Some(path)) = (trace.compared, &args.expect)
-        && let Some(difference) = compared.difference()
-    {
-        console.note(&format!(
-            "the replay is not what {} says:\n{}",
-            path.display(),
-            difference.trim_end()
-        ));
-        return Err(CommandError::Told);
+    let (Some(expected), Some(path)) = (trace.expected, &args.expect) else {
+        return Ok(());
+    };
+    let compared = expected.finish().with_context(|| expected::unread(path));
+    match compared.map_err(CommandError::Input)? {
+        Some(difference) => {
+            console.note(&difference.told(path));
+            Err(CommandError::Told)
+        }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// Where a trace goes as it comes.
-struct Trace<'e> {
+struct Trace {
     out: Option<BufWriter<io::Stdout>>,
     file: Option<Draft>,
-    compared: Option<Compared<'e>>,
+    expected: Option<Expected<BufReader<File>>>,
 }
 
-impl Write for Trace<'_> {
+impl Write for Trace {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if let Some(out) = &mut self.out {
             out.write_all(bytes)?;
@@ -175,8 +174,8 @@ impl Write for Trace<'_> {
         if let Some(file) = &mut self.file {
             file.write_all(bytes)?;
         }
-        if let Some(compared) = &mut self.compared {
-            compared.take(bytes);
+        if let Some(expected) = &mut self.expected {
+            expected.take(bytes);
         }
         Ok(bytes.len())
     }
@@ -191,57 +190,6 @@ fn unwritten(error: io::Error) -> CommandError {
     match error.kind() {
         io::ErrorKind::BrokenPipe => CommandError::NobodyListens,
         _ => CommandError::World(ReplayError::Trace(error).into()),
-    }
-}
-
-/// A trace that is compared with another one as it comes.
-struct Compared<'e> {
-    /// What has not come yet, from the beginning of a line.
-    expected: &'e str,
-    /// Lines that came, and were as expected.
-    lines: usize,
-    /// What came behind them.
-    found: Vec<u8>,
-}
-
-/// How much of a trace is kept from where it differs.
-const KEPT_BYTES: usize = 64 << 10;
-
-impl<'e> Compared<'e> {
-    fn with(expected: &'e str) -> Self {
-        Compared {
-            expected,
-            lines: 0,
-            found: Vec::new(),
-        }
-    }
-
-    fn take(&mut self, bytes: &[u8]) {
-        if self.found.len() > KEPT_BYTES {
-            return;
-        }
-        self.found.extend_from_slice(bytes);
-        while let Some(end) = self.found.iter().position(|byte| *byte == b'\n') {
-            let (line, rest) = self.found.split_at(end + 1);
-            let Some(expected) = self.expected.as_bytes().strip_prefix(line) else {
-                return;
-            };
-            let rest = rest.to_vec();
-            // A line ends where a character does.
-            let at = self.expected.len() - expected.len();
-            self.expected = self.expected.get(at..).unwrap_or_default();
-            self.lines += 1;
-            self.found = rest;
-        }
-    }
-
-    /// Where they differ first, if they do.
-    fn difference(&self) -> Option<String> {
-        if self.found == self.expected.as_bytes() {
-            return None;
-        }
-        let found = String::from_utf8_lossy(&self.found);
-        Some(difference::first_behind(self.lines, self.expected, &found))
     }
 }
 
