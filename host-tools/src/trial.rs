@@ -47,34 +47,90 @@ pub fn trial_time(interpreter_period_us: u32) -> Duration {
     DEFAULT_TRIAL.max(steps)
 }
 
-/// Watches the mission of this hash, which is on trial, until it has run well for about a second of its own time and confirms it, or until it is known
-/// that this will not be.
-///
-/// # Errors
-/// [`ClientError`]: the robot does not answer any more. It falls back by itself.
-pub fn watch<L: ByteLink>(robot: &mut LinkClient<L>, mission: u32) -> Result<Outcome, ClientError> {
-    watch_and(robot, mission, |_| Ok(()))
+/// A mission on trial, with what the robot said before: it says which mission it gave up last, but not when, and that may have been the same mission on an earlier trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Tried {
+    mission: u32,
+    /// What it falls back to.
+    before: Option<u32>,
+    /// The last mission that was given up before this trial began.
+    given_up: Option<FallBack>,
+    /// Its macro steps when it was last seen on trial.
+    steps: Option<u64>,
 }
 
-/// The same, with something else to do meanwhile, again and again.
+impl Tried {
+    /// The mission of this hash, on trial since a commit before which the robot said this of itself.
+    pub fn since(status: &Status, mission: u32) -> Self {
+        Tried {
+            mission,
+            before: status.mission,
+            given_up: status.fell_back,
+            steps: None,
+        }
+    }
+
+    /// The mission that a robot says is on trial, if one is.
+    pub fn found(status: &Status) -> Option<Self> {
+        let (trial, mission) = status.trial.zip(status.mission)?;
+        Some(Tried {
+            mission,
+            before: trial.before,
+            given_up: status.fell_back,
+            steps: Some(status.steps),
+        })
+    }
+
+    /// What a status says of the end of the trial; none while it goes on.
+    fn end(&mut self, status: &Status) -> Option<End> {
+        let runs = status.mission == Some(self.mission);
+        if status.trial.is_some() && runs {
+            self.steps = Some(status.steps);
+            return None;
+        }
+        let is_fallen_back = if status.fell_back != self.given_up {
+            true
+        } else if runs {
+            // From its beginning, or as it went on.
+            let has_begun_anew = self.steps.is_none_or(|steps| status.steps < steps);
+            self.before == Some(self.mission) && has_begun_anew
+        } else {
+            // Where there was none before, the robot may have found one in its flash.
+            self.before.is_none() || self.before == status.mission
+        };
+        let given_up = status.fell_back.filter(|it| it.mission == self.mission);
+        Some(match given_up {
+            Some(fell_back) if is_fallen_back => End::FellBack(fell_back),
+            _ if runs => End::Confirmed,
+            _ => End::Unknown,
+        })
+    }
+}
+
+/// Watches a mission on trial until it has run well for about a second of its own time and confirms it, or until it is known that this will not be. There is something
+/// else to do meanwhile, again and again.
 ///
 /// # Errors
-/// [`ClientError`], as whatever `meanwhile` has.
+/// [`ClientError`]: the robot does not answer any more, and falls back by itself. Or whatever `meanwhile` has.
 pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     robot: &mut LinkClient<L>,
-    mission: u32,
+    mut trial: Tried,
     mut meanwhile: impl FnMut(&mut LinkClient<L>) -> Result<(), E>,
 ) -> Result<Outcome, E> {
     let mut last_us = 0;
     let mut stood = Duration::ZERO;
     loop {
         let status = robot.status()?;
-        if let Some(outcome) = known(&status, mission) {
-            return Ok(outcome);
+        if let Some(end) = trial.end(&status) {
+            // If it is confirmed, somebody else was faster.
+            return Ok(end.into());
+        }
+        if let Some(reason) = outer_reason(status.mode) {
+            return Ok(Outcome::Safe(reason));
         }
         let stopped = status.mode.is_latched();
         if stopped || (status.t_us >= HEALTHY_US && status.steps >= HEALTHY_STEPS) {
-            match robot.confirm(mission) {
+            match robot.confirm(trial.mission) {
                 Ok(()) if stopped => return Ok(Outcome::ConfirmedUnseen),
                 Ok(()) => return Ok(Outcome::Confirmed),
                 // It failed in this moment: the next status says how.
@@ -94,7 +150,20 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     }
 }
 
-/// How the trial of a mission ended that was on it before.
+/// Why a robot is in its safe state, if that is not the mission's doing: what is ends the trial within a macro step.
+fn outer_reason(mode: Mode) -> Option<SafeReason> {
+    match mode {
+        Mode::Safe(
+            reason @ (SafeReason::BodyLost
+            | SafeReason::LowBattery
+            | SafeReason::LinkLost
+            | SafeReason::Board),
+        ) => Some(reason),
+        _ => None,
+    }
+}
+
+/// How the trial of a mission ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// It was confirmed.
@@ -107,14 +176,24 @@ pub enum End {
     Standstill,
 }
 
-/// Waits for the end of the trial of the mission of this hash, which is to fall back to `before`. `left` is told how long it lasts still.
+impl From<End> for Outcome {
+    fn from(end: End) -> Self {
+        match end {
+            End::Confirmed => Outcome::Confirmed,
+            End::FellBack(fell_back) => Outcome::FellBack(fell_back),
+            End::Unknown => Outcome::Unknown,
+            End::Standstill => Outcome::Standstill,
+        }
+    }
+}
+
+/// Waits for the end of a trial. `left` is told how long it lasts still.
 ///
 /// # Errors
 /// [`ClientError`]: the robot does not answer any more, or whoever waits has had enough ([`LinkClient::stop_when`]).
 pub fn outlast<L: ByteLink>(
     robot: &mut LinkClient<L>,
-    mission: u32,
-    before: Option<u32>,
+    mut trial: Tried,
     left: &mut dyn FnMut(Duration),
 ) -> Result<End, ClientError> {
     let clock = robot.clock().clone();
@@ -122,13 +201,13 @@ pub fn outlast<L: ByteLink>(
     let mut moved_at = clock.now();
     loop {
         let status = robot.status()?;
-        let trial = match status.trial {
-            Some(trial) if status.mission == Some(mission) => trial,
-            _ => return Ok(end_of(&status, mission, before)),
-        };
-        left(Duration::from_millis(trial.left_ms.into()));
-        if last_left_ms != Some(trial.left_ms) {
-            last_left_ms = Some(trial.left_ms);
+        if let Some(end) = trial.end(&status) {
+            return Ok(end);
+        }
+        let left_ms = status.trial.map(|trial| trial.left_ms);
+        left(Duration::from_millis(left_ms.unwrap_or(0).into()));
+        if last_left_ms != left_ms {
+            last_left_ms = left_ms;
             moved_at = clock.now();
         } else if clock.since(moved_at) > STANDSTILL_LIMIT {
             return Ok(End::Standstill);
@@ -137,53 +216,157 @@ pub fn outlast<L: ByteLink>(
     }
 }
 
-/// What the status of a robot that has this mission not on trial any more says of how that came; `before` is the mission that it was to fall back to. What it says of the last
-/// mission that was given up may be of an earlier trial.
-fn end_of(status: &Status, mission: u32, before: Option<u32>) -> End {
-    let runs = status.mission == Some(mission);
-    match status.fell_back {
-        Some(fell_back) if fell_back.mission == mission && (!runs || before == Some(mission)) => {
-            End::FellBack(fell_back)
-        }
-        _ if runs => End::Confirmed,
-        _ => End::Unknown,
-    }
-}
-
-/// What a status says of the trial of this mission, if it says how it ended.
-fn known(status: &Status, mission: u32) -> Option<Outcome> {
-    let runs = status.mission == Some(mission);
-    match (status.trial, status.fell_back) {
-        (Some(_), _) if runs => match status.mode {
-            // What is the mission's doing ends the trial within a macro step.
-            Mode::Safe(
-                reason @ (SafeReason::BodyLost
-                | SafeReason::LowBattery
-                | SafeReason::LinkLost
-                | SafeReason::Board),
-            ) => Some(Outcome::Safe(reason)),
-            _ => None,
-        },
-        (_, Some(fell_back)) if fell_back.mission == mission && !runs => {
-            Some(Outcome::FellBack(fell_back))
-        }
-        // The same mission again as the one before it.
-        (None, Some(fell_back)) if fell_back.mission == mission => {
-            Some(Outcome::FellBack(fell_back))
-        }
-        // Somebody else was faster.
-        (None, _) if runs => Some(Outcome::Confirmed),
-        _ => Some(Outcome::Unknown),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rt_firmware::link::message::ResetReason;
+    use rt_firmware::link::trial::{FallBackReason, Trial};
 
     #[test]
     fn missions_with_seldom_macro_steps_are_longer_on_trial() {
         assert_eq!(trial_time(50_000), DEFAULT_TRIAL);
         assert_eq!(trial_time(2_000_000), Duration::from_secs(40));
+    }
+
+    fn status(mission: Option<u32>, steps: u64) -> Status {
+        Status {
+            mode: Mode::Running,
+            mission,
+            steps,
+            t_us: 0,
+            executed: 0,
+            missed: 0,
+            overruns: 0,
+            max_delay_ns: 0,
+            trace_dropped: 0,
+            background_busy: false,
+            stack_bytes: None,
+            reset: ResetReason::PowerOn,
+            trial: None,
+            fell_back: None,
+            kept: None,
+            changed_params: 0,
+            record_dropped: 0,
+            record_pending: false,
+            saved_params: 0,
+            stop_pressed: false,
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_trial_is_not_that_of_an_earlier_one() {
+        const OLD: u32 = 1;
+        const NEW: u32 = 2;
+        const OTHER: u32 = 3;
+        let gave_up = |mission| FallBack {
+            mission,
+            reason: FallBackReason::NotConfirmed,
+        };
+        let asked = FallBack {
+            mission: NEW,
+            reason: FallBackReason::Asked,
+        };
+        // What ran before, what was given up before; what runs then, in which macro step after the 50th, and what was given up last.
+        for (what, before, earlier, (runs, steps, last), end) in [
+            (
+                "confirmed",
+                Some(OLD),
+                None,
+                (Some(NEW), 60, None),
+                End::Confirmed,
+            ),
+            (
+                "fallen back",
+                Some(OLD),
+                None,
+                (Some(OLD), 3, Some(gave_up(NEW))),
+                End::FellBack(gave_up(NEW)),
+            ),
+            (
+                "fallen back to none",
+                None,
+                None,
+                (None, 0, Some(gave_up(NEW))),
+                End::FellBack(gave_up(NEW)),
+            ),
+            (
+                "confirmed, and given up on an earlier trial",
+                Some(OLD),
+                Some(gave_up(NEW)),
+                (Some(NEW), 60, Some(gave_up(NEW))),
+                End::Confirmed,
+            ),
+            (
+                "the same mission as before, confirmed, and given up on an earlier trial",
+                Some(NEW),
+                Some(gave_up(NEW)),
+                (Some(NEW), 60, Some(gave_up(NEW))),
+                End::Confirmed,
+            ),
+            (
+                "the same mission as before, given up again",
+                Some(NEW),
+                Some(gave_up(NEW)),
+                (Some(NEW), 3, Some(gave_up(NEW))),
+                End::FellBack(gave_up(NEW)),
+            ),
+            (
+                "the same mission as before, given up again for another reason",
+                Some(NEW),
+                Some(gave_up(NEW)),
+                (Some(NEW), 60, Some(asked)),
+                End::FellBack(asked),
+            ),
+            (
+                "given up again",
+                Some(OLD),
+                Some(gave_up(NEW)),
+                (Some(OLD), 3, Some(gave_up(NEW))),
+                End::FellBack(gave_up(NEW)),
+            ),
+            (
+                "given up again, and another mission was in the flash",
+                None,
+                Some(gave_up(NEW)),
+                (Some(OTHER), 3, Some(gave_up(NEW))),
+                End::FellBack(gave_up(NEW)),
+            ),
+            (
+                "another mission runs, and it was given up on an earlier trial",
+                Some(OLD),
+                Some(gave_up(NEW)),
+                (Some(OTHER), 3, Some(gave_up(NEW))),
+                End::Unknown,
+            ),
+            (
+                "reset",
+                Some(OLD),
+                Some(gave_up(NEW)),
+                (Some(OLD), 3, None),
+                End::Unknown,
+            ),
+        ] {
+            let committed = Status {
+                fell_back: earlier,
+                ..status(before, 500)
+            };
+            let seen = Status {
+                trial: Some(Trial {
+                    left_ms: 1_000,
+                    before,
+                }),
+                fell_back: earlier,
+                ..status(Some(NEW), 50)
+            };
+            let ended = Status {
+                fell_back: last,
+                ..status(runs, steps)
+            };
+            let mut trials = [Tried::since(&committed, NEW), Tried::found(&seen).unwrap()];
+            for trial in &mut trials {
+                assert_eq!(trial.end(&seen), None, "{what}");
+                assert_eq!(trial.end(&ended), Some(end), "{what}");
+            }
+        }
     }
 }

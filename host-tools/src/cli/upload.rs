@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 use esm_core::Verified;
 use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Status, Swap};
+use rt_firmware::link::trial::{FallBack, FallBackReason};
 use serde::Serialize;
 
 use super::argument::Time;
@@ -25,7 +26,7 @@ use crate::run::interrupt::Interrupt;
 use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
-use crate::trial::{self, End, Outcome};
+use crate::trial::{self, End, Outcome, Tried};
 
 /// Gives a robot that is on a new mission
 ///
@@ -335,10 +336,14 @@ fn install(
                 Some(recorder) => recorder.expect(mission, robot, console),
                 None => Ok(()),
             })
-            .and_then(|()| robot.commit(swap)),
+            .and_then(|()| {
+                let status = robot.status()?;
+                let committed = robot.commit(swap)?;
+                Ok((committed, Tried::since(&status, committed.mission)))
+            }),
     };
     let upload_s = started.elapsed().as_secs_f64();
-    let committed = uploaded.map_err(|error| match error.refusal() {
+    let (committed, tried) = uploaded.map_err(|error| match error.refusal() {
         Some(refusal) => CommandError::Input(anyhow!(
             "the robot refused {}: {}; it goes on with what it had",
             mission.file.display(),
@@ -353,7 +358,7 @@ fn install(
         Some(_) => None,
         None => {
             robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
-            let outcome = trial::watch_and(robot, committed.mission, |robot| match recorder {
+            let outcome = trial::watch_and(robot, tried, |robot| match recorder {
                 Some(recorder) => recorder.keep_up(robot, console),
                 None => Ok(()),
             });
@@ -405,35 +410,43 @@ fn end_earlier_trial(
     console: &mut Console,
 ) -> Result<Option<EarlierTrial>, CommandError> {
     let status = robot.status()?;
-    let (Some(trial), Some(mission)) = (status.trial, status.mission) else {
+    let (Some(trial), Some(mission), Some(tried)) =
+        (status.trial, status.mission, Tried::found(&status))
+    else {
         return Ok(None);
     };
     let hash = hash_text(mission);
     let started = Instant::now();
     let asked = match wanted {
-        OnTrial::Confirm => robot.confirm(mission),
-        OnTrial::Fallback => robot.fall_back(mission),
+        OnTrial::Confirm => robot.confirm(mission).map(|()| Some(End::Confirmed)),
+        OnTrial::Fallback => robot.fall_back(mission).map(|()| {
+            let reason = FallBackReason::Asked;
+            Some(End::FellBack(FallBack { mission, reason }))
+        }),
         OnTrial::Wait => {
             console.note(&format!(
                 "{hash} is on trial there for {:.1} s more, which is waited for; `--on-trial confirm` or `--on-trial fallback` ends it at once",
                 f64::from(trial.left_ms) / 1e3
             ));
-            Ok(())
+            Ok(None)
         }
     };
-    match asked {
+    let asked = match asked {
         // It ended in this moment by itself.
-        Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => {}
+        Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => None,
         asked => asked?,
-    }
+    };
     let bar = console.progress(&hash, trial.left_ms.into());
     robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
     let mut left_s = f64::from(trial.left_ms) / 1e3;
-    let end = trial::outlast(robot, mission, trial.before, &mut |left| {
-        left_s = left.as_secs_f64();
-        bar.set_message(format!("{hash} is on trial for {left_s:.1} s more"));
-        bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
-    });
+    let end = match asked {
+        Some(end) => Ok(end),
+        None => trial::outlast(robot, tried, &mut |left| {
+            left_s = left.as_secs_f64();
+            bar.set_message(format!("{hash} is on trial for {left_s:.1} s more"));
+            bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
+        }),
+    };
     robot.stop_when(None);
     bar.finish_and_clear();
     let (confirmed, fell_back) = match end {
