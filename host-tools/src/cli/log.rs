@@ -146,7 +146,7 @@ impl Listener {
     /// Tells what the robot says, and records, until Ctrl-C.
     fn listen(&mut self, interrupt: Interrupt, console: &mut Console) -> Result<(), CommandError> {
         while !interrupt.is_requested() {
-            self.robot.listen(LISTEN_TIME)?;
+            self.robot.attend(LISTEN_TIME)?;
             for event in self.robot.take_events() {
                 if let Some(recording) = &mut self.recording {
                     recording.take(&mut self.robot, &event, console)?;

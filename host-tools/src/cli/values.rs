@@ -200,7 +200,7 @@ fn show_once(
     let subscription = begin(robot, mission, &nets, Duration::ZERO)?;
     let begun = robot.clock().now();
     loop {
-        robot.listen(LISTEN_TIME)?;
+        robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
             match subscription.read(&event) {
                 Some(Told::Sample(reading)) => {
@@ -234,7 +234,7 @@ fn follow(
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, period)?;
     while !interrupt.is_requested() {
-        robot.listen(LISTEN_TIME)?;
+        robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
             match subscription.read(&event) {
                 Some(Told::Sample(reading)) => {

@@ -28,7 +28,7 @@ mod streams;
 mod timing;
 mod upload;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rt_firmware::black_box::{RECORD_BYTES, Record};
 use rt_firmware::features::{Feature, Features};
@@ -64,6 +64,9 @@ const SPOILED_WAIT: Duration = Duration::from_millis(10);
 
 /// How long a wait may last before it is looked whether it is to end.
 const STOP_LOOK: Duration = Duration::from_millis(100);
+
+/// A robot hears of a host that looks after it as often as this at least. A mission that watches for that warns after half a second where it says nothing else.
+pub const CALL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Bytes taken from the line at once.
 const READ_BYTES: usize = 1024;
@@ -183,6 +186,8 @@ pub struct LinkClient<L> {
     seq: u8,
     reply_time: ReplyTime,
     counts: LinkCounts,
+    /// When something was sent last.
+    sent: Instant,
     /// What the robot said of uploads.
     uploads: Uploads,
     /// What it said of its firmware, once it was asked.
@@ -214,6 +219,7 @@ impl<L: ByteLink> LinkClient<L> {
             } else {
                 std::process::id() as u8
             },
+            sent: clock.now(),
             clock,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
@@ -733,6 +739,28 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(())
     }
 
+    /// Listens for a while as [`listen`](Self::listen) does, and lets the robot hear that somebody listens.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`]
+    pub fn attend(&mut self, timeout: Duration) -> Result<(), ClientError> {
+        self.call()?;
+        self.listen(timeout.min(CALL_INTERVAL))
+    }
+
+    /// Lets the robot hear that somebody is here, if it has heard nothing for a [`CALL_INTERVAL`]: a mission may watch for that. What it answers is not waited for, so that a
+    /// robot that is silent keeps nobody from listening.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`]
+    pub fn call(&mut self) -> Result<(), ClientError> {
+        if self.clock.since(self.sent) < CALL_INTERVAL {
+            return Ok(());
+        }
+        let (_, wire, length) = self.next_frame("clock", Request::Clock)?;
+        self.send_wire(wire.get(..length).unwrap_or_default())
+    }
+
     /// What the streams brought since the last call.
     pub fn take_events(&mut self) -> Vec<StreamEvent> {
         std::mem::take(&mut self.incoming.events)
@@ -974,6 +1002,7 @@ impl<L: ByteLink> LinkClient<L> {
 
     fn send_wire(&mut self, wire: &[u8]) -> Result<(), ClientError> {
         self.link.send(wire)?;
+        self.sent = self.clock.now();
         self.counts.bytes_sent += wire.len() as u64;
         Ok(())
     }

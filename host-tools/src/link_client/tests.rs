@@ -292,6 +292,7 @@ fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
     };
     LinkClient {
         clock: link.clock(),
+        sent: link.clock().now(),
         link,
         incoming: Incoming::new(),
         seq: 0,
@@ -305,6 +306,29 @@ fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
         },
         stop: None,
     }
+}
+
+#[test]
+fn a_robot_hears_of_a_host_that_only_listens() {
+    let mut robot = timed(10.0, 0.0, 176);
+    let mut last = robot.clock.now();
+    let mut calls = 0;
+    while robot.link.time.elapsed() < Duration::from_secs(10) {
+        let before = robot.counts.bytes_sent;
+        robot.attend(Duration::from_millis(90)).unwrap();
+        if robot.counts.bytes_sent > before {
+            let silence = robot.clock.since(last);
+            assert!(silence < CALL_INTERVAL * 2, "{silence:?}");
+            last = robot.clock.now();
+            calls += 1;
+        }
+    }
+    // As often as it needs to, and not more.
+    assert!((25..=50).contains(&calls), "{calls}");
+    // Whoever asks it something takes none of these answers for the answer.
+    let before = robot.counts.retries;
+    assert_eq!(robot.begin(&junk(8)).unwrap(), 0);
+    assert_eq!(robot.counts.retries, before);
 }
 
 /// A line to which a process listens that is suspended the first time, for longer than anybody waits.
@@ -495,6 +519,7 @@ fn mission() -> Vec<u8> {
 fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> LinkClient<M> {
     let link = line(client.link);
     LinkClient {
+        sent: client.sent,
         clock: link.clock(),
         link,
         incoming: client.incoming,

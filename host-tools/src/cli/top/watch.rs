@@ -10,7 +10,7 @@ use rt_firmware::link::message::LinkError;
 
 use super::view::NetRow;
 use crate::cli::robot::{Robot, RobotArgs};
-use crate::link_client::RobotInfo;
+use crate::link_client::{CALL_INTERVAL, RobotInfo};
 use crate::reading::{ReadError, Reader, Reading, Tasks};
 use crate::values::{Catalogue, Subscription, Text, Told, ValuesError, Watched};
 
@@ -111,11 +111,31 @@ fn watch(
         if teller.send(news).is_err() {
             return;
         }
-        match wishes.recv_timeout(wait) {
+        match wish(wishes, wait, robot.as_mut()) {
             // Of several wishes the last one counts.
             Ok(wish) => slot = wishes.try_iter().last().unwrap_or(wish),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
+        }
+    }
+}
+
+/// Waits for a wish. A robot that is there hears meanwhile that somebody looks at it.
+fn wish(
+    wishes: &Receiver<usize>,
+    wait: Duration,
+    mut robot: Option<&mut Robot>,
+) -> Result<usize, RecvTimeoutError> {
+    let began = Instant::now();
+    loop {
+        let left = wait.saturating_sub(began.elapsed());
+        match wishes.recv_timeout(left.min(CALL_INTERVAL)) {
+            Err(RecvTimeoutError::Timeout) if left > CALL_INTERVAL => {}
+            wish => return wish,
+        }
+        if let Some(robot) = &mut robot {
+            // Should it be lost, the next reading says so.
+            let _ = robot.call();
         }
     }
 }
