@@ -89,6 +89,24 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         let status = robot.status();
         assert_eq!(status["mission"], running, "after {refused:?}");
     }
+    // Nor does anyone find out at the next start that nothing was kept.
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("robot.flash");
+    let lean = lean_firmware();
+    let [flash, lean] = [&flash, &lean].map(|path| path.to_str().unwrap());
+    for starts in [
+        &["run", "missions/patrol.esm", "--until", "1 s"][..],
+        &["board"],
+    ] {
+        let kept = ["--flash", flash, "--firmware", lean];
+        let link: &[&str] = match starts {
+            ["run", ..] => &["--link", "uart"],
+            _ => &[],
+        };
+        let done = esm(&[starts, &kept, link].concat()).ended(1);
+        let why = "built without the feature `store`";
+        assert!(done.err.contains(why), "{starts:?}: {done:#?}");
+    }
     // What was refused warm is taken cold.
     robot.esm(&["upload", "missions/follow_wall.esm"]).good();
     let status = robot.status();

@@ -7,11 +7,13 @@ use std::thread;
 use std::time::Duration;
 
 use clap::Args;
+use rt_firmware::features::Feature;
 
 use super::console::Console;
 use super::exit::CommandError;
 use super::stage;
 use crate::host_board::RobotMaker;
+use crate::link_client::LinkClient;
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
@@ -75,6 +77,15 @@ pub fn execute(
     let flash = stage::flash(args.flash.as_deref(), &board)?;
     let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(flash);
     let (mut running, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart)?;
+    let line = match &args.flash {
+        Some(_) => {
+            // Nobody should find out at the next start that nothing was kept.
+            let (mut robot, _) = LinkClient::connect(line)?;
+            robot.require(Feature::Store)?;
+            robot.into_line()
+        }
+        None => line,
+    };
     let server = PtyServer::start(line)?;
     let port = server.path().display();
     writeln!(

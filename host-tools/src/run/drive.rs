@@ -239,6 +239,8 @@ struct Driver<W> {
     /// Whether a mission wants to hear of the host, and from which robot time on it does not.
     calls: bool,
     cut_link_us: Option<u64>,
+    /// Whether somebody wants to have the robot's flash from run to run.
+    keeps_flash: bool,
     /// When, on the line's clock.
     last_call: Instant,
 }
@@ -260,6 +262,7 @@ impl<W: Write> Driver<W> {
         // A robot measures the silence of its host in its own time: it must not run ahead of the clock by which this program calls.
         let pace = Pace::new(plan.realtime || (calls && plan.link == LinkWay::Uart));
         let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
+        let keeps_flash = plan.flash.is_some();
         let flash = plan.flash.unwrap_or_else(|| plan.board.flash_of_a_run());
         let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(Some(flash));
         if let Some(fault) = plan.plant_fault {
@@ -323,6 +326,7 @@ impl<W: Write> Driver<W> {
             silent_answers: 0,
             calls,
             cut_link_us: plan.cut_link_us,
+            keeps_flash,
             last_call: link_start,
             plant,
         })
@@ -593,7 +597,11 @@ impl<W: Write> Driver<W> {
     fn check_features(&mut self) -> Result<(), RunError> {
         let records = self.recording.is_some();
         let goes_warm = self.missions.iter().any(|planned| planned.warm);
-        for (feature, is_needed) in [(Feature::Record, records), (Feature::Warm, goes_warm)] {
+        for (feature, is_needed) in [
+            (Feature::Record, records),
+            (Feature::Warm, goes_warm),
+            (Feature::Store, self.keeps_flash),
+        ] {
             if is_needed {
                 self.link(|robot| robot.require(feature))?;
             }
