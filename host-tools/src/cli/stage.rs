@@ -51,9 +51,11 @@ pub fn board(
 ) -> Result<Board, CommandError> {
     match name {
         host_board::BOARD => Ok(Board::Host { robot }),
-        firmware::BOARD => Ok(Board::Emulated {
-            firmware: find_firmware(named_firmware, console)?,
-        }),
+        firmware::BOARD => {
+            let found = find_firmware(named_firmware, console)?;
+            firmware::check(&found)?;
+            Ok(Board::Emulated { firmware: found })
+        }
         other => Err(CommandError::Usage(anyhow!(
             "there is no board `{other}`; the boards are `{}` and `{}`",
             firmware::BOARD,
@@ -80,8 +82,22 @@ pub fn flash(path: Option<&Path>, board: &Board) -> Result<Option<Flash>, Comman
 /// If there is none.
 pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<PathBuf, CommandError> {
     let here = std::env::current_dir()?;
-    firmware::find(named, &here, |told| console.note(told))
-        .map_err(|error: FirmwareError| CommandError::World(error.into()))
+    Ok(firmware::find(named, &here, |told| console.note(told))?)
+}
+
+impl From<FirmwareError> for CommandError {
+    fn from(error: FirmwareError) -> Self {
+        match error {
+            FirmwareError::Missing { .. }
+            | FirmwareError::Unreadable { .. }
+            | FirmwareError::NoCheckout
+            | FirmwareError::Build { .. } => CommandError::World(error.into()),
+            FirmwareError::NotElf { .. }
+            | FirmwareError::Cut { .. }
+            | FirmwareError::OtherProcessor { .. }
+            | FirmwareError::OtherBoard { .. } => CommandError::Input(error.into()),
+        }
+    }
 }
 
 /// The world that was asked for, or the office: a file; the name of a file in the folder `worlds` beside the mission; the name of a

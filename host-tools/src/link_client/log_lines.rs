@@ -87,7 +87,7 @@ pub enum LogTableError {
         cause: std::io::Error,
     },
     /// It is no ELF file, or one of another version of `defmt`.
-    #[error("{} holds no log texts that can be read: {cause:#}", path.display())]
+    #[error("{} holds no log texts that can be read ({cause:#}); the log needs the ELF file that was flashed, as it was linked", path.display())]
     BadElf {
         /// The file.
         path: PathBuf,
@@ -95,7 +95,7 @@ pub enum LogTableError {
         cause: anyhow::Error,
     },
     /// It has no `defmt` section, or one in an encoding that cannot find its way back after lost bytes.
-    #[error("{} holds no log texts; is it the firmware that the robot runs?", path.display())]
+    #[error("{} holds no log texts; the log needs the ELF file that was flashed", path.display())]
     NoTexts {
         /// The file.
         path: PathBuf,

@@ -1,13 +1,20 @@
 //! Where an emulated board's firmware is found, and how it comes to be there.
 
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::SystemTime;
 
+use object::read::elf::{ElfFile32, ProgramHeader};
+use object::{Architecture, Endianness, Object};
 use thiserror::Error;
 
 /// The board that runs in the emulator.
 pub const BOARD: &str = "lm3s6965";
+
+/// Flash of that board, from address 0 on: as `memory.x` has it.
+const FLASH_BYTES: u64 = 256 << 10;
 
 /// The firmware that a board runs if no other is named.
 pub const DEFAULT_FIRMWARE: &str = "rover";
@@ -27,6 +34,50 @@ pub enum FirmwareError {
     /// The file that was named is not there.
     #[error("there is no firmware at {}", path.display())]
     Missing {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file cannot be read.
+    #[error("cannot read the firmware {}: {cause}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The file is no program for a microcontroller, or ends before its end.
+    #[error(
+        "{} is no firmware: it cannot be read as a whole ELF file for a 32-bit processor ({cause}); `cargo xtask firmware` builds one",
+        path.display()
+    )]
+    NotElf {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        cause: object::Error,
+    },
+    /// The file ends before what is to be loaded of it.
+    #[error("the firmware {} is cut off before its end: build it again with `cargo xtask firmware`", path.display())]
+    Cut {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It was built for another processor.
+    #[error(
+        "the firmware {} was built for another processor than the board {BOARD} has, a Cortex-M3; `cargo xtask firmware` builds one for it",
+        path.display()
+    )]
+    OtherProcessor {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something of it stands where this board has no flash, or nothing where it starts.
+    #[error(
+        "the firmware {} was built for another board than {BOARD}: it does not fit into {} KiB of flash from address 0 on; `cargo xtask firmware` builds one that does",
+        path.display(),
+        FLASH_BYTES >> 10
+    )]
+    OtherBoard {
         /// The file.
         path: PathBuf,
     },
@@ -86,6 +137,41 @@ pub fn find(
     match built {
         Ok(status) if status.success() && path.is_file() => Ok(path),
         _ => Err(FirmwareError::Build { checkout }),
+    }
+}
+
+/// Fails where a file is no firmware that the emulated board could start.
+///
+/// # Errors
+/// [`FirmwareError`]: what is wrong with the file.
+pub fn check(path: &Path) -> Result<(), FirmwareError> {
+    let at = || path.to_owned();
+    let bytes = fs::read(path).map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
+    let elf = ElfFile32::<Endianness>::parse(bytes.as_slice());
+    let elf = elf.map_err(|cause| FirmwareError::NotElf { path: at(), cause })?;
+    if elf.architecture() != Architecture::Arm || !elf.is_little_endian() {
+        return Err(FirmwareError::OtherProcessor { path: at() });
+    }
+    let mut starts = false;
+    for segment in elf.elf_program_headers() {
+        let (from, length) = (
+            u64::from(segment.p_paddr(elf.endian())),
+            u64::from(segment.p_filesz(elf.endian())),
+        );
+        if segment.p_type(elf.endian()) != object::elf::PT_LOAD || length == 0 {
+            continue;
+        }
+        if segment.data(elf.endian(), bytes.as_slice()).is_err() {
+            return Err(FirmwareError::Cut { path: at() });
+        }
+        if from + length > FLASH_BYTES {
+            return Err(FirmwareError::OtherBoard { path: at() });
+        }
+        starts |= from == 0;
+    }
+    match starts {
+        true => Ok(()),
+        false => Err(FirmwareError::OtherBoard { path: at() }),
     }
 }
 
@@ -155,6 +241,65 @@ mod tests {
         std::fs::write(&elf, "").unwrap();
         assert_eq!(find(None, &below, |_| ()).unwrap(), elf);
         assert_eq!(find(Some(&elf), &below, |_| ()).unwrap(), elf);
+    }
+
+    /// The least ELF file with these segments: where each is loaded, and how long it is.
+    fn elf(machine: u16, segments: &[(u32, u32)]) -> Vec<u8> {
+        const HEADER_BYTES: u32 = 52;
+        const SEGMENT_BYTES: u32 = 32;
+        let identification = [0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        let mut bytes = identification.to_vec();
+        let halves =
+            |halves: &[u16]| -> Vec<u8> { halves.iter().flat_map(|it| it.to_le_bytes()).collect() };
+        let words =
+            |words: &[u32]| -> Vec<u8> { words.iter().flat_map(|it| it.to_le_bytes()).collect() };
+        let (header, segment) = (HEADER_BYTES as u16, SEGMENT_BYTES as u16);
+        bytes.extend(halves(&[2, machine]));
+        bytes.extend(words(&[1, 0, HEADER_BYTES, 0, 0]));
+        bytes.extend(halves(&[header, segment, segments.len() as u16, 0, 0, 0]));
+        let mut place = HEADER_BYTES + SEGMENT_BYTES * segments.len() as u32;
+        for &(at, length) in segments {
+            bytes.extend(words(&[1, place, at, at, length, length, 5, 4]));
+            place += length;
+        }
+        bytes.resize(place as usize, 0);
+        bytes
+    }
+
+    #[test]
+    fn what_the_board_cannot_start_is_told_from_a_firmware() {
+        const ARM: u16 = 40;
+        const RISC_V: u16 = 243;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("firmware.elf");
+        let said = |bytes: &[u8]| {
+            std::fs::write(&file, bytes).unwrap();
+            check(&file).map_err(|error| error.to_string())
+        };
+        let good = elf(ARM, &[(0, 64), (64, 128)]);
+        assert_eq!(said(&good), Ok(()));
+        for (what, bytes, why) in [
+            ("empty", vec![], "is no firmware"),
+            ("text", b"interpreter slot 1;".to_vec(), "is no firmware"),
+            ("cut", good[..100].to_vec(), "is no firmware"),
+            (
+                "without its end",
+                good[..good.len() - 1].to_vec(),
+                "is cut off",
+            ),
+            ("RISC-V", elf(RISC_V, &[(0, 64)]), "another processor"),
+            ("elsewhere", elf(ARM, &[(0x0800_0000, 64)]), "another board"),
+            ("not at the start", elf(ARM, &[(64, 64)]), "another board"),
+            (
+                "too long",
+                elf(ARM, &[(0, 64), (FLASH_BYTES as u32, 1)]),
+                "another board",
+            ),
+            ("nothing", elf(ARM, &[]), "another board"),
+        ] {
+            let said = said(&bytes).unwrap_err();
+            assert!(said.contains(why), "{what}: {said}");
+        }
     }
 
     #[test]

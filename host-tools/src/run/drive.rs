@@ -18,7 +18,7 @@ use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
 use crate::counters::SlotReport;
 use crate::host_board::HostBoard;
-use crate::link_client::log_lines::{LogLine, LogReader};
+use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
 use crate::lockstep::line::STANDSTILL_LIMIT;
 use crate::lockstep::pace::{Hold, Pace};
@@ -117,7 +117,7 @@ pub enum RunError {
     #[error(transparent)]
     Board(#[from] BoardError),
     /// The link.
-    #[error("{cause}{}", during(console))]
+    #[error("{cause}{}", if is_told(cause) { String::new() } else { during(console) })]
     Link {
         /// What went wrong.
         cause: ClientError,
@@ -167,6 +167,14 @@ pub enum RunError {
     Recording(io::Error),
 }
 
+/// Whether the robot itself says what is wrong, so that nobody need guess from its last words.
+fn is_told(cause: &ClientError) -> bool {
+    matches!(
+        cause,
+        ClientError::Refused { .. } | ClientError::NotBuiltIn { .. } | ClientError::OtherKey { .. }
+    )
+}
+
 fn during(console: &str) -> String {
     if console.is_empty() {
         String::new()
@@ -203,7 +211,7 @@ pub fn drive<W: Write>(
     interrupt: Interrupt,
     watch: &mut dyn FnMut(Heard<'_>),
 ) -> Result<Run<W>, RunError> {
-    let mut driver = Driver::start(plan, out, watch)?;
+    let mut driver = Driver::start(plan, out)?;
     let ended = driver.follow(interrupt, watch);
     match ended {
         Ok(interrupted) => driver.finish(interrupted, watch),
@@ -219,7 +227,8 @@ struct Driver<W> {
     plant: PlantSide,
     pace: Arc<Pace>,
     story: Story<W>,
-    log: Option<LogReader>,
+    /// What reads its log, or why nothing can.
+    log: Result<LogReader, LogTableError>,
     board_name: &'static str,
     seed: u64,
     missions: Vec<Planned>,
@@ -246,7 +255,7 @@ struct Driver<W> {
 }
 
 impl<W: Write> Driver<W> {
-    fn start(plan: Plan, out: W, watch: &mut dyn FnMut(Heard<'_>)) -> Result<Self, RunError> {
+    fn start(plan: Plan, out: W) -> Result<Self, RunError> {
         let wall_start = Instant::now();
         let mut missions = plan.missions;
         if let Some(replay) = &plan.replay {
@@ -269,13 +278,7 @@ impl<W: Write> Driver<W> {
             plant.inject(fault);
         }
         let board_name = plan.board.name();
-        let log = match plan.board.log_reader() {
-            Ok(log) => Some(log),
-            Err(error) => {
-                watch(Heard::Warning(&error.to_string()));
-                None
-            }
-        };
+        let log = plan.board.log_reader();
         let (board, line) =
             RunningBoard::start(plan.board, &plant, plan.replay.as_ref(), plan.link)?;
         let line = match plan.noise {
@@ -342,6 +345,12 @@ impl<W: Write> Driver<W> {
             let _hold = self.hold();
             self.check_features()?;
             self.subscribe()?;
+            let built_in = self.link(|robot| robot.built_in())?;
+            if let Err(error) = &self.log
+                && built_in.features.has(Feature::Log)
+            {
+                watch(Heard::Warning(&error.to_string()));
+            }
         }
         self.upload_next(watch)?;
         let mut exchanges = self.pace.exchanges();
@@ -535,13 +544,8 @@ impl<W: Write> Driver<W> {
                     ..
                 } => {}
                 StreamEvent::Log(bytes) => {
-                    for line in self
-                        .log
-                        .as_mut()
-                        .map(|log| log.lines(&bytes))
-                        .iter()
-                        .flatten()
-                    {
+                    let lines = self.log.as_mut().map(|log| log.lines(&bytes));
+                    for line in lines.iter().flatten() {
                         watch(Heard::Log(line));
                     }
                 }
@@ -558,7 +562,7 @@ impl<W: Write> Driver<W> {
                     channel: Channel::Log,
                     missing,
                 } => {
-                    if let Some(log) = &mut self.log {
+                    if let Ok(log) = &mut self.log {
                         log.gap();
                     }
                     watch(Heard::Warning(&format!(
