@@ -137,20 +137,24 @@ impl Tally {
         let lines: Vec<&str> = said.lines().collect();
         // Behind the totals nothing comes but that something failed.
         let end = lines.iter().rposition(|line| totals(line).is_some());
-        let Some((passed, failed)) = end.and_then(|end| totals(lines[end])) else {
-            return self.step(beside.part, || {
+        let counted = end.and_then(|end| totals(lines[end]));
+        let (passed, failed) = counted.unwrap_or_default();
+        self.passed += passed;
+        self.failed += failed;
+        let before = lines[..end.unwrap_or(0)].iter().rev();
+        let failures = before.map_while(|line| line.strip_prefix(FAILED));
+        self.failures.extend(failures.map(str::to_owned));
+        // A part that counted failures ends so. One that ends so without any has broken down, whatever it had counted.
+        let is_good = status.as_ref().is_ok_and(|status| status.success());
+        if counted.is_none() || (failed == 0 && !is_good) {
+            self.step(beside.part, || {
                 let command = format!("cargo xtask test {}", beside.part);
                 Err(match status {
                     Ok(status) => Failure::Ended { command, status },
                     Err(cause) => Failure::Start { command, cause },
                 })
             });
-        };
-        self.passed += passed;
-        self.failed += failed;
-        let before = lines[..end.unwrap_or(0)].iter().rev();
-        let failures = before.map_while(|line| line.strip_prefix(FAILED));
-        self.failures.extend(failures.map(str::to_owned));
+        }
     }
 
     /// Prints what failed, and the totals as the last line.
@@ -202,7 +206,50 @@ fn counts(line: &str) -> Option<(usize, usize)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{counts, totals};
+    use super::{Beside, Tally, counts, totals};
+    use std::fs::File;
+    use std::path::Path;
+    use std::process::Command;
+
+    /// A part that says this and ends with that status.
+    fn part(folder: &Path, said: &str, status: &str) -> Beside {
+        let log = folder.join("part.log");
+        let child = Command::new("sh")
+            .args(["-c", "printf %b \"$0\"; exit $1", said, status])
+            .stdout(File::create(&log).unwrap())
+            .spawn()
+            .unwrap();
+        Beside {
+            part: "part",
+            child,
+            log,
+        }
+    }
+
+    #[test]
+    fn a_part_that_breaks_down_has_failed_whatever_it_counted() {
+        let folder = std::env::temp_dir().join(format!("xtask-tally-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for (said, status, passed, failures) in [
+            ("3 passed, 0 failed\\n", "0", 3, &[][..]),
+            ("3 passed, 0 failed\\n", "101", 3, &["part"]),
+            ("failed: lints\\n3 passed, 1 failed\\n", "1", 3, &["lints"]),
+            ("", "0", 0, &["part"]),
+            ("thread 'main' panicked\\n", "101", 0, &["part"]),
+        ] {
+            let mut tally = Tally::default();
+            tally.join(Ok(part(&folder, said, status)));
+            assert_eq!(tally.passed, passed, "{said:?} {status}");
+            assert_eq!(tally.failures, failures, "{said:?} {status}");
+            assert_eq!(tally.failed, failures.len(), "{said:?} {status}");
+            assert_eq!(
+                tally.end().is_ok(),
+                failures.is_empty(),
+                "{said:?} {status}"
+            );
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn the_last_line_of_a_part_is_counted() {
