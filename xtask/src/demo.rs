@@ -59,22 +59,9 @@ pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Ended`] if the run did not go well.
 pub fn drive(root: &Path) -> Result<PathBuf, Failure> {
-    let folder = root.join(DEMO_FOLDER);
-    make_folder(&folder)?;
-    let mut esm = process::command(root.join("target/release/esm"));
-    esm.current_dir(root)
-        .args(["run", "missions/patrol.esm"])
-        .args(["--world", "missions/worlds/office.world"])
-        .args([
-            "--until",
-            "120 s",
-            "--then",
-            "60 s missions/follow_wall.esm",
-        ])
-        .args(["--out", DEMO_FOLDER]);
-    println!("    {}", process::shown(&esm));
-    process::run(&mut esm)?;
-    Ok(folder)
+    let world = ["--world", "missions/worlds/office.world"];
+    let times = ["120 s", "60 s missions/follow_wall.esm"];
+    drive_into(root, DEMO_FOLDER, times, &world)
 }
 
 /// Drives the firmware without features through two missions, over its UART, for it has no other line; returns where the summary is.
@@ -82,16 +69,27 @@ pub fn drive(root: &Path) -> Result<PathBuf, Failure> {
 /// # Errors
 /// [`Failure::Ended`] if the run did not go well.
 pub fn drive_lean(root: &Path) -> Result<PathBuf, Failure> {
-    const FOLDER: &str = "target/demo-lean";
-    let folder = root.join(FOLDER);
-    make_folder(&folder)?;
+    let board = ["--link", "uart", "--firmware", firmware::LEAN_FILE];
+    let times = ["20 s", "10 s missions/follow_wall.esm"];
+    drive_into(root, "target/demo-lean", times, &board)
+}
+
+/// Drives from patrol on until a time and with another mission from a time on; what comes of it goes into a folder below the checkout.
+fn drive_into(
+    root: &Path,
+    folder: &str,
+    [until, then]: [&str; 2],
+    more: &[&str],
+) -> Result<PathBuf, Failure> {
+    let out = root.join(folder);
+    make_folder(&out)?;
     let mut esm = process::command(root.join("target/release/esm"));
     esm.current_dir(root)
-        .args(["run", "missions/patrol.esm", "--link", "uart"])
-        .args(["--firmware", firmware::LEAN_FILE])
-        .args(["--until", "20 s", "--then", "10 s missions/follow_wall.esm"])
-        .args(["--out", FOLDER]);
+        .args(["run", "missions/patrol.esm"])
+        .args(more)
+        .args(["--until", until, "--then", then])
+        .args(["--out", folder]);
     println!("    {}", process::shown(&esm));
     process::run(&mut esm)?;
-    Ok(folder)
+    Ok(out)
 }
