@@ -1,0 +1,157 @@
+//! Answers for which nobody need be asked: what the robot is, how it is, what it was built with, and what was kept of the run before.
+
+use core::sync::atomic::Ordering;
+
+use super::desk::Desk;
+use super::port::LinkPort;
+use crate::black_box::KEEPS_RECORDS;
+use crate::features::{Feature, Features, NEWS, PARAMS, RECORD, TELEMETRY, WARM};
+use crate::link::access::Access;
+use crate::link::message::{
+    DeviceInfo, LastWords, LinkError, MAX_CHUNK, MAX_PART, Mode, PROTOCOL_VERSION, Response,
+    Status, Uploads,
+};
+use crate::mail::{Bytes, Letter};
+use crate::store::keep::Kept;
+
+impl Desk<'_, '_> {
+    pub(super) fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {
+        DeviceInfo {
+            protocol: PROTOCOL_VERSION,
+            firmware: self.about.firmware,
+            board: self.about.board,
+            task_types: self.registry.len() as u8,
+            capacities: self.capacities,
+            mission: self.snapshot.read().and_then(|health| health.mission),
+            reset: self.about.reset,
+            uploads: Uploads {
+                chunk_bytes: MAX_CHUNK as u16,
+                window_bytes,
+            },
+            access,
+        }
+    }
+
+    /// What this firmware was built with, as far as its board has the parts for it.
+    pub(super) fn features<P: LinkPort>(&self, port: &mut P) -> Response<'static> {
+        let has_store = port.keeper().is_some();
+        let built_in = Features::NONE
+            .with(Feature::Record, RECORD)
+            .with(Feature::Log, P::KEEPS_LOG)
+            .with(Feature::News, NEWS)
+            .with(Feature::Params, PARAMS)
+            .with(Feature::Warm, WARM)
+            .with(Feature::Keys, port.key_safe().is_some())
+            .with(Feature::Store, has_store)
+            .with(
+                Feature::BlackBox,
+                KEEPS_RECORDS && self.about.kept.is_some(),
+            )
+            .with(Feature::Telemetry, TELEMETRY);
+        Response::Features {
+            built_in,
+            flash_ms: if has_store { P::FLASH_MS } else { 0 },
+        }
+    }
+
+    pub(super) fn status(
+        &self,
+        stack_bytes: Option<u32>,
+        kept: Option<Kept>,
+    ) -> Result<Response<'_>, LinkError> {
+        let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
+        // Latched is latched, also where the real-time side has had no occasion to say so.
+        let mode = if self.signs.emergency_stop.load(Ordering::Relaxed) {
+            Mode::EmergencyStopped
+        } else {
+            health.mode
+        };
+        Ok(Response::Status(Status {
+            mode,
+            mission: health.mission,
+            steps: health.steps,
+            t_us: health.t_us,
+            executed: health.executed,
+            missed: health.missed,
+            overruns: health.overruns,
+            max_delay_ns: health.max_delay_ns,
+            trace_dropped: self.trace.dropped(),
+            background_busy: health.background_busy,
+            stack_bytes,
+            reset: self.about.reset,
+            trial: health.trial,
+            fell_back: health.fell_back,
+            kept,
+            changed_params: health.changed_params,
+            record_dropped: self.record.dropped(),
+            record_pending: !(self.record.is_empty() && self.streams_are_sent),
+            saved_params: health.saved_params,
+            stop_pressed: self.signs.stop_pressed.load(Ordering::Relaxed),
+        }))
+    }
+
+    /// How the run before this one ended.
+    #[inline(never)]
+    pub(super) fn last_words(&mut self) -> Result<Response<'_>, LinkError> {
+        let Some(kept) = self.about.kept else {
+            return Ok(Response::LastWords {
+                words: LastWords::of(self.about.reset),
+                file: &[],
+            });
+        };
+        let (words, place) = kept.last_words();
+        let file = self.note(Bytes::first_of(place.as_bytes()))?;
+        Ok(Response::LastWords { words, file })
+    }
+
+    /// Records from this sequence number on, as many as fit.
+    #[inline(never)]
+    pub(super) fn black_box(&mut self, from: Option<u32>) -> Result<Response<'_>, LinkError> {
+        let mut bytes = Bytes::EMPTY;
+        let Some(kept) = self.about.kept else {
+            return Ok(Response::BlackBox {
+                end: 0,
+                records: &[],
+            });
+        };
+        let end = kept.black_box.end();
+        let mut next = from;
+        // The end is looked at first, so that this ends however fast records are written.
+        while next != Some(end)
+            && let Some(record) = kept.black_box.first_from(next)
+            && bytes.push(record.to_bytes())
+        {
+            next = Some(record.sequence.wrapping_add(1));
+        }
+        let records = self.note(bytes)?;
+        Ok(Response::BlackBox { end, records })
+    }
+
+    /// Keeps bytes until they are sent, in the letter that nobody writes now.
+    fn note(&mut self, bytes: Bytes) -> Result<&[u8], LinkError> {
+        let letter = self.letter.as_mut().ok_or(LinkError::Busy)?;
+        **letter = Letter::Note(bytes);
+        match &**letter {
+            Letter::Note(bytes) => Ok(bytes.as_slice()),
+            _ => Ok(&[]),
+        }
+    }
+
+    pub(super) fn task_text(&self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
+        let declaration = self
+            .registry
+            .declaration(usize::from(index))
+            .ok_or(LinkError::NoSuchIndex)?;
+        Ok(task_text(declaration.source, usize::from(offset)))
+    }
+}
+
+/// A part of a text, from this byte on.
+pub(super) fn task_text<'a>(text: &'static str, offset: usize) -> Response<'a> {
+    let text = text.as_bytes();
+    let rest = text.get(offset..).unwrap_or_default();
+    Response::TaskText {
+        total: text.len() as u16,
+        text: rest.get(..MAX_PART).unwrap_or(rest),
+    }
+}

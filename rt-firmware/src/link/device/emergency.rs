@@ -1,0 +1,45 @@
+//! The emergency stop, which waits for no letter, and is kept over a loss of power.
+
+use core::sync::atomic::Ordering;
+
+use super::desk::Desk;
+use super::port::LinkPort;
+use crate::link::message::{LinkError, Response};
+
+impl Desk<'_, '_> {
+    /// Stops the robot, without the letter, which may be under way.
+    pub(super) fn emergency_stop(
+        &mut self,
+        port: &mut impl LinkPort,
+    ) -> Result<Response<'_>, LinkError> {
+        self.latch_emergency_stop();
+        self.stop_is_kept = true;
+        if let Some(keeper) = port.keeper() {
+            keeper.set_emergency_stop(true)?;
+        }
+        Ok(Response::Done)
+    }
+
+    /// Lets the keeper remember a stop that the button has latched, so that it outlasts a loss of power, too. Once: a flash that does not take it wears out by asking again.
+    pub(super) fn keep_stop(&mut self, port: &mut impl LinkPort) {
+        let is_latched = self.signs.emergency_stop.load(Ordering::Relaxed);
+        if is_latched == self.stop_is_kept {
+            return;
+        }
+        self.stop_is_kept = is_latched;
+        if is_latched
+            && let Some(keeper) = port.keeper()
+            && keeper.set_emergency_stop(true).is_err()
+        {
+            error!("the flash does not keep the emergency stop: a loss of power ends it");
+        }
+    }
+
+    /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset.
+    pub(super) fn latch_emergency_stop(&self) {
+        if let Some(kept) = self.about.kept {
+            kept.set_emergency_stop(true);
+        }
+        self.signs.emergency_stop.store(true, Ordering::Release);
+    }
+}

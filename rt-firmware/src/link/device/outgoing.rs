@@ -1,0 +1,83 @@
+//! A frame on its way out.
+//!
+//! *Invariant:* once its first byte is sent, a frame is sent to its end before another.
+
+use super::port::LinkPort;
+use crate::features::{KEYS, NEWS, PARAMS};
+use crate::link::frame::encode;
+use crate::link::message::{FromDevice, Response};
+
+/// A frame on its way out.
+pub(super) struct Outgoing<const N: usize> {
+    frame: [u8; N],
+    len: u8,
+    pub(super) sent: u8,
+}
+
+impl<const N: usize> Outgoing<N> {
+    pub(super) const NOTHING: Self = Outgoing {
+        frame: [0; N],
+        len: 0,
+        sent: 0,
+    };
+
+    pub(super) fn is_done(&self) -> bool {
+        self.sent == self.len
+    }
+
+    pub(super) fn is_begun(&self) -> bool {
+        self.sent > 0 && !self.is_done()
+    }
+
+    pub(super) fn set(&mut self, message: &FromDevice<'_>) {
+        const { assert!(N <= u8::MAX as usize) };
+        self.len = write(message, &mut self.frame);
+        self.sent = 0;
+    }
+
+    /// Sends what the port takes. Returns whether the frame is gone.
+    pub(super) fn send(&mut self, port: &mut impl LinkPort) -> bool {
+        while self.sent < self.len {
+            let Some(byte) = self.frame.get(usize::from(self.sent)) else {
+                break;
+            };
+            if !port.send(*byte) {
+                return false;
+            }
+            self.sent += 1;
+        }
+        true
+    }
+}
+
+/// Writes a message as a frame; returns its length.
+#[inline(never)]
+fn write(message: &FromDevice<'_>, frame: &mut [u8]) -> u8 {
+    // What the firmware was built without it never says, and need not be able to write.
+    if !is_said(message) {
+        return 0;
+    }
+    // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
+    encode(message, frame).unwrap_or(0) as u8
+}
+
+/// Whether this firmware has what a message is about.
+fn is_said(message: &FromDevice<'_>) -> bool {
+    match message {
+        FromDevice::News(_) => NEWS,
+        FromDevice::Reply {
+            result:
+                Ok(
+                    Response::Param { .. }
+                    | Response::ParamSet { .. }
+                    | Response::ParamsSaved { .. },
+                ),
+            ..
+        } => PARAMS,
+        FromDevice::Reply {
+            result: Ok(Response::Challenge { .. }),
+            ..
+        } => KEYS,
+        _ => true,
+    }
+}

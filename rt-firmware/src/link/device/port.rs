@@ -1,0 +1,55 @@
+//! What a board gives the link: its bytes, its clock, its log, and where it keeps keys and missions.
+
+use crate::link::key_safe::KeySafe;
+use crate::link::message::MAX_CHUNK;
+use crate::link::trial::MissionKeeper;
+
+/// The byte link of a board, and its log.
+pub trait LinkPort {
+    /// Bytes of an upload that a host may have on their way. Three chunks are 46 ms of a line of 115,200 baud: more than an answer takes
+    /// to come into being and to travel, through a host's converter that looks at its line each 16 ms too. The robot keeps none of them
+    /// anywhere but in the blob itself, so that a larger window takes no memory; but all of it is sent again where the line lost a byte.
+    const WINDOW_BYTES: u16 = 3 * MAX_CHUNK as u16;
+
+    /// Whether the board keeps what is logged. A host that wants the log of one that does not is refused.
+    const KEEPS_LOG: bool = true;
+
+    /// Milliseconds that the board's flash takes at most for what one request has it keep: to erase and write the place of a mission. A host waits so much longer
+    /// for the answer before it asks again.
+    const FLASH_MS: u16 = 0;
+
+    /// Microseconds since the robot started, on the clock that [`Board::now_ticks`](crate::Board::now_ticks) counts.
+    fn now_us(&mut self) -> u64;
+
+    /// The next byte that arrived. A board keeps at least as many as arrive while the link waits for its turn.
+    fn receive(&mut self) -> Option<u8>;
+
+    /// Sends a byte. False if there is no room for it now.
+    fn send(&mut self, byte: u8) -> bool;
+
+    /// Takes bytes off the log; returns how many.
+    fn read_log(&mut self, room: &mut [u8]) -> usize {
+        let _ = room;
+        0
+    }
+
+    /// Bytes that the log dropped for want of room; wraps.
+    fn log_dropped(&self) -> u32 {
+        0
+    }
+
+    /// Where the board keeps the robot's key. None: it has none, and cannot.
+    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+        None
+    }
+
+    /// The most bytes of stack that were in use since the start, where the board measures it. Asked for with each status.
+    fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        None
+    }
+
+    /// Who remembers across a reset which mission is on trial and which was confirmed, if the board has somebody for it.
+    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+        None
+    }
+}

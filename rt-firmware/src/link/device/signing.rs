@@ -1,0 +1,102 @@
+//! What requests have to do with the robot's key: signatures of requests and uploads, and the key itself.
+
+use super::desk::Desk;
+use super::port::LinkPort;
+use super::upload::Upload;
+use crate::link::access::{Needs, needs};
+use crate::link::key_safe::KeySafe;
+use crate::link::keys::SignedUpload;
+use crate::link::message::{LinkError, Request, Response};
+
+impl Desk<'_, '_> {
+    /// Whether the key has signed this request, which `bytes` are.
+    pub(super) fn check_signed(
+        &mut self,
+        request: &Request<'_>,
+        signature: &[u8],
+        bytes: &[u8],
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
+        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
+        if needs(request) != Needs::Key {
+            return Err(LinkError::Malformed);
+        }
+        // So that a nonce is not spent on what cannot be done now.
+        if self.letter.is_none() {
+            return Err(LinkError::Busy);
+        }
+        let upload = match (request, &self.upload) {
+            (
+                Request::Commit(_),
+                Some(Upload {
+                    signed: Some(signed),
+                    ..
+                }),
+            ) => Some(signed),
+            _ => None,
+        };
+        self.keys.check_command(safe, signature, upload, bytes)
+    }
+
+    /// Answers what is about keys alone.
+    #[inline(never)]
+    pub(super) fn of_keys(
+        &mut self,
+        request: &Request<'_>,
+        safe: &mut dyn KeySafe,
+    ) -> Result<Response<'_>, LinkError> {
+        match *request {
+            Request::Challenge => {
+                let (nonce, counter, key) = self.keys.challenge(safe)?;
+                Ok(Response::Challenge {
+                    nonce,
+                    counter,
+                    key,
+                })
+            }
+            Request::Sign { counter, signature } => {
+                let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
+                if upload.received() != upload.len {
+                    return Err(LinkError::Incomplete {
+                        received: upload.received(),
+                    });
+                }
+                upload.signed =
+                    Some(
+                        self.keys
+                            .check_upload(safe, counter, signature, &upload.blob)?,
+                    );
+                Ok(Response::Done)
+            }
+            Request::InstallKey {
+                key,
+                seed,
+                signature,
+            } => {
+                self.keys.install(safe, key, seed, signature)?;
+                // What another key has signed is not signed.
+                if let Some(upload) = &mut self.upload {
+                    upload.signed = None;
+                }
+                Ok(Response::Done)
+            }
+            Request::RemoveKey => {
+                self.keys.remove(safe)?;
+                Ok(Response::Done)
+            }
+            _ => Err(LinkError::Malformed),
+        }
+    }
+
+    /// Keeps the counter of a signed upload, before its mission runs: what follows is newer, whatever happens.
+    pub(super) fn accept(
+        &mut self,
+        signed: Option<&SignedUpload>,
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
+        match (signed, port.key_safe()) {
+            (Some(signed), Some(safe)) => self.keys.accept(safe, signed),
+            _ => Ok(()),
+        }
+    }
+}

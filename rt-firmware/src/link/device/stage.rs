@@ -1,0 +1,141 @@
+//! The commit of an upload: it is checked from its length to its capacities, prepared, and handed over.
+//!
+//! *Invariant:* where a blob is refused, the mission that runs is as it was, and the buffer is back.
+
+use core::sync::atomic::Ordering;
+
+use esm_core::{BlobBuffer, Refusal, Verified};
+
+use super::desk::{Desk, Reaction};
+use super::kept_mission::saved_params;
+use super::port::LinkPort;
+use super::upload::Upload;
+use crate::check::{check, check_slots};
+use crate::features::WARM;
+use crate::link::access::Access;
+use crate::link::frame::checksum;
+use crate::link::message::{LinkError, Swap};
+use crate::mail::Letter;
+use crate::realtime::upcoming::Upcoming;
+
+impl<'m> Desk<'_, 'm> {
+    /// Checks the blob that was uploaded, and hands it over.
+    // Not inlined: what it needs of the stack is needed for no other request.
+    #[inline(never)]
+    pub(super) fn commit<'a>(&mut self, swap: Swap, port: &mut impl LinkPort) -> Reaction<'a> {
+        self.tell_of_mission(true);
+        match self.stage(swap, port) {
+            Ok(()) => self.post(),
+            Err(error) => {
+                self.tell_of_mission(false);
+                Reaction::Answer(Err(error))
+            }
+        }
+    }
+
+    /// Checks the blob that was uploaded, and puts it into the letter.
+    fn stage(&mut self, swap: Swap, port: &mut impl LinkPort) -> Result<(), LinkError> {
+        // The upload stays: it can be taken cold.
+        if swap.warm && !WARM {
+            return Err(LinkError::NotBuiltIn);
+        }
+        if self.letter.is_none() {
+            return Err(LinkError::Busy);
+        }
+        self.refuse_on_trial()?;
+        let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
+        if upload.received() != upload.len && !planted!(IncompleteTaken) {
+            return Err(LinkError::Incomplete {
+                received: upload.received(),
+            });
+        }
+        let crc = upload.crc;
+        let signed = upload.signed;
+        if signed.is_none()
+            && !planted!(UnsignedTaken)
+            && self.keys.access(port.key_safe()) == Access::Locked
+        {
+            return Err(LinkError::NotSigned);
+        }
+        let Some(Upload { blob, .. }) = self.upload.take() else {
+            return Err(LinkError::NoUpload);
+        };
+        if checksum(&blob) != crc && !planted!(WholeUnchecked) {
+            self.keep(blob);
+            return Err(LinkError::WrongChecksum);
+        }
+        if let Err(error) = check_slots(&blob, &self.capacities) {
+            self.keep(blob);
+            return Err(error);
+        }
+        let verified = match verified(blob) {
+            Ok(verified) => verified,
+            Err((blob, refusal)) => {
+                self.keep(blob);
+                return Err(LinkError::Invalid(refusal));
+            }
+        };
+        if let Err(error) = check(&verified, self.registry, &self.capacities) {
+            self.keep(verified.into_bytes());
+            return Err(error);
+        }
+        let mission = self.prepare(verified, swap.warm)?;
+        let accepted = self
+            .accept(signed.as_ref(), port)
+            .and_then(|()| match port.keeper() {
+                Some(keeper) => keeper.trial_begins(mission.mission().bytes()),
+                None => Ok(()),
+            });
+        match (accepted, &mut self.letter) {
+            (Ok(()), Some(letter)) => {
+                **letter = Letter::Swap {
+                    mission,
+                    swap,
+                    saved: saved_params(port),
+                };
+                Ok(())
+            }
+            (accepted, _) => {
+                let blob = self.rooms.take_apart(mission);
+                self.keep(blob);
+                Err(accepted.err().unwrap_or(LinkError::Busy))
+            }
+        }
+    }
+
+    /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it cannot be made for.
+    #[inline(never)]
+    pub(super) fn prepare(
+        &mut self,
+        mission: Verified<BlobBuffer<'m>>,
+        warm: bool,
+    ) -> Result<Upcoming<'m>, LinkError> {
+        match self.rooms.prepare(mission, warm, self.registry) {
+            Ok(mission) => Ok(mission),
+            Err((error, blob)) => {
+                if let Some(blob) = blob {
+                    self.keep(blob);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    /// Tells the real-time side that a mission is to come, so that it looks for it in time.
+    pub(super) fn tell_of_mission(&self, is_coming: bool) {
+        if WARM {
+            self.signs
+                .mission_is_coming
+                .store(is_coming, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Checks a blob by itself, before the robot has a say.
+// Not inlined: nothing else should run on top of what the verifier needs of the stack.
+#[inline(never)]
+pub(super) fn verified(
+    blob: BlobBuffer<'_>,
+) -> Result<Verified<BlobBuffer<'_>>, (BlobBuffer<'_>, Refusal)> {
+    esm_core::verify(blob)
+}
