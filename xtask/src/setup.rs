@@ -256,9 +256,14 @@ fn rustup_target(target: &str) -> bool {
 /// Finds or installs Debian's compiler, its sources and a linker.
 fn debian() -> Result<Toolchain, Failure> {
     if !debian_is_complete() {
-        let packages = debian_packages().ok_or_else(|| Failure::Missing {
+        // Lists of packages may be older than the compiler that is wanted, or not be there at all.
+        let packages = debian_packages().or_else(|| {
+            update_lists().ok()?;
+            debian_packages()
+        });
+        let packages = packages.ok_or_else(|| Failure::Missing {
             what: format!(
-                "a compiler for {BOARD_TARGET} (rustup's server did not answer, and no Debian package has rustc {}.{} or newer)",
+                "a compiler for {BOARD_TARGET} (no Debian package has rustc {}.{} or newer)",
                 OLDEST_RUSTC.0, OLDEST_RUSTC.1
             ),
             command: format!("rustup target add {BOARD_TARGET}"),
@@ -343,35 +348,37 @@ pub fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
         what: format!("{what} ({})", packages.join(", ")),
         command: by_hand.clone(),
     };
-    if find_program("apt-get").is_none() {
-        return Err(missing());
-    }
-    let Some(prefix) = root_prefix() else {
-        return Err(missing());
-    };
-    let apt = |arguments: &[&str]| {
-        let words: Vec<&str> = prefix
-            .iter()
-            .copied()
-            .chain(["apt-get"])
-            .chain(arguments.iter().copied())
-            .collect();
-        let (program, arguments) = words.split_first().unwrap_or((&"apt-get", &[]));
-        let mut apt = command(program);
-        apt.args(arguments).env("DEBIAN_FRONTEND", "noninteractive");
-        apt
-    };
     let arguments = [&["install", "-y", "--no-install-recommends"][..], packages].concat();
     println!(
         "Installing {what}: `apt-get install {}` …",
         packages.join(" ")
     );
-    if process::run(&mut apt(&arguments)).is_ok() {
+    if apt(&arguments).is_ok() {
         return Ok(());
     }
+    update_lists().map_err(|_| missing())?;
+    apt(&arguments).map_err(|_| missing())
+}
+
+/// Fetches the lists of packages.
+fn update_lists() -> Result<(), Failure> {
     println!("Fetching the lists of packages first: `apt-get update` …");
-    process::run(&mut apt(&["update"])).map_err(|_| missing())?;
-    process::run(&mut apt(&arguments)).map_err(|_| missing())
+    apt(&["update"])
+}
+
+/// Runs apt-get, as root or through sudo.
+fn apt(arguments: &[&str]) -> Result<(), Failure> {
+    let missing = || Failure::Missing {
+        what: "apt-get, or the right to use it".into(),
+        command: format!("sudo apt-get {}", arguments.join(" ")),
+    };
+    find_program("apt-get").ok_or_else(missing)?;
+    let mut words = (root_prefix().ok_or_else(missing)?.iter())
+        .chain(&["apt-get"])
+        .chain(arguments);
+    let mut apt = command(words.next().unwrap_or(&"apt-get"));
+    apt.args(words).env("DEBIAN_FRONTEND", "noninteractive");
+    process::run(&mut apt)
 }
 
 /// What to put before a command that needs root; `None` if this user cannot become root without being asked for a password.
