@@ -2,20 +2,22 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::io;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use esm_tests::command::{esm, firmware, root};
 use esm_tests::subject;
 use host_tools::boards;
 use host_tools::host_board;
-use host_tools::link_client::{LinkClient, Streams};
+use host_tools::link_client::{ClientError, LinkClient, LinkCounts, Streams};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
+use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::world::World;
 use rt_firmware::link::message::{LinkError, Swap};
@@ -218,5 +220,112 @@ fn an_upload_inside_the_plant_exchange_has_nine_tenths_of_the_wire_and_costs_no_
             let refused = robot.commit(Swap::default()).unwrap_err();
             assert_eq!(refused.refusal(), Some(LinkError::NoUpload), "{board}");
         }
+    }
+}
+
+/// A session over a bad line, with an upload, in virtual time. So many of a thousand bytes are corrupted, dropped or doubled.
+struct BadLine {
+    hello_s: f64,
+    upload_s: f64,
+    counts: LinkCounts,
+}
+
+fn over_bad_line(
+    line: Box<dyn ByteLink>,
+    permille: u32,
+    seed: u64,
+    bytes: &[u8],
+) -> (Box<dyn ByteLink>, Result<BadLine, ClientError>) {
+    let clock = line.clock();
+    let noise = Noise::of_each(Noise::WHOLE * permille / 3_000);
+    let lent = Arc::new(Mutex::new(line));
+    let begun = clock.now();
+    let noisy = Noisy::new(Lent(Arc::clone(&lent)), noise, seed);
+    let result = LinkClient::connect(noisy).and_then(|(mut robot, _)| {
+        let hello_s = clock.since(begun).as_secs_f64();
+        let begun = clock.now();
+        robot.stage(bytes, &mut |_| ())?;
+        Ok(BadLine {
+            hello_s,
+            upload_s: clock.since(begun).as_secs_f64(),
+            counts: robot.counts(),
+        })
+    });
+    let Some(line) = Arc::into_inner(lent) else {
+        panic!("somebody has the line still");
+    };
+    (line.into_inner().unwrap(), result)
+}
+
+/// A line, for one session after another.
+struct Lent(Arc<Mutex<Box<dyn ByteLink>>>);
+
+impl ByteLink for Lent {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.0.lock().unwrap().receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.0.lock().unwrap().send(bytes)
+    }
+
+    fn clock(&self) -> Clock {
+        self.0.lock().unwrap().clock()
+    }
+}
+
+/// Nine sessions with a robot over a line of so much noise, and what came of each.
+fn bad_lines(permille: u32, seeds: u64) -> Vec<Result<BadLine, ClientError>> {
+    let bytes: Vec<u8> = (0..4_096).map(|i| (i * 7) as u8).collect();
+    let (_running, _plant, mut line) = started(host_board::BOARD);
+    let mut results = Vec::new();
+    for seed in 0..seeds {
+        let result;
+        (line, result) = over_bad_line(line, permille, seed, &bytes);
+        let said = match &result {
+            Ok(BadLine {
+                hello_s,
+                upload_s,
+                counts,
+            }) => format!("hello {hello_s:.2} s, upload {upload_s:.2} s, {counts:?}"),
+            Err(error) => error.to_string(),
+        };
+        println!("{permille} in 1000 bytes spoiled, seed {seed}: {said}");
+        results.push(result);
+        let (mut robot, _) = LinkClient::connect(line).unwrap();
+        robot.abort().unwrap();
+        line = robot.into_line();
+    }
+    results
+}
+
+#[test]
+fn an_upload_over_a_bad_line_takes_seconds() {
+    for (permille, most_s) in [(10, 3.0), (20, 5.0), (50, 15.0)] {
+        let mut took_s: Vec<f64> = (bad_lines(permille, 9).iter())
+            .map(|result| result.as_ref().unwrap().upload_s)
+            .collect();
+        took_s.sort_by(f64::total_cmp);
+        let [shortest_s, median_s, longest_s] = [0, 4, 8].map(|at| took_s[at]);
+        println!(
+            "{permille} in 1000: 9 of 9, {shortest_s:.1} to {longest_s:.1} s, half of them in {median_s:.1} s"
+        );
+        assert!(median_s < most_s, "{took_s:?}");
+        assert!(longest_s < 2.0 * most_s, "{took_s:?}");
+    }
+    // One byte in ten, and in five: it arrives, or the error says what is to be done about it.
+    for (permille, seeds) in [(100, 9), (200, 1)] {
+        let results = bad_lines(permille, seeds);
+        for result in &results {
+            if let Err(error) = result {
+                let said = error.to_string();
+                assert!(
+                    said.contains("frames came spoiled: the line is too bad"),
+                    "{said}"
+                );
+            }
+        }
+        let arrived = results.iter().filter(|result| result.is_ok()).count();
+        println!("{permille} in 1000: {arrived} of {seeds}");
     }
 }

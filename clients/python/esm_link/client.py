@@ -9,6 +9,7 @@ from .frames import DELIMITER, FrameReader, encode
 from .keys import NO_UPLOAD, Key, command_message, new_seed, upload_message
 from .messages import Answer, Error, Malformed, Part
 from .trace import Assembler
+from .upload import Loss, Standing
 from .values import Field, Sample, ask_fields, ask_values, fields_of, part_of, sample_of
 
 FIRST_WAIT_S = 0.3
@@ -28,9 +29,7 @@ KEPT = (
     messages.COMMIT, messages.CONFIRM, messages.FALL_BACK, messages.SAVE_PARAMS, messages.RELEASE, messages.INSTALL_KEY, messages.REMOVE_KEY,
 )  # fmt: skip
 
-SMALLEST_CHUNK = 16
-CHUNKS_BEFORE_GROWTH = 4
-MAX_CHUNKS_AHEAD = 8
+MOST_DOUBLINGS = 2
 BEGIN_LIMIT = 20
 
 
@@ -89,6 +88,7 @@ class _Patience:
     def __init__(self) -> None:
         self.started = self.looked = time.monotonic()
         self.spent = self.silent = 0.0
+        self.spoiled = 0
 
     def look(self) -> None:
         now = time.monotonic()
@@ -96,25 +96,57 @@ class _Patience:
 
     def adopt(self, other: "_Patience") -> None:
         self._count(other.spent, other.looked)
+        self.spoiled += other.spoiled
 
     def _count(self, seconds: float, now: float) -> None:
         self.looked = now
         self.spent += seconds
         self.silent += seconds
 
-    def sign_of_life(self) -> None:
-        self.silent = 0.0
+    def heard(self, spoiled: int, whole: int) -> None:
+        """So many frames came, spoiled and whole."""
+        self.spoiled += spoiled
+        if spoiled or whole:
+            self.silent = 0.0
 
     def lasts(self) -> bool:
         return self.silent < SILENT_DEADLINE_S and self.spent < NOISY_DEADLINE_S
 
     def check(self, name: str) -> None:
         if not self.lasts():
-            raise NoReply(f"the robot did not answer `{name}` within {self.spent:.1f} s")
+            what = f"the robot did not answer `{name}` within {self.spent:.1f} s"
+            if self.spoiled:
+                what += f"; {self.spoiled} frames came spoiled: look at cable, plugs and ground, or give the line a lower rate at both ends"
+            raise NoReply(what)
 
     def is_fresh(self) -> bool:
         """Whether the person who asked still expects it: what was put off for longer is not sent anew."""
         return time.monotonic() - self.started < SILENT_DEADLINE_S
+
+
+class _ReplyTime:
+    """What answers took, and how long the next one is waited for."""
+
+    def __init__(self) -> None:
+        self._estimate: Optional[Tuple[float, float]] = None
+
+    def is_known(self) -> bool:
+        return self._estimate is not None
+
+    def seen(self, took: float) -> None:
+        if self._estimate is None:
+            self._estimate = (took, took / 2)
+        else:
+            mean, deviation = self._estimate
+            self._estimate = ((mean * 7 + took) / 8, (deviation * 3 + abs(mean - took)) / 4)
+
+    def wait(self, attempt: int, request_bytes: int) -> float:
+        if self._estimate is None:
+            base = FIRST_WAIT_S
+        else:
+            mean, deviation = self._estimate
+            base = max(SHORTEST_WAIT_S, mean + 4 * deviation)
+        return min(LONGEST_WAIT_S, (base + BYTE_TIME_S * request_bytes) * 2 ** min(MOST_DOUBLINGS, attempt // 3))
 
 
 class Client:
@@ -131,7 +163,7 @@ class Client:
         # Not the number that the client before began with: its answers may still be on the line.
         self._seq = time.time_ns() // 1_000_000 % 256 if number is None else number
         self._reader = FrameReader()
-        self._reply_time = None
+        self._reply_time = _ReplyTime()
         self._robot: Optional[messages.Hello] = None
         self._features: Optional[messages.Features] = None
         self._trace = Assembler()
@@ -333,82 +365,71 @@ class Client:
     def stage(self, blob: bytes, progress: Optional[Callable[[int], None]] = None) -> None:
         """Brings a mission to the robot without letting it take over."""
         robot = self._robot or self.hello()
-        largest = max(1, min(robot.chunk_bytes, robot.window_bytes))
+        loss = Loss()
         for _ in range(BEGIN_LIMIT):
             there = self._ask("upload", messages.Received, messages.BEGIN, len(blob), zlib.crc32(blob)).len
-            if self._send_from(blob, there, largest, max(1, robot.window_bytes), progress or (lambda _: None)):
+            standing = Standing(len(blob), there, robot.chunk_bytes, robot.window_bytes)
+            if self._send_from(blob, standing, loss, progress or (lambda _: None)):
                 if self._is_locked():
                     self._sign_upload(blob)
                 return
         raise Refused("upload", Error("NoUpload", {}))
 
-    def _send_from(self, blob: bytes, there: int, largest: int, window: int, progress: Callable[[int], None]) -> bool:
+    def _send_from(self, blob: bytes, standing: Standing, loss: Loss, progress: Callable[[int], None]) -> bool:
         """Sends what the robot lacks. False where it has forgotten the upload."""
-        chunk = largest
-        passed = attempt = 0
-        following = there
-        ahead: List[int] = []  # Numbers of the chunks since the last step back.
-        old: List[int] = []  # Of those before.
+        chunk_time = _ReplyTime()
+        attempt = 0
         patience = _Patience()
         last_sign = time.monotonic()
-        progress(there)
-        while there < len(blob):
-            before = there
-            end = min(len(blob), following + chunk)
+        progress(standing.there)
+        while standing.there < len(blob):
+            before = standing.there
             wait = None
-            if following < end and end - there <= min(window, chunk * MAX_CHUNKS_AHEAD):
+            chunk = standing.next_chunk(loss)
+            if chunk is not None:
+                self.retries += chunk[0] < standing.unsent
                 self._seq = (self._seq + 1) % 256
-                self._write(messages.request(self._seq, messages.CHUNK, following, blob[following:end]))
-                ahead = (ahead + [self._seq])[-100:]
-                following = end
+                self._write(messages.request(self._seq, messages.CHUNK, chunk[0], blob[chunk[0] : chunk[1]]))
                 last_sign = time.monotonic()
+                standing.chunk_sent(self._seq, chunk, last_sign)
+            elif chunk_time.is_known():
+                wait = chunk_time.wait(attempt, 0)
             else:
-                wait = self._wait(attempt, following - there)
+                wait = self._reply_time.wait(attempt, standing.on_the_way())
             left = 0.0 if wait is None else max(0.0, last_sign + wait - time.monotonic())
             spoiled = self._reader.spoiled
             answers = self._receive(left, patience)
+            now = time.monotonic()
+            patience.heard(self._reader.spoiled - spoiled, len(answers))
             if answers or self._reader.spoiled != spoiled:
-                patience.sign_of_life()
-            gap = False
+                attempt = 0
             for answer in answers:
-                is_new = answer.seq in ahead
-                if not is_new and answer.seq not in old:
-                    continue
                 body = answer.body
                 if isinstance(body, messages.Received):
-                    arrived = body.len
+                    there = body.len
                 elif isinstance(body, Error) and body.name == "WrongOffset":
-                    arrived = body.fields["expected"]
-                    gap |= is_new
-                elif isinstance(body, Error) and body.name == "NoUpload":
-                    if is_new:
-                        return False
-                    continue
+                    there = body.fields["expected"]
                 elif isinstance(body, Error) and body.name == "Malformed":
-                    gap |= is_new
-                    continue
-                elif isinstance(body, Error):
+                    there = standing.there
+                elif isinstance(body, Error) and standing.is_sent(answer.seq):
+                    if body.name == "NoUpload":
+                        return False
                     raise Refused("upload", body)
                 else:
                     continue
-                if there < arrived <= len(blob):
-                    there = arrived
-                    following = max(following, there)
-            if there > before:
-                progress(there)
-                passed += 1
-                if passed >= CHUNKS_BEFORE_GROWTH:
-                    chunk, passed = min(largest, chunk * 2), 0
-                patience, attempt, last_sign = _Patience(), 0, time.monotonic()
-            timed_out = wait is not None and time.monotonic() - last_sign >= wait
-            if timed_out:
+                sent = standing.take(answer.seq, there, loss)
+                if sent is not None:
+                    chunk_time.seen(now - sent)
+                    last_sign = now
+            if standing.there > before:
+                progress(standing.there)
+                patience = _Patience()
+            else:
                 patience.check("upload")
+            if wait is not None and time.monotonic() - last_sign >= wait:
                 attempt += 1
-            if gap or timed_out:
-                self.retries += 1
-                chunk, passed = max(min(SMALLEST_CHUNK, largest), chunk // 2), 0
-                following = there
-                old, ahead = (old + ahead)[-100:], []
+                standing.give_up_what_was_sent(loss)
+                last_sign = time.monotonic()
         return True
 
     # Keys (section 13).
@@ -512,46 +533,43 @@ class Client:
         self._seq = (self._seq + 1) % 256
         request = messages.request(self._seq, kind, *fields)
         self._other_version = None
+        is_first = True
+        # Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
         attempt = 0
+        heard_within = None
         while True:
             self._write(request)
             sent = time.monotonic()
-            deadline = sent + self._wait(attempt, len(request) + 7) + longer
+            known = self._reply_time
+            if heard_within is not None and not known.is_known():
+                known = _ReplyTime()
+                known.seen(heard_within)
+            deadline = sent + known.wait(attempt, len(request) + 7) + longer
+            attempt += 1
             while time.monotonic() < deadline:
                 spoiled = self._reader.spoiled
                 answers = self._receive(max(0.0, deadline - time.monotonic()), patience)
                 if kind == messages.HELLO and self._other_version is not None:
                     raise OtherVersion(self._other_version)
-                if answers:
-                    patience.sign_of_life()
+                patience.heard(self._reader.spoiled - spoiled, len(answers))
                 if self._reader.spoiled != spoiled:
-                    patience.sign_of_life()
+                    attempt = 0
+                    heard_within = max(heard_within or 0.0, time.monotonic() - sent)
                     deadline = min(deadline, time.monotonic() + SPOILED_WAIT_S)
                 for answer in answers:
                     # With the number that a session happens to begin with, an answer of the session before may still be on its way.
                     is_old = kind == messages.HELLO and not isinstance(answer.body, messages.Hello)
                     if answer.seq == self._seq and not is_old:
-                        if attempt == 0 and not longer:
-                            self._answer_took(time.monotonic() - sent)
+                        took = time.monotonic() - sent
+                        if is_first and not longer:
+                            self._reply_time.seen(took)
+                        elif heard_within is not None and not longer and not self._reply_time.is_known():
+                            # On a bad line few are answered the first time: better this than nothing.
+                            self._reply_time.seen(max(took, heard_within))
                         return answer.body
             patience.check(name)
-            attempt += 1
+            is_first = False
             self.retries += 1
-
-    def _answer_took(self, took: float) -> None:
-        if self._reply_time is None:
-            self._reply_time = (took, took / 2)
-        else:
-            mean, deviation = self._reply_time
-            self._reply_time = ((mean * 7 + took) / 8, (deviation * 3 + abs(mean - took)) / 4)
-
-    def _wait(self, attempt: int, request_bytes: int) -> float:
-        if self._reply_time is None:
-            base = FIRST_WAIT_S
-        else:
-            mean, deviation = self._reply_time
-            base = max(SHORTEST_WAIT_S, mean + 4 * deviation)
-        return min(LONGEST_WAIT_S, (base + BYTE_TIME_S * request_bytes) * 2 ** min(5, attempt // 3))
 
     # Bytes.
 

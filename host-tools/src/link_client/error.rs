@@ -18,14 +18,17 @@ pub enum ClientError {
     Line(#[from] io::Error),
     /// The robot did not answer in time.
     #[error(
-        "the robot did not answer `{request}` within {:.1} s; is it switched on, and is the rate of its line right?",
-        waited.as_secs_f64()
+        "the robot did not answer `{request}` within {:.1} s; {}",
+        waited.as_secs_f64(),
+        what_to_do(*spoiled_frames)
     )]
     NoReply {
         /// What was asked.
         request: &'static str,
         /// How long was waited in all.
         waited: Duration,
+        /// Frames that came spoiled meanwhile.
+        spoiled_frames: u64,
     },
     /// Whoever asked has had enough ([`LinkClient::stop_when`](super::LinkClient::stop_when)).
     #[error("`{request}` was interrupted")]
@@ -104,6 +107,17 @@ impl ClientError {
             ClientError::Refused { error, .. } | ClientError::UploadStuck { error } => Some(*error),
             _ => None,
         }
+    }
+}
+
+/// What to do where nothing came of use, but so many spoiled frames.
+fn what_to_do(spoiled_frames: u64) -> String {
+    match spoiled_frames {
+        0 => "is it switched on, and is the rate of its line right?".into(),
+        1 => "one frame came, and it was spoiled; is the rate of the line right, and is its cable sound?".into(),
+        frames => format!(
+            "{frames} frames came spoiled: the line is too bad. Look at cable, plugs and ground, take a shorter cable, or give the line a lower rate at both ends; then try again, an upload goes on where it was"
+        ),
     }
 }
 

@@ -21,6 +21,7 @@ macro_rules! planted {
 
 pub mod error;
 pub mod log_lines;
+mod loss;
 #[cfg(test)]
 mod planted;
 mod signing;
@@ -922,11 +923,21 @@ impl<L: ByteLink> LinkClient<L> {
         let (seq, wire, length) = self.next_frame(name, request)?;
         let wire = wire.get(..length).unwrap_or_default();
         self.incoming.other_version = None;
+        let mut is_first = true;
+        // Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
         let mut attempt = 0;
+        // The longest that a spoiled frame took to come: until an answer was timed nothing better is known.
+        let mut heard_within = None;
         loop {
             self.send_wire(wire)?;
             let sent = self.clock.now();
-            let mut wait = self.reply_time.wait(attempt, wire.len());
+            let mut wait = match heard_within {
+                Some(time) if !self.reply_time.is_known() => {
+                    ReplyTime::of(time).wait(attempt, wire.len())
+                }
+                _ => self.reply_time.wait(attempt, wire.len()),
+            };
+            attempt += 1;
             if is_verified(&request) {
                 wait = wait.max(VERIFICATION_WAIT);
             }
@@ -956,23 +967,32 @@ impl<L: ByteLink> LinkClient<L> {
                     return Err(ClientError::OtherVersion { robot });
                 }
                 patience.look(self.clock.now());
-                let spoiled = self.incoming.bad_frames != bad_before;
-                if heard || spoiled {
+                let spoiled = self.incoming.bad_frames - bad_before;
+                patience.spoiled(spoiled);
+                if heard || spoiled > 0 {
                     patience.sign_of_life();
                 }
-                if spoiled {
+                if spoiled > 0 {
+                    attempt = 0;
+                    heard_within = heard_within.max(Some(self.clock.since(sent)));
                     // Most likely it was the answer.
                     deadline = deadline.min(self.clock.now() + SPOILED_WAIT);
                 }
             }
             if let Some(answer) = answer {
-                if attempt == 0 && !is_verified(&request) && longer.is_zero() {
-                    self.reply_time.seen(self.clock.since(sent));
+                let took = self.clock.since(sent);
+                if !is_verified(&request) && longer.is_zero() {
+                    if is_first {
+                        self.reply_time.seen(took);
+                    } else if let (Some(time), false) = (heard_within, self.reply_time.is_known()) {
+                        // On a bad line few are answered the first time: better this than nothing.
+                        self.reply_time.seen(took.max(time));
+                    }
                 }
                 return Ok(answer);
             }
             patience.check(name)?;
-            attempt += 1;
+            is_first = false;
             self.counts.retries += 1;
             if planted!(Renumbered) {
                 return self.exchange(name, request, longer, patience, read);

@@ -450,8 +450,8 @@ const LAWS: &[(&str, Law)] = &[
                 }
                 std::mem::take(&mut waiting)
             })?;
-            holds("nobody waits", took < Duration::from_millis(100))?;
-            // Shorter ones follow a loss, until four have passed.
+            holds("nobody waits", took < Duration::from_millis(50))?;
+            // Shorter ones may follow a loss.
             holds("once", taken.chunks.len() <= 17)
         },
     ),

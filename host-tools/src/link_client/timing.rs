@@ -14,6 +14,9 @@ const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
+/// How often a wait is doubled at most. On a line that spoils one byte in ten, one sending in six is answered.
+const MOST_DOUBLINGS: u32 = 2;
+
 /// What a byte of a request may take until the robot has it: as on a line of 19,200 bits per second. The replies to short requests say
 /// nothing of this. An emulated board that keeps to the wall clock needs two thirds of it, since its serial port stands still while it
 /// waits for its plant.
@@ -26,6 +29,13 @@ pub(super) struct ReplyTime {
 }
 
 impl ReplyTime {
+    /// After one reply, which took so long.
+    pub(super) fn of(took: Duration) -> Self {
+        let mut time = ReplyTime::default();
+        time.seen(took);
+        time
+    }
+
     /// A reply took this long. Only of requests that were sent once: of the others nobody knows which sending was answered.
     pub(super) fn seen(&mut self, took: Duration) {
         self.estimate = Some(match self.estimate {
@@ -37,14 +47,19 @@ impl ReplyTime {
         });
     }
 
+    /// Whether one was seen.
+    pub(super) fn is_known(&self) -> bool {
+        self.estimate.is_some()
+    }
+
     /// How long to wait the `attempt`-th time, from 0, for the reply to a request of `request_bytes`. Later attempts wait longer, should
-    /// the line be slow and not lossy.
+    /// the line be slow and not lossy; but not much longer, should it be lossy.
     pub(super) fn wait(&self, attempt: u32, request_bytes: usize) -> Duration {
         let base = match self.estimate {
             None => FIRST_WAIT,
             Some((mean, deviation)) => (mean + deviation * 4).max(SHORTEST_WAIT),
         };
-        let growth = 1 << (attempt / 3).min(5);
+        let growth = 1 << (attempt / 3).min(MOST_DOUBLINGS);
         let on_the_way = BYTE_TIME.saturating_mul(u32::try_from(request_bytes).unwrap_or(u32::MAX));
         ((base + on_the_way) * growth).min(LONGEST_WAIT)
     }
@@ -61,6 +76,8 @@ pub(super) struct Patience {
     spent: Duration,
     /// Of that, since the last sign of life.
     silent: Duration,
+    /// Frames that came spoiled meanwhile.
+    spoiled_frames: u64,
 }
 
 impl Patience {
@@ -70,6 +87,7 @@ impl Patience {
             looked: now,
             spent: Duration::ZERO,
             silent: Duration::ZERO,
+            spoiled_frames: 0,
         }
     }
 
@@ -82,12 +100,18 @@ impl Patience {
     /// Counts what somebody else has counted meanwhile.
     pub(super) fn adopt(&mut self, other: Self) {
         self.count(other.spent, other.looked);
+        self.spoiled_frames += other.spoiled_frames;
     }
 
     fn count(&mut self, time: Duration, now: Instant) {
         self.looked = now;
         self.spent += time;
         self.silent += time;
+    }
+
+    /// So many frames came spoiled.
+    pub(super) fn spoiled(&mut self, frames: u64) {
+        self.spoiled_frames += frames;
     }
 
     /// A frame came, whole or spoiled.
@@ -113,6 +137,7 @@ impl Patience {
         Err(ClientError::NoReply {
             request,
             waited: self.spent,
+            spoiled_frames: self.spoiled_frames,
         })
     }
 }
@@ -136,6 +161,11 @@ mod tests {
         }
         let wait = time.wait(0, 0);
         assert!(wait > ms(200) && wait < ms(260), "{wait:?}");
-        assert!(time.wait(3, 0) > time.wait(2, 0) && time.wait(100, 0) == ms(1000));
+        assert_eq!(time.wait(2, 0), wait);
+        assert_eq!(
+            [3, 6, 100].map(|attempt| time.wait(attempt, 0)),
+            [2, 4, 4].map(|times| wait * times)
+        );
+        assert_eq!(time.wait(100, 1000), ms(1000), "the longest");
     }
 }

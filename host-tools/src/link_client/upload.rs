@@ -1,74 +1,44 @@
 //! An upload: chunks sent ahead of their answers, as many as the robot lets be on their way.
 //!
 //! The robot takes chunks in order and answers how much of the blob it has, without a gap. So one answer speaks for all chunks before it, and one that is
-//! lost costs nothing. Where the line lost a chunk, the robot names the byte to go on at, and all behind it is sent again: what a robot would have to
-//! remember for more than that, it has no room for. On a bad line chunks become shorter, since a short frame is likelier to pass, and longer again
-//! when some have passed in a row.
+//! lost costs nothing. What a robot would have to remember to take chunks out of their order, it has no room for.
+//!
+//! The next chunk is the one that brings most: answers tell how often the line [loses](super::loss) a chunk, which tells how likely the robot has
+//! each chunk that was sent and not answered yet. On a good line that is the chunk behind those, and all that were sent have arrived. On a bad one chunks are short,
+//! and one is sent again, unasked, as long as that is likelier to bring something than what is behind it.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rt_firmware::link::access::Access;
 use rt_firmware::link::frame;
 use rt_firmware::link::message::{LinkError, Request, Response, Uploads};
 
-use super::timing::Patience;
+use super::loss::{Loss, OVERHEAD};
+use super::timing::{Patience, ReplyTime};
 use super::{ClientError, LinkClient, STOP_LOOK};
 use crate::serial::ByteLink;
 
-/// The smallest chunk that a noisy line brings an upload down to, in bytes.
-const SMALLEST_CHUNK: usize = 16;
+/// A chunk that is likely to bring less than this part of its bytes is not sent: better wait for an answer.
+const LEAST_WORTH: f64 = 0.05;
 
-/// Chunks in a row that must pass before longer ones are tried again.
-const CHUNKS_BEFORE_GROWTH: u32 = 4;
-
-/// Chunks on their way at most, whatever their size: on a line that loses some, the fewer are sent again.
-const MAX_CHUNKS_AHEAD: usize = 8;
+/// Chunks that are remembered, so that their answers are known: fewer than there are numbers.
+const MAX_CHUNKS: usize = 100;
 
 /// How often an upload may begin again before it is given up.
 const BEGIN_LIMIT: u32 = 20;
 
 const NAME: &str = "upload";
 
-/// How large chunks are, and how many of them are on their way.
+/// A chunk that was sent and not answered.
 #[derive(Clone, Copy, Debug)]
-struct Rate {
-    chunk: usize,
-    largest_chunk: usize,
-    window: usize,
-    /// Chunks that passed since one was lost, or since they became longer.
-    passed: u32,
-}
-
-impl Rate {
-    fn new(uploads: Uploads) -> Self {
-        let window = usize::from(uploads.window_bytes).max(1);
-        let chunk = usize::from(uploads.chunk_bytes).clamp(1, window);
-        Rate {
-            chunk,
-            largest_chunk: chunk,
-            window,
-            passed: 0,
-        }
-    }
-
-    /// How far beyond what the robot has may be sent now.
-    fn ahead(&self) -> usize {
-        self.window.min(self.chunk * MAX_CHUNKS_AHEAD)
-    }
-
-    fn chunk_passed(&mut self) {
-        self.passed += 1;
-        if self.passed >= CHUNKS_BEFORE_GROWTH {
-            self.chunk = self.largest_chunk.min(self.chunk * 2);
-            self.passed = 0;
-        }
-    }
-
-    fn chunk_lost(&mut self) {
-        let smallest = SMALLEST_CHUNK.min(self.largest_chunk);
-        self.chunk = smallest.max(self.chunk / 2);
-        self.passed = 0;
-    }
+struct Sent {
+    seq: u8,
+    /// Its first byte, and the one behind its last.
+    from: usize,
+    to: usize,
+    at: Instant,
+    /// Its answer was waited for in vain.
+    given_up: bool,
 }
 
 /// Where an upload stands.
@@ -78,16 +48,14 @@ struct Standing {
     len: usize,
     /// Bytes that the robot is known to have.
     there: usize,
-    /// The first byte of the next chunk.
-    next: usize,
-    /// Number of the chunk that was sent last.
-    seq: u8,
-    /// Chunks that were sent so far; no more than can be told apart.
-    sent: u8,
-    /// Chunks that were sent since the last step back.
-    sent_since_step_back: u8,
-    /// A chunk that was sent since the last step back did not fit to those before.
-    has_gap: bool,
+    /// Bytes of a chunk at most.
+    largest_chunk: usize,
+    /// How far beyond what the robot has may be sent.
+    window: usize,
+    /// The first byte that was never sent.
+    unsent: usize,
+    /// Chunks, in the order in which they were sent.
+    sent: Vec<Sent>,
     /// The robot has forgotten the upload.
     forgotten: bool,
     /// The robot refuses a chunk for good.
@@ -95,69 +63,169 @@ struct Standing {
 }
 
 impl Standing {
-    fn new(len: usize, there: usize) -> Self {
+    fn new(len: usize, there: usize, uploads: Uploads) -> Self {
+        let window = usize::from(uploads.window_bytes).max(1);
         Standing {
             len,
             there,
-            next: there,
-            seq: 0,
-            sent: 0,
-            sent_since_step_back: 0,
-            has_gap: false,
+            largest_chunk: usize::from(uploads.chunk_bytes).clamp(1, window),
+            window,
+            unsent: there,
+            sent: Vec::new(),
             forgotten: false,
             refused: None,
         }
     }
 
-    /// The next chunk ends here, if one may be sent.
-    fn next_end(&self, rate: &Rate) -> Option<usize> {
-        let end = self.len.min(self.next + rate.chunk);
-        let fits = end - self.there <= rate.ahead() || planted!(WindowOverrun);
-        (end > self.next && fits).then_some(end)
+    /// Bytes that the line may have to carry at a time: of a window in the largest chunks, or as many in shorter ones, sent once or again.
+    fn frame_bytes_ahead(&self) -> usize {
+        self.window * (self.largest_chunk + OVERHEAD) / self.largest_chunk
     }
 
-    fn chunk_sent(&mut self, seq: u8, end: usize) {
-        const LAST: u8 = u8::MAX / 2;
-        self.seq = seq;
-        self.next = end;
-        self.sent = LAST.min(self.sent + 1);
-        self.sent_since_step_back = LAST.min(self.sent_since_step_back + 1);
-    }
-
-    /// Takes the answer to the request of this number.
-    fn take(&mut self, seq: u8, result: Result<Response<'_>, LinkError>) {
-        let age = self.seq.wrapping_sub(seq);
-        if age >= self.sent && !planted!(StaleChunkAnswerTaken) {
-            // Not of this upload.
-            return;
-        }
-        let is_recent = age < self.sent_since_step_back;
-        match result {
-            Ok(Response::Received { len }) => self.has_arrived(len as usize),
-            Err(LinkError::WrongOffset { expected }) => {
-                self.has_arrived(expected as usize);
-                self.has_gap |= is_recent && !planted!(GapIgnored);
+    /// How many bytes the robot has by now, and how likely, in the order of the bytes. A chunk that arrives brings it from anywhere within the chunk to its end.
+    fn likely(&self, loss: &Loss) -> Vec<(usize, f64)> {
+        let mut likely = vec![(self.there, 1.0)];
+        for chunk in self.sent.iter().filter(|chunk| !chunk.given_up) {
+            let passes = loss.passes(chunk.to - chunk.from);
+            let mut moved = 0.0;
+            for (at, probability) in &mut likely {
+                if (chunk.from..chunk.to).contains(at) {
+                    moved += *probability * passes;
+                    *probability *= 1.0 - passes;
+                }
             }
-            Err(LinkError::NoUpload) => self.forgotten |= is_recent && !planted!(LossForgotten),
+            if moved > 0.0 {
+                match likely.binary_search_by_key(&chunk.to, |(at, _)| *at) {
+                    Ok(found) => likely[found].1 += moved,
+                    Err(place) => likely.insert(place, (chunk.to, moved)),
+                }
+            }
+        }
+        likely
+    }
+
+    /// The chunk that brings most in its time on the line, if one may be sent now and is worth it.
+    fn next_chunk(&self, loss: &Loss) -> Option<(usize, usize)> {
+        let under_way: usize = (self.sent.iter())
+            .filter(|chunk| !chunk.given_up)
+            .map(|chunk| chunk.to - chunk.from + OVERHEAD)
+            .sum();
+        let length = loss.best_chunk(self.largest_chunk);
+        let window = self.there + self.window;
+        let likely = self.likely(loss);
+        let mut best = None;
+        let mut most = 0.0;
+        for (place, &(from, _)) in likely.iter().enumerate() {
+            let mut to = self.len.min(from + length);
+            if !planted!(WindowOverrun) {
+                to = to.min(window);
+            }
+            let bytes = to.saturating_sub(from);
+            let is_too_much = under_way + bytes + OVERHEAD > self.frame_bytes_ahead();
+            if bytes == 0 || (is_too_much && !planted!(WindowOverrun)) {
+                continue;
+            }
+            // Bytes that it brings if it passes.
+            let brings: f64 = (likely[place..].iter())
+                .take_while(|(at, _)| *at < to)
+                .map(|(at, probability)| (to - at) as f64 * probability)
+                .sum();
+            let by_time = brings * loss.passes(bytes) / (bytes + OVERHEAD) as f64;
+            if brings >= LEAST_WORTH * bytes as f64 && by_time > most {
+                most = by_time;
+                best = Some((from, to));
+            }
+        }
+        best
+    }
+
+    fn chunk_sent(&mut self, seq: u8, (from, to): (usize, usize), at: Instant) {
+        if self.sent.len() >= MAX_CHUNKS {
+            self.sent.remove(0);
+        }
+        self.unsent = self.unsent.max(to);
+        self.sent.push(Sent {
+            seq,
+            from,
+            to,
+            at,
+            given_up: false,
+        });
+    }
+
+    /// Takes the answer to the request of this number, and lets it tell how bad the line is. Answers when the chunk was sent, if it was one.
+    fn take(
+        &mut self,
+        seq: u8,
+        result: Result<Response<'_>, LinkError>,
+        loss: &mut Loss,
+    ) -> Option<Instant> {
+        // A number comes again after others, so that the last chunk of this one is meant.
+        let Some(place) = self.sent.iter().rposition(|chunk| chunk.seq == seq) else {
+            if let (Ok(Response::Received { len }), true) =
+                (result, planted!(StaleChunkAnswerTaken))
+            {
+                self.there = self.there.max(len as usize);
+            }
+            // Not of this upload, or nothing new.
+            return None;
+        };
+        let there = match result {
+            Ok(Response::Received { len }) => len as usize,
+            Err(LinkError::WrongOffset { .. }) if planted!(GapIgnored) => return None,
+            Err(LinkError::WrongOffset { expected }) => expected as usize,
+            Err(LinkError::NoUpload) => {
+                self.forgotten = !planted!(LossForgotten);
+                return None;
+            }
             // Noise whose checksum is right, once in four thousand million spoiled frames: as good as a lost chunk.
-            Err(LinkError::Malformed) => self.has_gap |= is_recent,
-            Err(error) => self.refused = Some(error),
-            Ok(_) => {}
+            Err(LinkError::Malformed) => self.there,
+            Err(error) => {
+                self.refused = Some(error);
+                return None;
+            }
+            Ok(_) => return None,
+        };
+        if there > self.len && !planted!(ClaimBelieved) {
+            // More than there is: no robot says that.
+            return None;
+        }
+        let before = self.there;
+        self.there = self.there.max(there);
+        // The answers to those before it were lost, or left out.
+        let decided: Vec<Sent> = self.sent.drain(..=place).collect();
+        for (at, chunk) in decided.iter().enumerate() {
+            let bytes = chunk.to - chunk.from;
+            let is_alone = || {
+                let is_other = |&(other, another): &(usize, &Sent)| {
+                    other != at && another.from < chunk.to && chunk.from < another.to
+                };
+                !decided.iter().enumerate().any(|other| is_other(&other))
+            };
+            if at == place || (chunk.to <= self.there && is_alone()) {
+                loss.chunk_passed(bytes);
+            } else if chunk.to > self.there && chunk.from <= before && !chunk.given_up {
+                // It would have fitted.
+                loss.chunk_lost(bytes);
+            }
+        }
+        decided.last().map(|chunk| chunk.at)
+    }
+
+    /// Nothing came: all that was sent is lost, or its answers are.
+    fn give_up_what_was_sent(&mut self, loss: &mut Loss) {
+        for chunk in self.sent.iter_mut().filter(|chunk| !chunk.given_up) {
+            chunk.given_up = true;
+            loss.chunk_lost(chunk.to - chunk.from);
         }
     }
 
-    fn has_arrived(&mut self, bytes: usize) {
-        if bytes <= self.len || planted!(ClaimBelieved) {
-            self.there = self.there.max(bytes);
-            // More may have arrived than was thought when the last step back was taken.
-            self.next = self.next.max(self.there);
-        }
-    }
-
-    fn step_back(&mut self) {
-        self.next = self.there;
-        self.sent_since_step_back = 0;
-        self.has_gap = false;
+    /// Bytes of chunks whose answers are waited for.
+    fn on_the_way(&self) -> usize {
+        (self.sent.iter())
+            .filter(|chunk| !chunk.given_up)
+            .map(|chunk| chunk.to - chunk.from)
+            .sum()
     }
 }
 
@@ -172,10 +240,10 @@ impl<L: ByteLink> LinkClient<L> {
         blob: &[u8],
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), ClientError> {
-        let mut rate = Rate::new(self.uploads);
+        let mut loss = Loss::UNKNOWN;
         for _ in 0..BEGIN_LIMIT {
             let there = self.begin(blob)?;
-            if self.send_from(blob, there, &mut rate, progress)? {
+            if self.send_from(blob, there, &mut loss, progress)? {
                 return match self.signing.access {
                     Access::Locked => self.sign_upload(blob),
                     Access::Unsupported | Access::Open | Access::Unreadable => Ok(()),
@@ -217,29 +285,29 @@ impl<L: ByteLink> LinkClient<L> {
         &mut self,
         blob: &[u8],
         there: usize,
-        rate: &mut Rate,
+        loss: &mut Loss,
         progress: &mut dyn FnMut(usize),
     ) -> Result<bool, ClientError> {
-        let mut standing = Standing::new(blob.len(), there);
+        let mut standing = Standing::new(blob.len(), there, self.uploads);
         let mut patience = Patience::new(self.clock.now());
-        // Sendings in a row of which nothing was heard.
+        // What answers to chunks take. Each chunk has a number of its own, so that it is known which sending was answered.
+        let mut chunk_time = ReplyTime::default();
+        // Waits in a row in which nothing was heard.
         let mut attempt = 0;
         let mut last_sign = self.clock.now();
         progress(there);
         while standing.there < blob.len() {
             let before = standing.there;
-            let wait = match standing.next_end(rate) {
-                Some(end) => {
-                    let offset = standing.next;
-                    let seq = self.send_chunk(offset, blob.get(offset..end).unwrap_or_default())?;
-                    standing.chunk_sent(seq, end);
+            let wait = match standing.next_chunk(loss) {
+                Some((from, to)) => {
+                    self.counts.retries += u64::from(from < standing.unsent);
+                    let seq = self.send_chunk(from, blob.get(from..to).unwrap_or_default())?;
                     last_sign = self.clock.now();
+                    standing.chunk_sent(seq, (from, to), last_sign);
                     None
                 }
-                None => {
-                    let on_the_way = standing.next - standing.there;
-                    Some(self.reply_time.wait(attempt, on_the_way))
-                }
+                None if chunk_time.is_known() => Some(chunk_time.wait(attempt, 0)),
+                None => Some(self.reply_time.wait(attempt, standing.on_the_way())),
             };
             let left = wait.map_or(Duration::ZERO, |wait| {
                 wait.saturating_sub(self.clock.since(last_sign))
@@ -247,12 +315,17 @@ impl<L: ByteLink> LinkClient<L> {
             });
             self.check_stop(NAME)?;
             let bad_before = self.incoming.bad_frames;
+            let mut answered = None;
             let heard = self.incoming.receive(&mut self.link, left, |seq, result| {
-                standing.take(seq, result);
+                answered = standing.take(seq, result, loss).or(answered);
             })?;
-            patience.look(self.clock.now());
-            if heard || self.incoming.bad_frames != bad_before {
+            let now = self.clock.now();
+            patience.look(now);
+            let spoiled = self.incoming.bad_frames - bad_before;
+            patience.spoiled(spoiled);
+            if heard || spoiled > 0 {
                 patience.sign_of_life();
+                attempt = 0;
             }
             if let Some(error) = standing.refused {
                 return Err(ClientError::Refused {
@@ -263,21 +336,21 @@ impl<L: ByteLink> LinkClient<L> {
             if standing.forgotten {
                 return Ok(false);
             }
+            if let Some(sent) = answered {
+                chunk_time.seen(now.saturating_duration_since(sent));
+                last_sign = now;
+            }
             if standing.there > before {
                 progress(standing.there);
-                rate.chunk_passed();
-                patience = Patience::new(self.clock.now());
-                last_sign = self.clock.now();
-                attempt = 0;
-            }
-            let timed_out = wait.is_some_and(|wait| self.clock.since(last_sign) >= wait);
-            attempt += u32::from(timed_out);
-            if standing.has_gap || timed_out {
+                patience = Patience::new(now);
+            } else {
                 // A robot that misses what it was sent, again and again, is no progress either.
                 patience.check(NAME)?;
-                self.counts.retries += 1;
-                rate.chunk_lost();
-                standing.step_back();
+            }
+            if wait.is_some_and(|wait| self.clock.since(last_sign) >= wait) {
+                attempt += 1;
+                standing.give_up_what_was_sent(loss);
+                last_sign = now;
             }
         }
         Ok(true)
@@ -305,89 +378,119 @@ mod tests {
         Err(LinkError::WrongOffset { expected })
     }
 
-    #[test]
-    fn the_window_is_filled_and_never_more() {
-        let uploads = Uploads {
-            chunk_bytes: 100,
-            window_bytes: 250,
-        };
-        let mut standing = Standing::new(1000, 0);
-        let rate = Rate::new(uploads);
-        for end in [100, 200] {
-            assert_eq!(standing.next_end(&rate), Some(end));
-            standing.chunk_sent(end as u8 / 100, end);
+    const UPLOADS: Uploads = Uploads {
+        chunk_bytes: 100,
+        window_bytes: 250,
+    };
+
+    fn line(rate: f64) -> Loss {
+        let mut line = Loss::UNKNOWN;
+        // As frames tell it that are as long as are best.
+        for _ in 0..200 {
+            let chunk = line.best_chunk(100);
+            if line.rate() < rate {
+                line.chunk_lost(chunk);
+            } else {
+                line.chunk_passed(chunk);
+            }
         }
-        assert_eq!(standing.next_end(&rate), None, "250 bytes are the most");
-        standing.take(1, received(100));
-        assert_eq!(standing.next_end(&rate), Some(300));
-        standing.take(2, received(1000));
-        assert_eq!(standing.next_end(&rate), None, "all of it is there");
+        line
+    }
+
+    /// Sends chunks as long as one is worth it, from this number on. Answers them.
+    fn sent(standing: &mut Standing, loss: &Loss, first: u8) -> Vec<(usize, usize)> {
+        let mut sent = Vec::new();
+        while let Some(chunk) = standing.next_chunk(loss) {
+            standing.chunk_sent(first + sent.len() as u8, chunk, Instant::now());
+            sent.push(chunk);
+        }
+        sent
     }
 
     #[test]
-    fn one_gap_is_one_step_back_however_many_chunks_are_behind_it() {
-        let mut standing = Standing::new(1000, 0);
-        for seq in 1..=5 {
-            standing.chunk_sent(seq, usize::from(seq) * 100);
-        }
+    fn on_a_good_line_the_window_is_filled_and_never_more() {
+        let mut loss = Loss::UNKNOWN;
+        let mut standing = Standing::new(1000, 0, UPLOADS);
+        // 250 bytes are the most, in as many bytes of the line as 100 at a time would be.
+        assert_eq!(sent(&mut standing, &loss, 1), [(0, 100), (100, 200)]);
+        standing.take(1, received(100), &mut loss);
+        assert_eq!(sent(&mut standing, &loss, 3), [(200, 300)]);
+        standing.take(3, received(1000), &mut loss);
+        assert_eq!(standing.next_chunk(&loss), None, "all of it is there");
+    }
+
+    #[test]
+    fn on_a_bad_line_a_chunk_is_sent_again_before_anything_is_heard_and_the_window_holds() {
+        let loss = line(0.05);
+        let mut standing = Standing::new(1000, 0, UPLOADS);
+        let sent = sent(&mut standing, &loss, 1);
+        let (first, second) = (sent[0], sent[1]);
+        assert!(first.1 < 20 && second == first, "{sent:?}");
+        let later = |(from, _): &&(usize, usize)| *from >= first.1;
+        assert!(sent.iter().filter(later).count() > 0, "{sent:?}");
+        let bytes: usize = sent.iter().map(|(from, to)| to - from + OVERHEAD).sum();
+        assert!(bytes <= 280 && sent.iter().all(|(_, to)| *to <= 250));
+    }
+
+    #[test]
+    fn one_gap_is_sent_once_however_many_chunks_behind_it_are_answered() {
+        let mut loss = Loss::UNKNOWN;
+        let mut standing = Standing::new(
+            1000,
+            0,
+            Uploads {
+                window_bytes: 500,
+                ..UPLOADS
+            },
+        );
+        assert_eq!(sent(&mut standing, &loss, 1).len(), 5);
         // The second was lost: the third finds a gap.
-        standing.take(1, received(100));
-        standing.take(3, gap(100));
-        assert!(standing.has_gap && standing.there == 100);
-        standing.step_back();
-        assert_eq!(standing.next, 100);
-        standing.chunk_sent(6, 200);
+        standing.take(1, received(100), &mut loss);
+        let before = loss.rate();
+        standing.take(3, gap(100), &mut loss);
+        assert!(loss.rate() > before);
+        assert_eq!(standing.next_chunk(&loss).unwrap().0, 100);
+        let again = standing.next_chunk(&loss).unwrap();
+        standing.chunk_sent(9, again, Instant::now());
+        let worse = loss.rate();
         for seq in [4, 5] {
-            standing.take(seq, gap(100));
-            assert!(!standing.has_gap, "of before the step back");
+            standing.take(seq, gap(100), &mut loss);
+            assert_eq!(standing.next_chunk(&loss).unwrap().0, again.1);
         }
-        standing.take(6, received(200));
-        standing.chunk_sent(7, 300);
-        standing.chunk_sent(8, 400);
-        standing.take(8, gap(200));
-        assert!(standing.has_gap, "another one");
+        assert!(loss.rate() < worse, "they have passed");
     }
 
     #[test]
     fn answers_of_other_requests_say_nothing() {
-        let mut standing = Standing::new(1000, 0);
-        standing.chunk_sent(0, 100);
-        standing.take(255, received(900));
-        standing.take(1, received(900));
+        let mut loss = Loss::UNKNOWN;
+        let mut standing = Standing::new(1000, 0, UPLOADS);
+        standing.chunk_sent(0, (0, 100), Instant::now());
+        for seq in [255, 1] {
+            assert_eq!(standing.take(seq, received(900), &mut loss), None);
+        }
         assert_eq!(standing.there, 0);
-        standing.take(0, received(2000));
+        standing.take(0, received(2000), &mut loss);
         assert_eq!(standing.there, 0, "more than the blob has");
     }
 
     #[test]
     fn a_chunk_that_arrived_after_all_is_not_sent_a_third_time() {
-        let mut standing = Standing::new(1000, 0);
-        standing.chunk_sent(1, 500);
-        standing.step_back();
-        standing.take(1, received(500));
-        assert_eq!(standing.next, 500);
+        let mut loss = Loss::UNKNOWN;
+        let mut standing = Standing::new(1000, 0, UPLOADS);
+        standing.chunk_sent(1, (0, 100), Instant::now());
+        standing.give_up_what_was_sent(&mut loss);
+        assert_eq!(standing.next_chunk(&loss).unwrap().0, 0);
+        standing.take(1, received(100), &mut loss);
+        assert_eq!(standing.next_chunk(&loss).unwrap().0, 100);
     }
 
     #[test]
-    fn chunks_become_shorter_on_a_bad_line_and_longer_again() {
-        let mut rate = Rate::new(Uploads {
-            chunk_bytes: 176,
-            window_bytes: 528,
-        });
-        for expected in [88, 44, 22, 16, 16] {
-            rate.chunk_lost();
-            assert_eq!(rate.chunk, expected);
-        }
-        for _ in 0..5 * CHUNKS_BEFORE_GROWTH {
-            rate.chunk_passed();
-        }
-        assert_eq!(rate.chunk, 176);
-        // A robot that takes less than any of this.
-        let mut rate = Rate::new(Uploads {
+    fn a_robot_that_takes_nothing_at_a_time_gets_single_bytes() {
+        let uploads = Uploads {
             chunk_bytes: 0,
             window_bytes: 0,
-        });
-        rate.chunk_lost();
-        assert_eq!((rate.chunk, rate.ahead()), (1, 1));
+        };
+        let standing = Standing::new(1000, 0, uploads);
+        assert_eq!(standing.next_chunk(&line(0.2)), Some((0, 1)));
     }
 }

@@ -1036,11 +1036,10 @@ fn write_exchanges(text: &mut String) {
             line.ask(chunk(&junk, 0..176));
             line.lose(chunk(&junk, 176..352));
             line.ask(chunk(&junk, 352..528));
-            // Shorter ones, until four have passed.
-            for range in [176..264, 264..352, 352..440, 440..528] {
+            // Shorter ones, that grow as they pass.
+            for range in [176..287, 287..406, 406..535, 535..674, 674..700] {
                 line.ask(chunk(&junk, range));
             }
-            line.ask(chunk(&junk, 528..700));
             line.ask(Request::Abort);
         },
     );
