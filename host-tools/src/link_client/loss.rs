@@ -37,15 +37,15 @@ impl Loss {
 
     /// The probability that a chunk of so many bytes passes.
     pub(super) fn passes(&self, chunk: usize) -> f64 {
-        (-self.rate() * frame_bytes(chunk)).exp()
+        libm::exp(-self.rate() * frame_bytes(chunk))
     }
 
     /// The chunk that brings most, of up to `largest` bytes.
     pub(super) fn best_chunk(&self, largest: usize) -> usize {
         let overhead = OVERHEAD as f64;
-        let root = (overhead * overhead + 4.0 * overhead / self.rate()).sqrt();
+        let root = libm::sqrt(overhead * overhead + 4.0 * overhead / self.rate());
         // Saturates.
-        let best = ((root - overhead) / 2.0).round() as usize;
+        let best = libm::round((root - overhead) / 2.0) as usize;
         best.clamp(1, largest.max(1))
     }
 
@@ -58,7 +58,7 @@ impl Loss {
     pub(super) fn chunk_lost(&mut self, chunk: usize) {
         let expected = self.rate() * frame_bytes(chunk);
         self.fade(frame_bytes(chunk));
-        self.spoiled += expected / (1.0 - (-expected).exp());
+        self.spoiled += expected / (1.0 - libm::exp(-expected));
     }
 
     fn fade(&mut self, bytes: f64) {
@@ -80,7 +80,7 @@ mod tests {
     fn chunks_fit_the_line() {
         // What chunks bring on a line of this rate, in parts of its bytes.
         let brought = |rate: f64, chunk: usize| {
-            chunk as f64 / frame_bytes(chunk) * (-rate * frame_bytes(chunk)).exp()
+            chunk as f64 / frame_bytes(chunk) * libm::exp(-rate * frame_bytes(chunk))
         };
         for rate in [0.001, 0.01, 0.02, 0.05, 0.1, 0.2] {
             let line = Loss {
