@@ -2,6 +2,7 @@
 
 use std::boxed::Box;
 
+use crate::features::MISSIONS;
 use crate::link::message::SafeReason;
 use crate::ports::{Bank, Buffered, Executor, Inputs, Net, Outcome, TaskPlace, assemble};
 use crate::registry::nets;
@@ -83,7 +84,7 @@ impl<'a> TaskBench<'a> {
         let bank: &'a mut Bank<T, 1> = Box::leak(Box::new(Bank::new([task])));
         let banks: &'a mut [&'a mut (dyn crate::TaskBank + 'a)] =
             Box::leak(Box::new([bank as &mut (dyn crate::TaskBank + 'a)]));
-        let nets: &'a mut [[Net; MAX_DATA_PORTS]; 2] =
+        let nets: &'a mut [[Net; MAX_DATA_PORTS]; MISSIONS] =
             Box::leak(Box::new(nets::<MAX_DATA_PORTS>()));
         let executor = match assemble(banks, nets) {
             Ok((executor, _)) => executor,
