@@ -56,25 +56,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 self.refuse_late::<B>(now);
             }
             let Some(mission) = &self.mission else {
-                if self.waiting.is_some() {
-                    let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
-                    self.change_mission(Origin {
-                        ticks: now + lead_ticks,
-                        us: self.previous_end_us,
-                    });
-                    if self.mission.is_some() {
-                        continue;
-                    }
+                match self.stand_by(board, now) {
+                    Some(at_ticks) => return at_ticks,
+                    None => continue,
                 }
-                self.send_answered();
-                self.take_job_back(None);
-                self.feed_watchdog(board, now);
-                if self.mode == Mode::EmergencyStopped {
-                    self.hold_still(board);
-                }
-                board.motors_off();
-                self.tell_health();
-                return now + poll_ticks;
             };
             let (origin, interpreter_slot) = (mission.origin, mission.interpreter_slot);
             let at = |start_us: u64| Origin {
@@ -125,9 +110,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
             {
                 set_param(&mut self.params, &mission.interpreter.tables(), letter);
-                // There is one letter, so that there is room for it.
-                let refused = self.to_link.enqueue(letter);
-                debug_assert!(refused.is_ok());
+                self.send(letter);
             }
             let start = at(taken.start_us);
             if interpreter && self.changes_mission::<B>(start) {
@@ -154,6 +137,29 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.count_missed(board, &occurrence, missed);
             self.execute(board, &occurrence, now, start.ticks);
         }
+    }
+
+    /// Starts the mission that waits, where there is none; or else keeps the robot still, and returns when to be called again.
+    fn stand_by<B: Board>(&mut self, board: &mut B, now: u64) -> Option<u64> {
+        if self.waiting.is_some() {
+            let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
+            self.change_mission(Origin {
+                ticks: now + lead_ticks,
+                us: self.previous_end_us,
+            });
+            if self.mission.is_some() {
+                return None;
+            }
+        }
+        self.send_answered();
+        self.take_job_back(None);
+        self.feed_watchdog(board, now);
+        if self.mode == Mode::EmergencyStopped {
+            self.hold_still(board);
+        }
+        board.motors_off();
+        self.tell_health();
+        Some(now + u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US))
     }
 
     /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
