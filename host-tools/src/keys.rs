@@ -185,11 +185,14 @@ impl SigningKey {
         };
         let mut file = File::open(path).map_err(cannot)?;
         let about = file.metadata().map_err(cannot)?;
+        let not_a_key = || KeyError::NotAKey { path: path.into() };
+        if !about.is_file() {
+            return Err(not_a_key());
+        }
         if about.permissions().mode() & OTHERS != 0 {
             return Err(KeyError::OpenToOthers { path: path.into() });
         }
-        let not_a_key = || KeyError::NotAKey { path: path.into() };
-        if !about.is_file() || about.len() > MAX_FILE_BYTES {
+        if about.len() > MAX_FILE_BYTES {
             return Err(not_a_key());
         }
         // Of its whole length from the beginning, so that no copy stays behind where it grows.

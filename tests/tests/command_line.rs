@@ -139,18 +139,91 @@ fn exit_statuses_are_those_of_the_manual() {
     );
 }
 
+/// What a person may mistake for a port, or for a file of another kind.
+#[test]
+fn what_is_no_port_and_no_such_file_is_told_as_that() {
+    let files = Files::new(&[
+        ("good.esm", GOOD),
+        ("plain", "text"),
+        ("binary", "\u{7f}ELF\u{1}\u{0}\u{1b}"),
+        ("empty", ""),
+    ]);
+    std::fs::create_dir(files.path("folder")).unwrap();
+    for command in [
+        "upload {}/good.esm",
+        "param get",
+        "param set a.b 1",
+        "param save",
+        "key show",
+        "key remove",
+        "blackbox",
+        "confirm",
+        "fallback",
+        "values",
+        "log",
+        "top",
+        "status",
+    ] {
+        for (port, expected, why) in [
+            ("", 2, "--port"),
+            ("--port a --port b", 2, "cannot be used multiple times"),
+            ("--port tcp:robot", 2, "tcp:HOST:PORT"),
+            ("--port {}/plain", 3, "no serial line"),
+            ("--port {}/folder", 3, "no serial line"),
+            ("--port unix:{}/plain", 3, "nobody answers"),
+        ] {
+            if (command, port) == ("key show", "") {
+                continue; // of the file
+            }
+            let done = files.esm(&format!("{command} {port}")).ended(expected);
+            assert!(done.err.contains(why), "{command} {port}: {done:#?}");
+        }
+    }
+    let nobody = "--port unix:{}/nobody";
+    for command in [
+        "replay FILE",
+        "inspect FILE",
+        "diff FILE {}/good.esm",
+        "sim {}/good.esm FILE",
+        "run {}/good.esm --board host --replay FILE",
+        "run {}/good.esm --world FILE",
+        "run {}/good.esm --firmware FILE",
+        "upload FILE --port unix:{}/nobody",
+        "blackbox --mission FILE --port unix:{}/nobody",
+    ] {
+        for file in ["plain", "binary", "empty", "folder", "absent"] {
+            let done = files.esm(&command.replace("FILE", &format!("{{}}/{file}")));
+            // A firmware that is not there is not the mission's mistake.
+            let no_firmware =
+                command.contains("--firmware") && ["folder", "absent"].contains(&file);
+            let expected = if no_firmware { 3 } else { 1 };
+            assert_eq!(done.status, Some(expected), "{command} {file}: {done:#?}");
+            let said = done.err.contains("error") && !done.err.contains("panicked");
+            assert!(said, "{command} {file}: {done:#?}");
+            assert!(!done.err.contains('\u{1b}'), "{command} {file}: {done:#?}");
+        }
+    }
+    let done = files.esm(&format!("key install --key {{}}/folder {nobody}"));
+    assert!(done.ended(1).err.contains("is no key"));
+}
+
 #[test]
 fn every_subcommand_has_help_worth_reading() {
     let overview = esm(&["--help"]).good().out;
-    for subcommand in [
-        "check", "build", "draw", "inspect", "schedule", "sim", "run", "board", "upload", "log",
-        "status", "stop", "start", "tasks",
-    ] {
-        assert!(overview.contains(subcommand), "{subcommand}: {overview}");
+    let listed = overview.lines().skip_while(|line| *line != "Commands:");
+    let listed = listed.skip(1).take_while(|line| !line.is_empty());
+    let mut shown = 0;
+    for line in listed.filter(|line| line.starts_with("  ") && !line.starts_with("   ")) {
+        let subcommand = line.split_whitespace().next().unwrap();
+        if subcommand == "help" {
+            continue;
+        }
         let help = esm(&[subcommand, "--help"]).good().out;
         assert!(help.contains("Usage: esm"), "{subcommand}: {help}");
         assert!(help.contains("Example"), "{subcommand}: {help}");
+        shown += 1;
     }
+    assert!(shown >= 25, "{shown}: {overview}");
 }
 
 #[test]

@@ -105,6 +105,11 @@ impl Console {
 
     /// A word for the person on standard error. Output written before comes before it, where both end on one screen.
     pub fn note(&mut self, text: &str) {
+        self.rendered(&harmless(text));
+    }
+
+    /// The same of a text that may have colours, and was made so that nothing else in it does anything to a terminal.
+    pub fn rendered(&mut self, text: &str) {
         let _ = self.flush();
         // There is no better place to tell that standard error is closed.
         let _ = writeln!(io::stderr(), "{text}");
@@ -118,7 +123,11 @@ impl Console {
             } else {
                 ("", "")
             };
-            let _ = writeln!(io::stderr(), "{red}error{plain}: {}", chain(reason));
+            let _ = writeln!(
+                io::stderr(),
+                "{red}error{plain}: {}",
+                harmless(&chain(reason).to_string())
+            );
         }
     }
 
@@ -222,6 +231,14 @@ pub fn counted(count: u64, what: &str) -> String {
         1 => format!("1 {what}"),
         _ => format!("{count} {what}s"),
     }
+}
+
+/// A text in which no character does anything to a terminal: words of input stand in messages, whatever input it was.
+fn harmless(text: &str) -> String {
+    text.replace(
+        |it: char| it.is_control() && !matches!(it, '\n' | '\t'),
+        "\u{fffd}",
+    )
 }
 
 /// A style for a bar; the plain one should the template not parse, since a bar is never worth a failure.

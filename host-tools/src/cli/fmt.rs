@@ -197,7 +197,7 @@ fn read_standard_input() -> Result<Vec<u8>, CommandError> {
 /// The text in its layout; syntax errors are told.
 fn laid_out(name: &str, bytes: &[u8], console: &mut Console) -> Result<String, CommandError> {
     format::format(name, bytes).map_err(|refusal| {
-        console.note(refusal.render(console.colour_error()).trim_end());
+        console.rendered(refusal.render(console.colour_error()).trim_end());
         console.note(&format!("{name} is left as it is: it has syntax errors"));
         CommandError::Told
     })

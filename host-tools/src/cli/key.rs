@@ -68,7 +68,7 @@ pub struct ShowArgs {
     #[arg(long, value_name = "PORT")]
     pub port: Option<Port>,
 
-    /// For programs: the same as JSON
+    /// One JSON object, for programs
     #[arg(long)]
     pub json: bool,
 
@@ -79,6 +79,7 @@ pub struct ShowArgs {
 
 /// Arguments of `esm key install`.
 #[derive(Debug, Args)]
+#[command(mut_arg("key", |key| key.help("The key to give to the robot [default: esm/key in the folder for configuration, ~/.config]")))]
 pub struct InstallArgs {
     /// The key that the robot has now, if it has one
     #[arg(long, value_name = "FILE")]

@@ -104,7 +104,7 @@ pub fn tell_all(checked: &Checked, console: &mut Console) {
 /// Tells messages, and once where more is said: of a code that was just seen.
 fn tell_person(messages: &str, first_code: Option<Code>, console: &mut Console) {
     if let Some(code) = first_code {
-        console.note(messages.trim_end());
+        console.rendered(messages.trim_end());
         console.note(&format!("\n`esm explain {code}` says more about a code."));
     }
 }

@@ -58,7 +58,7 @@ pub struct ReplayArgs {
     #[arg(long, requires = "step")]
     pub plain: bool,
 
-    /// Prints one object as JSON
+    /// One JSON object, for programs
     #[arg(long)]
     pub json: bool,
 }

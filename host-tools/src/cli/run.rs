@@ -67,11 +67,11 @@ pub struct RunArgs {
     pub trace: Option<PathBuf>,
 
     /// Keeps what enters the interpreter as it comes, to be run again with `esm replay`, or with --replay
-    #[arg(long, value_name = "OUT")]
+    #[arg(long, value_name = "REC")]
     pub record: Option<PathBuf>,
 
     /// Takes what the clock cannot repeat from a recording (the board `host`)
-    #[arg(long, value_name = "RECORDING", conflicts_with = "record")]
+    #[arg(long, value_name = "REC", conflicts_with = "record")]
     pub replay: Option<PathBuf>,
 
     /// Uploads another mission at that robot time, while the robot moves; may be given several times

@@ -87,7 +87,7 @@ pub struct UploadArgs {
     #[arg(long, value_name = "WHAT", value_enum, default_value_t)]
     pub on_trial: OnTrial,
 
-    /// For programs: what was sent, and what becomes of the slots that both missions have
+    /// One JSON object, for programs: what was sent, and what becomes of the slots that both missions have
     #[arg(long)]
     pub json: bool,
 
