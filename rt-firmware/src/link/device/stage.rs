@@ -104,7 +104,9 @@ impl<'m> Desk<'_, 'm> {
     }
 
     /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it cannot be made for.
-    #[inline(never)]
+    // Without `warm` there is nothing to make: inlined, nothing is moved on the stack either.
+    #[cfg_attr(feature = "warm", inline(never))]
+    #[cfg_attr(not(feature = "warm"), inline(always))]
     pub(super) fn prepare(
         &mut self,
         mission: Verified<BlobBuffer<'m>>,

@@ -32,6 +32,7 @@ impl<'m> Rooms<'m> {
         (Rooms(PhantomData), OwnRoom(Some(room)))
     }
 
+    #[inline(always)]
     pub(crate) fn prepare(
         &mut self,
         mission: Verified<BlobBuffer<'m>>,
@@ -41,6 +42,7 @@ impl<'m> Rooms<'m> {
         Ok(Upcoming(mission))
     }
 
+    #[inline(always)]
     pub(crate) fn take_apart(&mut self, upcoming: Upcoming<'m>) -> BlobBuffer<'m> {
         upcoming.0.into_bytes()
     }

@@ -55,25 +55,28 @@ impl<'m> Prepared<'m> {
         room: Room<'m>,
         registry: Registry<'_>,
     ) -> Option<Self> {
-        let mut prepared = Self::in_room(mission, room)?;
-        let tables = prepared.interpreter.tables();
-        tasks::prepare(&tables, registry, &mut prepared.lists);
-        Some(prepared)
+        // Changed where it is returned: moved about, it would be on the stack more than once.
+        let mut prepared = Self::in_room(mission, room);
+        if let Some(Prepared { interpreter, lists }) = &mut prepared {
+            tasks::prepare(&interpreter.tables(), registry, lists);
+        }
+        prepared
     }
 
     /// Of one that ran in this room before.
     #[inline(never)]
     pub(crate) fn again(mission: Verified<BlobBuffer<'m>>, room: Room<'m>) -> Option<Self> {
-        let mut prepared = Self::in_room(mission, room)?;
-        tasks::prepare_again(&mut prepared.lists);
-        Some(prepared)
+        let mut prepared = Self::in_room(mission, room);
+        if let Some(Prepared { lists, .. }) = &mut prepared {
+            tasks::prepare_again(lists);
+        }
+        prepared
     }
 
     #[cfg_attr(feature = "warm", inline(never))]
     fn in_room(mission: Verified<BlobBuffer<'m>>, Room { arena, lists }: Room<'m>) -> Option<Self> {
-        let interpreter = Interpreter::new(mission, arena);
-        debug_assert!(interpreter.is_ok());
-        let interpreter = interpreter.ok()?;
-        Some(Prepared { interpreter, lists })
+        let made = Interpreter::new(mission, arena);
+        debug_assert!(made.is_ok(), "the room was found to be large enough");
+        made.map(|interpreter| Prepared { interpreter, lists }).ok()
     }
 }
