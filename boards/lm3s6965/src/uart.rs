@@ -2,6 +2,9 @@
 //!
 //! Only its interrupt handler calls what moves bytes; [`line`](crate::line) has the queues around it.
 
+use cortex_m::peripheral::NVIC;
+use pac::Interrupt;
+
 use crate::clock::TICKS_PER_US;
 use crate::registers::{gpio_a, system_control, timer1, uart0};
 
@@ -34,13 +37,10 @@ pub fn start() {
     uart0::IBRD.write(DIVISOR_64THS / 64);
     uart0::FBRD.write(DIVISOR_64THS % 64);
     uart0::LCRH.write(EIGHT_BITS_WITH_FIFO);
-    // The emulator's part keeps its FIFO over a reset of the board, and calls for the first byte in an empty one only: with bytes left in it, it would never call again.
-    for _ in 0..FIFO_BYTES {
-        let _ = receive();
-    }
-    acknowledge();
     uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT);
     uart0::CTL.write(ENABLE_BOTH_DIRECTIONS);
+    // The emulator's part keeps its FIFO over a reset of the board, and calls for the first byte in an empty one only: with bytes left in it, it would never call again.
+    NVIC::pend(Interrupt::UART0);
     const TIMER_1_CLOCK: u32 = 1 << 17;
     const WIDTH_32_BITS: u32 = 0;
     const ONE_SHOT: u32 = 1;
