@@ -234,7 +234,7 @@ pub fn counted(count: u64, what: &str) -> String {
 }
 
 /// A text in which no character does anything to a terminal: words of input stand in messages, whatever input it was.
-fn harmless(text: &str) -> String {
+pub(super) fn harmless(text: &str) -> String {
     text.replace(
         |it: char| it.is_control() && !matches!(it, '\n' | '\t'),
         "\u{fffd}",

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use super::console::harmless;
+
 /// How many lines from the first difference on are compared; their product bounds the work.
 const MAX_COMPARED_LINES: usize = 60;
 
@@ -68,8 +70,8 @@ fn first_changes<'t>(before: &[&'t str], after: &[&'t str]) -> Vec<(char, &'t st
 /// A line with its blanks made visible where they are all that differs: at its end.
 fn visible(line: &str) -> String {
     let kept = line.trim_end();
-    let shown = kept.chars().take(MAX_SHOWN_CHARACTERS);
-    let mut shown: String = shown.map(harmless).collect();
+    let shown: String = kept.chars().take(MAX_SHOWN_CHARACTERS).collect();
+    let mut shown = harmless(&shown);
     if kept.chars().nth(MAX_SHOWN_CHARACTERS).is_some() {
         shown.push('…');
         return shown;
@@ -91,15 +93,6 @@ fn visible(line: &str) -> String {
         shown.push_str(" (no line end)");
     }
     shown
-}
-
-/// A character that changes nothing on a terminal but its own place.
-fn harmless(character: char) -> char {
-    match character {
-        '\t' => character,
-        _ if character.is_control() => char::REPLACEMENT_CHARACTER,
-        _ => character,
-    }
 }
 
 #[cfg(test)]
