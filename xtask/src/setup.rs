@@ -258,7 +258,7 @@ fn debian() -> Result<Toolchain, Failure> {
     if !debian_is_complete() {
         // Lists of packages may be older than the compiler that is wanted, or not be there at all.
         let packages = debian_packages().or_else(|| {
-            update_lists().ok()?;
+            Apt::find()?.update_lists().ok()?;
             debian_packages()
         });
         let packages = packages.ok_or_else(|| Failure::Missing {
@@ -343,42 +343,46 @@ fn linker_package() -> String {
 /// # Errors
 /// [`Failure::Missing`] with the command that does it.
 pub fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
-    let by_hand = format!("sudo apt-get install {}", packages.join(" "));
     let missing = || Failure::Missing {
         what: format!("{what} ({})", packages.join(", ")),
-        command: by_hand.clone(),
+        command: format!("sudo apt-get install {}", packages.join(" ")),
     };
+    let apt = Apt::find().ok_or_else(missing)?;
     let arguments = [&["install", "-y", "--no-install-recommends"][..], packages].concat();
     println!(
         "Installing {what}: `apt-get install {}` …",
         packages.join(" ")
     );
-    if apt(&arguments).is_ok() {
-        return Ok(());
+    (apt.run(&arguments))
+        .or_else(|_| apt.update_lists().and_then(|()| apt.run(&arguments)))
+        .map_err(|_| missing())
+}
+
+/// apt-get, and the right to use it.
+struct Apt {
+    /// What to put before a command that needs root.
+    prefix: &'static [&'static str],
+}
+
+impl Apt {
+    /// `None` where there is no apt-get, or this user may not use it.
+    fn find() -> Option<Self> {
+        find_program("apt-get")?;
+        root_prefix().map(|prefix| Apt { prefix })
     }
-    update_lists().map_err(|_| missing())?;
-    apt(&arguments).map_err(|_| missing())
-}
 
-/// Fetches the lists of packages.
-fn update_lists() -> Result<(), Failure> {
-    println!("Fetching the lists of packages first: `apt-get update` …");
-    apt(&["update"])
-}
+    /// Fetches the lists of packages.
+    fn update_lists(&self) -> Result<(), Failure> {
+        println!("Fetching the lists of packages first: `apt-get update` …");
+        self.run(&["update"])
+    }
 
-/// Runs apt-get, as root or through sudo.
-fn apt(arguments: &[&str]) -> Result<(), Failure> {
-    let missing = || Failure::Missing {
-        what: "apt-get, or the right to use it".into(),
-        command: format!("sudo apt-get {}", arguments.join(" ")),
-    };
-    find_program("apt-get").ok_or_else(missing)?;
-    let mut words = (root_prefix().ok_or_else(missing)?.iter())
-        .chain(&["apt-get"])
-        .chain(arguments);
-    let mut apt = command(words.next().unwrap_or(&"apt-get"));
-    apt.args(words).env("DEBIAN_FRONTEND", "noninteractive");
-    process::run(&mut apt)
+    fn run(&self, arguments: &[&str]) -> Result<(), Failure> {
+        let mut words = self.prefix.iter().chain(&["apt-get"]).chain(arguments);
+        let mut apt = command(words.next().unwrap_or(&"apt-get"));
+        apt.args(words).env("DEBIAN_FRONTEND", "noninteractive");
+        process::run(&mut apt)
+    }
 }
 
 /// What to put before a command that needs root; `None` if this user cannot become root without being asked for a password.
