@@ -41,6 +41,12 @@ struct Sent {
     given_up: bool,
 }
 
+impl Sent {
+    fn bytes(&self) -> usize {
+        self.to - self.from
+    }
+}
+
 /// Where an upload stands.
 #[derive(Debug)]
 struct Standing {
@@ -85,8 +91,8 @@ impl Standing {
     /// How many bytes the robot has by now, and how likely, in the order of the bytes. A chunk that arrives brings it from anywhere within the chunk to its end.
     fn likely(&self, loss: &Loss) -> Vec<(usize, f64)> {
         let mut likely = vec![(self.there, 1.0)];
-        for chunk in self.sent.iter().filter(|chunk| !chunk.given_up) {
-            let passes = loss.passes(chunk.to - chunk.from);
+        for chunk in self.waited_for() {
+            let passes = loss.passes(chunk.bytes());
             let mut moved = 0.0;
             for (at, probability) in &mut likely {
                 if (chunk.from..chunk.to).contains(at) {
@@ -106,9 +112,8 @@ impl Standing {
 
     /// The chunk that brings most in its time on the line, if one may be sent now and is worth it.
     fn next_chunk(&self, loss: &Loss) -> Option<(usize, usize)> {
-        let under_way: usize = (self.sent.iter())
-            .filter(|chunk| !chunk.given_up)
-            .map(|chunk| chunk.to - chunk.from + OVERHEAD)
+        let under_way: usize = (self.waited_for())
+            .map(|chunk| chunk.bytes() + OVERHEAD)
             .sum();
         let length = loss.best_chunk(self.largest_chunk);
         let window = self.there + self.window;
@@ -195,7 +200,7 @@ impl Standing {
         // The answers to those before it were lost, or left out.
         let decided: Vec<Sent> = self.sent.drain(..=place).collect();
         for (at, chunk) in decided.iter().enumerate() {
-            let bytes = chunk.to - chunk.from;
+            let bytes = chunk.bytes();
             let is_alone = || {
                 let is_other = |&(other, another): &(usize, &Sent)| {
                     other != at && another.from < chunk.to && chunk.from < another.to
@@ -216,16 +221,18 @@ impl Standing {
     fn give_up_what_was_sent(&mut self, loss: &mut Loss) {
         for chunk in self.sent.iter_mut().filter(|chunk| !chunk.given_up) {
             chunk.given_up = true;
-            loss.chunk_lost(chunk.to - chunk.from);
+            loss.chunk_lost(chunk.bytes());
         }
     }
 
     /// Bytes of chunks whose answers are waited for.
     fn on_the_way(&self) -> usize {
-        (self.sent.iter())
-            .filter(|chunk| !chunk.given_up)
-            .map(|chunk| chunk.to - chunk.from)
-            .sum()
+        self.waited_for().map(Sent::bytes).sum()
+    }
+
+    /// Chunks whose answers may still come.
+    fn waited_for(&self) -> impl Iterator<Item = &Sent> {
+        self.sent.iter().filter(|chunk| !chunk.given_up)
     }
 }
 
