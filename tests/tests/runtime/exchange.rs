@@ -46,6 +46,14 @@ fn exchanged(
     }
 }
 
+/// Has the robot start one mission, and brings it the next.
+fn starts_and_has(before: &[u8], next: &[u8]) -> impl Fn(&mut Bench<'_, '_, '_>) {
+    move |robot| {
+        robot.start(before);
+        robot.send(next);
+    }
+}
+
 fn told_of_a_start(robot: &Bench<'_, '_, '_>) -> bool {
     robot.trace.iter().any(|told| told.starts_with("Started"))
 }
@@ -57,10 +65,7 @@ fn the_mission_before_is_what_runs_until_the_first_macro_step_of_the_next() {
         let swap = Swap { warm, trial_ms: 0 };
         exchanged(
             Request::Commit(swap),
-            |robot| {
-                robot.start(&before);
-                robot.send(&next);
-            },
+            starts_and_has(&before, &next),
             |robot| {
                 let asked = robot.last_number();
                 assert_eq!(robot.exchange(), [], "not before its time");
@@ -82,10 +87,7 @@ fn the_mission_before_is_what_runs_until_the_first_macro_step_of_the_next() {
     }
     exchanged(
         Request::Commit(Swap::default()),
-        |robot| {
-            robot.start(&before);
-            robot.send(&next);
-        },
+        starts_and_has(&before, &next),
         |robot| {
             assert_eq!(robot.status().mission, Some(hash(&before)));
             assert_eq!(robot.world.said(), [""; 0]);
@@ -103,10 +105,7 @@ fn an_emergency_stop_between_exchange_and_macro_step_stops_whichever_it_is() {
         let swap = Swap { warm, trial_ms: 0 };
         exchanged(
             Request::Commit(swap),
-            |robot| {
-                robot.start(&before);
-                robot.send(&next);
-            },
+            starts_and_has(&before, &next),
             |robot| {
                 robot.board.motors_off = 0;
                 let frame = robot.frame(Request::EmergencyStop);
