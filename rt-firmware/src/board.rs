@@ -140,6 +140,12 @@ pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
     quotient
 }
 
+/// So many microseconds in ticks of this board's clock.
+#[inline(always)]
+pub fn ticks<B: Board>(us: impl Into<u64>) -> u64 {
+    us.into() * u64::from(B::TICKS_PER_US)
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

@@ -6,7 +6,7 @@ use super::RealTime;
 use super::mission::Origin;
 use super::trial::Trial;
 use super::upcoming::{Resting, Upcoming};
-use crate::board::Board;
+use crate::board::{Board, ticks};
 use crate::features::WARM;
 use crate::link::message::{LinkError, Mode, Swap};
 use crate::link::trial::{FallBack, FallBackReason};
@@ -17,7 +17,7 @@ const CHANGE_LEAD_US: u32 = 2_000;
 
 /// [`CHANGE_LEAD_US`] on the board's clock.
 pub(super) fn lead_ticks<B: Board>() -> u64 {
-    u64::from(CHANGE_LEAD_US) * u64::from(B::TICKS_PER_US)
+    ticks::<B>(CHANGE_LEAD_US)
 }
 
 impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {

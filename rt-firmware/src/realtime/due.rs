@@ -11,7 +11,7 @@ use super::occurrence::Occurrence;
 use super::ready::Ready;
 use super::safe_state::is_stop_pressed;
 use super::{IDLE_POLL_US, RealTime};
-use crate::board::{Board, microseconds};
+use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
 use crate::link::message::Mode;
 
@@ -33,7 +33,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         self.ready = Ready::NOTHING;
         let next = self.dispatcher.next();
         if let Some(mission) = &self.mission {
-            let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+            let start_ticks = mission.origin.ticks + ticks::<B>(next.start_us);
             if start_ticks == at_ticks {
                 self.make_ready::<B>(next, start_ticks as u32);
             }
@@ -43,7 +43,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
 
     /// Executes all that is due; returns when to be called again.
     fn execute_due<B: Board>(&mut self, board: &mut B) -> u64 {
-        let poll_ticks = u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US);
+        let poll_ticks = poll_ticks::<B>();
         loop {
             let now = board.now_ticks();
             self.looked_ticks = now as u32;
@@ -63,7 +63,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             };
             let (origin, interpreter_slot) = (mission.origin, mission.interpreter_slot);
             let at = |start_us: u64| Origin {
-                ticks: origin.ticks + start_us * u64::from(B::TICKS_PER_US),
+                ticks: origin.ticks + ticks::<B>(start_us),
                 us: origin.us + start_us,
             };
             let next = self.dispatcher.next();
@@ -142,7 +142,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Starts the mission that waits, where there is none; or else keeps the robot still, and returns when to be called again.
     fn stand_by<B: Board>(&mut self, board: &mut B, now: u64) -> Option<u64> {
         if self.waiting.is_some() {
-            let lead_ticks = u64::from(B::START_LEAD_US) * u64::from(B::TICKS_PER_US);
+            let lead_ticks = ticks::<B>(B::START_LEAD_US);
             self.change_mission(Origin {
                 ticks: now + lead_ticks,
                 us: self.previous_end_us,
@@ -159,7 +159,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         }
         board.motors_off();
         self.tell_health();
-        Some(now + u64::from(IDLE_POLL_US) * u64::from(B::TICKS_PER_US))
+        Some(now + poll_ticks::<B>())
     }
 
     /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
@@ -178,4 +178,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.note_missed(owed, skipped.saturating_add(1));
         }
     }
+}
+
+/// How long nothing is looked at while nothing is due.
+#[inline(always)]
+fn poll_ticks<B: Board>() -> u64 {
+    ticks::<B>(IDLE_POLL_US)
 }

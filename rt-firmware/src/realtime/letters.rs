@@ -9,7 +9,7 @@ use esm_core::tables::Tables;
 use super::params::{LiveParams, SavedParams};
 use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
-use crate::board::Board;
+use crate::board::{Board, ticks};
 use crate::features::{PARAMS, TELEMETRY, WARM};
 use crate::link::message::{LinkError, Mode};
 use crate::mail::{Letter, Posted};
@@ -149,7 +149,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
 
 /// Whether the board's clock is past this time in microseconds.
 fn is_late<B: Board>(now_ticks: u64, by_us: u64) -> bool {
-    now_ticks > by_us * u64::from(B::TICKS_PER_US)
+    now_ticks > ticks::<B>(by_us)
 }
 
 /// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for this mission: missions change where this is

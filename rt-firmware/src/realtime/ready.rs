@@ -11,7 +11,7 @@ use esm_core::tables::TaskPlaces;
 use super::mission::Origin;
 use super::tasks::NONE;
 use super::{IDLE_POLL_US, RealTime};
-use crate::board::{Board, OccurrenceStart};
+use crate::board::{Board, OccurrenceStart, ticks};
 use crate::features::WARM;
 use crate::link::message::{Mode, SafeReason};
 use crate::task::Step;
@@ -92,7 +92,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             slot,
             number,
             start_us: since_us,
-            start_ticks: origin.ticks + start_us * u64::from(B::TICKS_PER_US),
+            start_ticks: origin.ticks + ticks::<B>(start_us),
             previous_end_us: self.previous_end_us.min(since_us),
             interpreter: false,
         }
@@ -191,7 +191,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         {
             return None;
         }
-        let start_ticks = mission.origin.ticks + next.start_us * u64::from(B::TICKS_PER_US);
+        let start_ticks = mission.origin.ticks + ticks::<B>(next.start_us);
         let wait_ticks = (start_ticks as u32).wrapping_sub(now_ticks) as i32;
         if wait_ticks <= 0 {
             return None;
