@@ -136,7 +136,7 @@ pub(crate) enum Letter<'m> {
     },
     /// Real time: these, two bytes each.
     States {
-        /// Macro steps that were completed.
+        /// Number of the next macro step since the mission started; those that were missed count.
         step: u64,
         /// Region instances of the mission.
         total: u16,

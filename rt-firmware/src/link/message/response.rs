@@ -53,7 +53,7 @@ pub enum Response<'a> {
     },
     /// To [`Request::States`].
     States {
-        /// Macro steps that were begun, so that a reader of several parts sees whether they belong together.
+        /// Number of the next macro step since the mission started; those that were missed count. By it a reader of several parts sees whether they belong together.
         step: u64,
         /// Region instances of the mission.
         total: u16,
