@@ -274,16 +274,19 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     }
     let replay = args.replay.as_deref().map(read_entered).transpose()?;
     let seed = replay.as_ref().map_or(args.seed, |entered| entered.seed);
+    let world = stage::world(args.world.as_deref(), Some(&args.file))?;
+    let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
+    // Files are made when nothing is left that could be refused.
+    let flash = stage::flash(args.flash.as_deref(), &board)?;
     let record = args
         .record
         .as_deref()
         .map(|path| file::create(path, "recording"))
         .transpose()?;
-    let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     Ok(Plan {
-        flash: stage::flash(args.flash.as_deref(), &board)?,
+        flash,
         key: Some(robot::key_at(args.key.as_deref())),
-        world: stage::world(args.world.as_deref(), Some(&args.file))?,
+        world,
         board,
         seed,
         until_us: args.until.map(|until| until.us),

@@ -88,11 +88,12 @@ pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<Path
 impl From<FirmwareError> for CommandError {
     fn from(error: FirmwareError) -> Self {
         match error {
+            FirmwareError::NoCheckout | FirmwareError::Build { .. } => {
+                CommandError::World(error.into())
+            }
             FirmwareError::Missing { .. }
             | FirmwareError::Unreadable { .. }
-            | FirmwareError::NoCheckout
-            | FirmwareError::Build { .. } => CommandError::World(error.into()),
-            FirmwareError::NotElf { .. }
+            | FirmwareError::NotElf { .. }
             | FirmwareError::Cut { .. }
             | FirmwareError::OtherProcessor { .. }
             | FirmwareError::OtherBoard { .. } => CommandError::Input(error.into()),
