@@ -5,7 +5,6 @@
 use core::sync::atomic::Ordering;
 
 use super::change::lead_ticks;
-use super::letters::set_param;
 use super::mission::Origin;
 use super::occurrence::Occurrence;
 use super::ready::Ready;
@@ -106,10 +105,9 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             let interpreter = taken.slot == interpreter_slot;
             if PARAMS
                 && interpreter
-                && let Some(mission) = &self.mission
                 && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
             {
-                set_param(&mut self.params, &mission.interpreter.tables(), letter);
+                self.set_param(letter);
                 self.send(letter);
             }
             let start = at(taken.start_us);

@@ -4,9 +4,7 @@
 
 use core::sync::atomic::Ordering;
 
-use esm_core::tables::Tables;
-
-use super::params::{LiveParams, SavedParams};
+use super::params::SavedParams;
 use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
 use crate::board::{Board, ticks};
@@ -100,7 +98,10 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
                 self.set_stopped(Mode::Stopped, board);
                 Letter::Done
             }
-            Letter::Release if is_stop_pressed(board) => {
+            // A stop that came behind it goes on.
+            Letter::Release
+                if !self.signs.release.load(Ordering::Relaxed) || is_stop_pressed(board) =>
+            {
                 Letter::Failed(LinkError::EmergencyStopped)
             }
             Letter::Release => {
@@ -140,6 +141,31 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         self.params.has_room(param)
     }
 
+    /// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for the mission that it names: where that has
+    /// ended meanwhile, nothing is done.
+    // Not inlined: no task should run on top of what this needs of the stack.
+    #[inline(never)]
+    pub(super) fn set_param(&mut self, letter: &mut Letter<'_>) {
+        let Letter::SetParam {
+            mission,
+            param,
+            value,
+        } = *letter
+        else {
+            return;
+        };
+        *letter = match self.mission_of(mission) {
+            Ok(mission) => {
+                let tables = mission.interpreter.tables();
+                let of_mission = tables.param(usize::from(param)).unwrap_or_default();
+                let before = self.params.get(param).unwrap_or(of_mission);
+                self.params.set(param, value, of_mission);
+                Letter::ParamSet { before }
+            }
+            Err(error) => Letter::Failed(error),
+        };
+    }
+
     pub(super) fn send(&mut self, letter: &'m mut Letter<'m>) {
         // There is one letter, so that there is room for it.
         let refused = self.to_link.enqueue(letter);
@@ -150,18 +176,4 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
 /// Whether the board's clock is past this time in microseconds.
 fn is_late<B: Board>(now_ticks: u64, by_us: u64) -> bool {
     now_ticks > ticks::<B>(by_us)
-}
-
-/// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for this mission: missions change where this is
-/// done, and behind it.
-// Not inlined: no task should run on top of what this needs of the stack.
-#[inline(never)]
-pub(super) fn set_param(params: &mut LiveParams, tables: &Tables<'_>, letter: &mut Letter<'_>) {
-    let Letter::SetParam { param, value, .. } = *letter else {
-        return;
-    };
-    let of_mission = tables.param(usize::from(param)).unwrap_or_default();
-    let before = params.get(param).unwrap_or(of_mission);
-    params.set(param, value, of_mission);
-    *letter = Letter::ParamSet { before };
 }

@@ -6,7 +6,7 @@ use rt_firmware::link::message::{LinkError, Request};
 use rt_firmware::realtime::params::SavedParams;
 
 use crate::mission::hash;
-use crate::robot::{Answer, Bench, Memo, with_robot};
+use crate::robot::{Answer, Bench, Memo, TICKS_PER_US, with_robot};
 
 /// Two instances of a container with one task state, each executed twice between two macro steps.
 fn two_hogs(takes_us: u32) -> Vec<u8> {
@@ -265,6 +265,37 @@ fn a_mission_that_comes_back_from_a_trial_has_what_was_saved_for_it() {
         assert_eq!(save(robot, another), Err(LinkError::OnTrial));
         robot.ask(Request::FallBack { mission: another }).unwrap();
         assert_eq!(get(robot, mission, 0), value_of(7, 1, Some(7)));
+    });
+}
+
+#[test]
+fn a_value_for_a_mission_whose_trial_ends_meanwhile_is_not_given_to_the_mission_before() {
+    let (blob, other) = (two_hogs(1), two_hogs(2));
+    let (mission, another) = (hash(&blob), hash(&other));
+    with_robot(|robot| {
+        robot.start(&blob);
+        robot.try_out(&other, 100);
+        // Its last macro step is behind it, and the next one is that of the mission before.
+        let over_us = robot.world.now_us() + 100_000;
+        robot.run_until_us(over_us - over_us % 10_000 - 3_000);
+        assert_eq!(robot.status().mission, Some(another));
+        let frame = robot.frame(Request::SetParam {
+            mission: another,
+            param: 0,
+            value: 9,
+        });
+        robot.wire.to_robot.extend(frame);
+        let asked = robot.last_number();
+        let mut answers = robot.exchange();
+        while answers.is_empty() {
+            let next_ticks = robot.timer();
+            answers = robot.exchange();
+            let us = (next_ticks / TICKS_PER_US).saturating_sub(robot.world.now_us());
+            robot.world.pass_us(us);
+        }
+        assert_eq!(answers, [(asked, Err(LinkError::OtherMission))]);
+        assert_eq!(robot.status().mission, Some(mission));
+        assert_eq!(get(robot, mission, 0), value_of(1, 1, None));
     });
 }
 
