@@ -57,6 +57,8 @@ pub(crate) struct Signs {
     pub(crate) requests: AtomicU32,
     /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone, which looks before each exchange with the body.
     pub(crate) emergency_stop: AtomicBool,
+    /// The emergency stop that is latched may be released, since nobody wanted another one after that was asked for. The link writes it.
+    pub(crate) release: AtomicBool,
     /// The button that latches one is pressed; looked at while one is latched.
     pub(crate) stop_pressed: AtomicBool,
     /// The link prepares a mission, or has asked for one to take over.
@@ -70,6 +72,7 @@ impl Signs {
             slot_0: AtomicBool::new(false),
             requests: AtomicU32::new(0),
             emergency_stop: AtomicBool::new(false),
+            release: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),
             mission_is_coming: AtomicBool::new(false),
         }

@@ -166,6 +166,34 @@ fn who_keeps_missions_keeps_an_emergency_stop_before_the_host_is_told() {
 }
 
 #[test]
+fn a_release_that_was_sent_before_an_emergency_stop_does_not_end_it() {
+    for is_stopped in [false, true] {
+        with_counting_robot(|robot| {
+            robot.wire.memory.is_there = true;
+            if is_stopped {
+                robot.ask(Request::EmergencyStop).unwrap();
+                robot.run_us(50_000);
+            }
+            let release = robot.frame(Request::Release);
+            let stop = robot.frame(Request::EmergencyStop);
+            robot.wire.to_robot.extend(release);
+            robot.wire.to_robot.extend(stop);
+            let answers = robot.exchange();
+            assert_eq!(answers, [(robot.last_number(), Ok(Answer::Done))]);
+            robot.timer();
+            robot.exchange();
+            robot.world.said();
+            assert_stands_still(robot);
+            assert!(robot.wire.memory.is_emergency_stopped);
+            assert_eq!(robot.ask(Request::Start), Err(LinkError::EmergencyStopped));
+            assert_eq!(robot.ask(Request::Release), Ok(Answer::Done));
+            assert!(!robot.wire.memory.is_emergency_stopped);
+            assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+        });
+    }
+}
+
+#[test]
 fn a_button_that_was_pressed_for_a_moment_latches_and_one_that_is_pressed_is_not_released() {
     with_counting_robot(|robot| {
         robot.board.is_pressed = true;

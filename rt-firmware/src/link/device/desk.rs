@@ -162,7 +162,7 @@ impl Desk<'_, '_> {
             Request::Stop => self.ask(Letter::Stop),
             Request::Start => self.ask(Letter::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
-            Request::Release => self.ask(Letter::Release),
+            Request::Release => self.release(),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
             Request::ReadBlob { offset } => self.ask(Letter::ReadBlob { offset }),
             Request::States { first } => self.ask(Letter::ReadStates { first }),

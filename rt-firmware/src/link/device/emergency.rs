@@ -2,11 +2,21 @@
 
 use core::sync::atomic::Ordering;
 
-use super::desk::Desk;
+use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
 use crate::link::message::{LinkError, Response};
+use crate::mail::Letter;
 
 impl Desk<'_, '_> {
+    /// Asks the real-time side to end the emergency stop that is latched now.
+    pub(super) fn release<'a>(&mut self) -> Reaction<'a> {
+        // What is under way already is not changed by one that comes too early.
+        if self.letter.is_some() {
+            self.signs.release.store(true, Ordering::Relaxed);
+        }
+        self.ask(Letter::Release)
+    }
+
     /// Stops the robot, without the letter, which may be under way.
     pub(super) fn emergency_stop(
         &mut self,
@@ -37,6 +47,8 @@ impl Desk<'_, '_> {
 
     /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset.
     pub(super) fn latch_emergency_stop(&self) {
+        // Before all else: a release that is under way is older than this, and must not end it.
+        self.signs.release.store(false, Ordering::Relaxed);
         if let Some(kept) = self.about.kept {
             kept.set_emergency_stop(true);
         }
