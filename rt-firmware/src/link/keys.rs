@@ -24,6 +24,13 @@ pub(crate) struct SignedUpload {
     signature: [u8; SIGNATURE_BYTES],
 }
 
+impl SignedUpload {
+    /// Whether it was signed with this.
+    pub(crate) fn is(&self, counter: u64, signature: &[u8]) -> bool {
+        self.counter == counter && self.signature == signature
+    }
+}
+
 /// What the link knows of the robot's key.
 pub(crate) struct Keys {
     lock: Lock,

@@ -9,6 +9,7 @@ use rt_firmware::link::keys::PAUSE_AFTER_WRONG_US;
 use rt_firmware::link::message::{LinkError, Mode, Request, Swap};
 
 use super::counting;
+use super::mission::hash;
 use super::robot::{Answer, Bench, Safe, with_robot};
 
 const SEED: [u8; SEED_BYTES] = [0x5e; SEED_BYTES];
@@ -157,6 +158,32 @@ fn with_its_key_everything_can_be_done() {
         );
         assert_eq!(robot.access(), Access::Open);
         assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+    });
+}
+
+#[test]
+fn a_signature_that_was_found_right_is_not_verified_again() {
+    with_locked_robot(|robot| {
+        let blob = counting(5).blob();
+        robot.send(&blob);
+        let (right, _) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(right, Ok(Answer::Done));
+        let (wrong, _) = sign(robot, &key(2), 1, &blob);
+        assert_eq!(wrong, Err(LinkError::WrongSignature));
+        // No signature is verified for a while.
+        let (again, signature) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(again, Ok(Answer::Done));
+        let (newer, _) = sign(robot, &key(1), 2, &blob);
+        assert!(matches!(newer, Err(LinkError::TooSoon { .. })), "{newer:?}");
+        pause(robot);
+        assert_eq!(
+            ask_signed(robot, &key(1), &signature, Request::Commit(Swap::default())),
+            Ok(Answer::Committed(hash(&blob)))
+        );
+        // An upload of the same bytes is another one.
+        robot.send(&blob);
+        let (old, _) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(old, Err(LinkError::OldCounter { last: 1 }));
     });
 }
 
