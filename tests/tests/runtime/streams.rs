@@ -97,6 +97,37 @@ fn an_answer_waits_for_the_rest_of_one_part_at_most_however_full_the_wire() {
 }
 
 #[test]
+fn nothing_of_the_session_before_comes_behind_the_answer_to_hello() {
+    with_robot(|robot| {
+        let blob = listening(1, false);
+        robot.start(&blob);
+        want_everything(robot, &blob);
+        for begun in [0, 5] {
+            robot.wire.log.extend([b'x'; 10_000]);
+            robot.wire.room = Some(0);
+            robot.run_us(50_000);
+            robot.wire.room = Some(begun);
+            robot.link.poll(&mut robot.wire);
+            let mut frame = [0; MAX_FRAME_BYTES];
+            let request = Request::Hello;
+            let length = encode(&ToDevice { seq: 200, request }, &mut frame).unwrap();
+            robot.wire.to_robot.extend(&frame[..length]);
+            robot.wire.room = None;
+            while robot.link.poll(&mut robot.wire) {}
+            let sent: Vec<u8> = robot.wire.to_host.drain(..).collect();
+            let mut frames: Vec<_> = sent.split_inclusive(|byte| *byte == 0).collect();
+            let last = frames.pop().expect("an answer").to_vec();
+            assert_eq!(frames.len(), usize::from(begun > 0), "what was begun");
+            assert!(matches!(
+                decode(&mut last.clone()),
+                Ok(FromDevice::Reply { seq: 200, .. })
+            ));
+            want_everything(robot, &blob);
+        }
+    });
+}
+
+#[test]
 fn a_client_that_never_reads_costs_no_slot_and_finds_the_robot_in_step() {
     with_robot(|robot| {
         let blob = listening(1, false);

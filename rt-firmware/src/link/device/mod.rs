@@ -92,8 +92,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
-        self.desk.signs.link.store(true, Ordering::Relaxed);
         loop {
+            self.desk.signs.link.store(true, Ordering::Relaxed);
             self.desk.take_freed(port);
             self.take_answer(port);
             self.desk.keep_stop(port);
@@ -160,6 +160,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             let seq = message.seq;
             if message.request == Request::Hello {
                 self.stream_seq = [0; CHANNELS];
+                // What was to be sent is of the session before.
+                if !self.stream.is_begun() {
+                    self.stream = Outgoing::NOTHING;
+                }
             } else if self.last == Some((seq, crc)) && !planted!(CarriedOutTwice) {
                 // Asked again: the answer was lost, or is still to come.
                 if !self.awaited {
@@ -207,11 +211,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 Err(error) => *letter = Letter::Failed(error),
             }
         }
-        let kept = keep_in_mind(letter, port.keeper());
-        if let Letter::Released = letter {
-            // Pressed again meanwhile, the button has latched another stop.
-            self.desk.stop_is_kept = false;
-        }
+        let kept = match letter {
+            // Another stop is latched meanwhile, and is what is kept.
+            Letter::Released if self.desk.signs.emergency_stop.load(Ordering::Relaxed) => Ok(()),
+            _ => keep_in_mind(letter, port.keeper()),
+        };
         if let (true, Some((last, _))) = (self.awaited, self.last)
             && asked.is_some_and(|asked| asked.seq == last)
         {
