@@ -76,11 +76,16 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         let mission = new.mission().hash();
         // What failed or stands still has nothing to hand over.
         let warm = swap.warm && self.mode == Mode::Running;
+        let safe = match self.mode {
+            Mode::Safe(reason) => Some(reason),
+            _ => None,
+        };
         let (carried, old, pairs) = self.start_upcoming(new, warm, at);
         let on_trial = swap.trial_ms > 0;
         if on_trial {
             self.trial = Some(Trial {
                 before: old,
+                safe,
                 until_us: at.us + u64::from(swap.trial_ms) * 1_000,
                 failed: None,
             });

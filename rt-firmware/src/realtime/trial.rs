@@ -11,6 +11,8 @@ use crate::link::trial::{FallBack, FallBackReason};
 pub(super) struct Trial<'m> {
     /// The mission before, to fall back to.
     pub(super) before: Option<Resting<'m>>,
+    /// Why the robot was in its safe state then, if it was.
+    pub(super) safe: Option<SafeReason>,
     /// When it ends, in microseconds since the first macro step of the first mission.
     pub(super) until_us: u64,
     /// Why it has failed: the robot falls back at the interpreter's next occurrence.
@@ -41,7 +43,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
     /// Goes back to the mission before the one on trial.
     #[inline(never)]
     pub(super) fn fall_back(&mut self, reason: FallBackReason, at: Origin) {
-        let Some(Trial { before, .. }) = self.trial.take() else {
+        let Some(Trial { before, safe, .. }) = self.trial.take() else {
             return;
         };
         let running = self.running();
@@ -60,11 +62,12 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         self.health.fell_back = Some(fell_back);
         let mode = self.mode;
         self.go_back_to(before, running, at);
-        if let Mode::Safe(reason) = mode
-            && !is_the_missions_fault(reason)
-        {
+        match (mode, safe) {
             // What the mission before would not have helped against.
-            self.mode = mode;
+            (Mode::Safe(reason), _) if !is_the_missions_fault(reason) => self.mode = mode,
+            // Where it had failed, nobody may be there to look after it.
+            (_, Some(reason)) if self.mode == Mode::Running => self.mode = Mode::Safe(reason),
+            _ => {}
         }
         self.tell_health();
     }

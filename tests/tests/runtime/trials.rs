@@ -144,6 +144,35 @@ fn a_mission_that_fails_or_is_not_confirmed_is_given_up_without_a_missed_slot() 
 }
 
 #[test]
+fn a_mission_that_had_failed_before_a_trial_is_not_started_by_its_end() {
+    let (failing, tried) = (flooding(), idle(2));
+    for is_asked in [false, true] {
+        with_robot(|robot| {
+            robot.start(&failing);
+            robot.run_us(50_000);
+            let safe = Mode::Safe(SafeReason::MacroStepLimit);
+            assert_eq!(robot.status().mode, safe);
+            robot.try_out(&tried, TRIAL_MS);
+            assert_eq!(robot.status().mode, Mode::Running);
+            if is_asked {
+                let mission = hash(&tried);
+                assert_eq!(robot.ask(Request::FallBack { mission }), Ok(Answer::Done));
+            }
+            robot.run_us(u64::from(TRIAL_MS) * 1_000 + 10_000);
+            let status = robot.status();
+            assert_eq!(status.mission, Some(hash(&failing)));
+            assert_eq!((status.mode, status.steps), (safe, 0));
+            let off = robot.board.motors_off;
+            robot.run_us(50_000);
+            assert!(robot.board.motors_off > off, "it stands still");
+            assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+            robot.run_us(50_000);
+            assert_eq!(robot.status().mode, safe, "it has failed again");
+        });
+    }
+}
+
+#[test]
 fn a_mission_that_fails_is_given_up_at_the_next_macro_step() {
     on_trial(&idle(1), &flooding(), TRIAL_MS, |robot, _| {
         let start = |trace: &[String]| {
