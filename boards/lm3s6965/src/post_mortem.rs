@@ -74,6 +74,7 @@ pub fn take() -> (ResetReason, u64) {
     let hardware = reset_cause::reason(system_control::RESC.read());
     // Each bit stays until it is cleared: the next reset is to be told from this one.
     system_control::RESC.write(0);
+    system_control::PBORCTL.write(reset_cause::RESET_ON_BROWN_OUT);
     (kept().begin(hardware), plant_time_us)
 }
 

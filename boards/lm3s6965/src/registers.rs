@@ -31,6 +31,8 @@ impl Register {
 pub mod system_control {
     use super::Register;
 
+    /// What a brown-out leads to, and how long the supply is looked at for it.
+    pub const PBORCTL: Register = Register(0x400F_E030);
     /// What caused the last resets; a bit stays set until it is cleared.
     pub const RESC: Register = Register(0x400F_E05C);
     /// Run-mode clock configuration.
