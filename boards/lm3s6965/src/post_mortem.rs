@@ -61,6 +61,9 @@ fn write(exchanges: Exchanges) {
     unsafe { ptr::write_volatile(EXCHANGES.0.get().cast::<Exchanges>(), exchanges) }
 }
 
+/// Value for PBORCTL with which a supply that sags resets the chip, and is told as that. After a reset the register says that it shall be an interrupt, with the same times.
+const RESET_ON_BROWN_OUT: u32 = 0x7FFF;
+
 /// Why the firmware starts, and how far the plant's time had come. To be called once, at the start.
 pub fn take() -> (ResetReason, u64) {
     let exchanges = read();
@@ -74,7 +77,7 @@ pub fn take() -> (ResetReason, u64) {
     let hardware = reset_cause::reason(system_control::RESC.read());
     // Each bit stays until it is cleared: the next reset is to be told from this one.
     system_control::RESC.write(0);
-    system_control::PBORCTL.write(reset_cause::RESET_ON_BROWN_OUT);
+    system_control::PBORCTL.write(RESET_ON_BROWN_OUT);
     (kept().begin(hardware), plant_time_us)
 }
 

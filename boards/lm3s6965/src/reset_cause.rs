@@ -9,9 +9,6 @@ const BROWN_OUT: u32 = 1 << 2;
 const WATCHDOG: u32 = 1 << 3;
 const SOFTWARE: u32 = 1 << 4;
 
-/// Value for PBORCTL with which a supply that sags resets the chip, and is told as that. After a reset the register says that it shall be an interrupt, with the same times.
-pub const RESET_ON_BROWN_OUT: u32 = 0x7FFF;
-
 /// The reason that the register tells; `None` if it tells nothing, as an emulator that does not model it.
 ///
 /// A supply that comes on slowly sets power-on and brown-out, and one that sags sets brown-out alone. What the firmware did itself comes last: it leaves
