@@ -19,6 +19,8 @@ BYTE_TIME_S = 0.0005
 SPOILED_WAIT_S = 0.01
 BUSY_WAIT_S = 0.005
 LONGEST_LOOK_S = 1.0
+# No robot looks at no signature for longer.
+LONGEST_PAUSE_S = 2.0
 SILENT_DEADLINE_S = 6.0
 NOISY_DEADLINE_S = 30.0
 # A robot does not do what it is asked for after nobody waits for it any more: a client gives up no sooner.
@@ -89,6 +91,8 @@ class _Patience:
         self.started = self.looked = time.monotonic()
         self.spent = self.silent = 0.0
         self.spoiled = 0
+        # The robot has answered `Malformed` already. Noise whose checksum is right comes once; a firmware that does not know the request never does.
+        self.is_misunderstood = False
 
     def look(self) -> None:
         now = time.monotonic()
@@ -514,11 +518,17 @@ class Client:
             return False
         if not isinstance(body, Error):
             raise Malformed(f"the robot answered `{name}` with {body}")
-        if body.name not in ("Busy", "Malformed", "NoAnswer", "Late"):
+        if body.name == "Malformed":
+            is_worth_while = not patience.is_misunderstood
+            patience.is_misunderstood = True
+        elif body.name == "Late":
+            is_worth_while = patience.is_fresh()
+        else:
+            # Somebody else has sent it a wrong signature, where it is too soon.
+            is_worth_while = body.name in ("Busy", "NoAnswer", "TooSoon") and patience.lasts()
+        if not is_worth_while:
             raise Refused(name, body)
-        if not (patience.is_fresh() if body.name == "Late" else patience.lasts()):
-            raise Refused(name, body)
-        time.sleep(BUSY_WAIT_S)
+        time.sleep(min(body.fields["ms"] / 1000, LONGEST_PAUSE_S) if body.name == "TooSoon" else BUSY_WAIT_S)
         patience.look()
         return True
 

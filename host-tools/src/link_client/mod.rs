@@ -836,6 +836,7 @@ impl<L: ByteLink> LinkClient<L> {
             Duration::ZERO
         };
         let mut patience = Patience::new(self.clock.now());
+        let mut is_misunderstood = false;
         loop {
             let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
                 self.exchange_in_time(name, request, longer, &mut patience, &mut read)?
@@ -847,8 +848,13 @@ impl<L: ByteLink> LinkClient<L> {
             match answer {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
-                // The robot saw noise, has its hands full, or came to it too late to do it: the request is as good as new.
-                Err(LinkError::Malformed | LinkError::Busy) if patience.lasts() => {
+                // Noise whose checksum is right comes once. A firmware that does not know the request never does.
+                Err(LinkError::Malformed) if !is_misunderstood => {
+                    is_misunderstood = true;
+                    self.pause(BUSY_WAIT, &mut patience);
+                }
+                // The robot has its hands full, or came to it too late to do it: the request is as good as new.
+                Err(LinkError::Busy | LinkError::NoAnswer) if patience.lasts() => {
                     self.pause(BUSY_WAIT, &mut patience);
                 }
                 Err(LinkError::Late) if patience.is_fresh(self.clock.now()) => {

@@ -286,6 +286,43 @@ const LAWS: &[(&str, Law)] = &[
         let seen = seen.lock().expect("nobody panics with it");
         holds("under one number", seen.iter().all(|seq| *seq == seen[0]))
     }),
+    ("what no robot understands is sent again once", || {
+        let sent = Arc::new(Mutex::new(0));
+        let of_robot = sent.clone();
+        let (mut client, _) = session(move |seq, _| {
+            *of_robot.lock().expect("nobody panics with it") += 1;
+            vec![(seq, Err(LinkError::Malformed))]
+        })?;
+        let refused = client.abort().map_err(|error| error.refusal());
+        let sent = *sent.lock().expect("nobody panics with it");
+        holds("it is told", refused == Err(Some(LinkError::Malformed)))?;
+        holds("once", sent == 2)
+    }),
+    (
+        "a robot that cannot tell yet is asked again, for a while",
+        || {
+            let (mut client, _) = session(|seq, request| match *request {
+                Request::Begin { len, .. } if len == 1 => vec![(seq, Err(LinkError::NoAnswer))],
+                _ => vec![(seq, Ok(Response::Received { len: 0 }))],
+            })?;
+            let refused = client.begin(&[0]).map_err(|error| error.refusal());
+            holds("it is told", refused == Err(Some(LinkError::NoAnswer)))?;
+            let mut asked = 0;
+            let (mut client, time) = session(move |seq, _| {
+                asked += 1;
+                let answer = match asked {
+                    1 => Err(LinkError::NoAnswer),
+                    2 => Err(LinkError::TooSoon { ms: 300 }),
+                    _ => Ok(Response::Done),
+                };
+                vec![(seq, answer)]
+            })?;
+            let before = time.elapsed();
+            client.abort().map_err(failed)?;
+            let waited = time.elapsed() - before;
+            holds("after its time", waited >= Duration::from_millis(300))
+        },
+    ),
     ("of a robot of another version nothing is asked", || {
         let time = Arc::<Waited>::default();
         let line = Line {
