@@ -170,21 +170,26 @@ class Client:
         self._reply_time = _ReplyTime()
         self._robot: Optional[messages.Hello] = None
         self._features: Optional[messages.Features] = None
+        self._other_version: Optional[int] = None
+        #: Requests and chunks that were sent again.
+        self.retries = 0
+        self._end_streams()
+
+    def _end_streams(self) -> None:
+        """Streams end here; those that come from now on are numbered anew."""
         self._trace = Assembler()
         self._records: List[dict] = []
         self._news: List[messages.News] = []
         self._values: List[Part] = []
-        self._other_version: Optional[int] = None
-        #: Log bytes that came.
+        #: Log bytes that came in this session.
         self.log = bytearray()
-        #: Requests and chunks that were sent again.
-        self.retries = 0
+        # What comes before this session has asked for streams is of another one.
+        self._has_asked_for_streams = False
 
     # What a robot can be asked.
 
     def hello(self) -> messages.Hello:
-        self._trace = Assembler()
-        self._values = []
+        self._end_streams()
         robot = self._ask("hello", messages.Hello, messages.HELLO)
         if robot.protocol != messages.PROTOCOL_VERSION:
             raise OtherVersion(robot.protocol)
@@ -543,6 +548,7 @@ class Client:
         self._seq = (self._seq + 1) % 256
         request = messages.request(self._seq, kind, *fields)
         self._other_version = None
+        self._has_asked_for_streams |= kind in (messages.SUBSCRIBE, messages.WATCH, messages.VALUES)
         is_first = True
         # Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
         attempt = 0
@@ -612,6 +618,8 @@ class Client:
                 continue
             if isinstance(read, Answer):
                 answers.append(read)
+            elif not self._has_asked_for_streams:
+                continue
             elif isinstance(read, messages.News):
                 self._news.append(read)
             elif isinstance(read, Part) and read.channel == "trace":

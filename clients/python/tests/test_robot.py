@@ -3,6 +3,7 @@
 import unittest
 from unittest import mock
 
+import vectors
 from esm_link import Client, Refused, client, frames, messages
 from esm_link.frames import FrameReader
 
@@ -11,9 +12,26 @@ MALFORMED, NO_ANSWER, TOO_SOON = 0, 14, 27
 
 DONE = b"\x03"
 
+# Channels.
+TRACE, LOG, RECORD = 0, 1, 2
+
 
 def error(kind: int, *fields: int) -> bytes:
     return b"\x01" + bytes([kind]) + b"".join(map(messages.number, fields))
+
+
+def hello() -> bytes:
+    [message] = vectors.named("answer hello").all("message")
+    return message[2:]
+
+
+def part(channel: int, number: int, stream: bytes) -> bytes:
+    return bytes([1, channel, number, False]) + messages.number(7) + messages.number(len(stream)) + stream
+
+
+def same(micro_steps: int) -> bytes:
+    """A record of the trace."""
+    return bytes([3, micro_steps])
 
 
 class Robot:
@@ -24,6 +42,8 @@ class Robot:
         self.timeout = 0.0
         self.asked = []
         self.line = b""
+        #: Messages behind the answer to a request, by its kind.
+        self.behind = {}
         self._says = says
         self._reader = FrameReader()
 
@@ -41,6 +61,8 @@ class Robot:
             answer = self._says(kind, message[2:])
             if answer is not None:
                 self.send(bytes([0, seq]) + answer)
+            for message in self.behind.get(kind, []):
+                self.send(message)
 
     def read(self, size: int) -> bytes:
         received, self.line = self.line[:size], self.line[size:]
@@ -75,6 +97,27 @@ class Refusals(Scripted):
         session.abort()
         self.assertGreater(robot.now, 0.3)
         self.assertLess(robot.now, 0.4)
+
+
+class Sessions(Scripted):
+    def test_a_session_has_its_own_streams_alone(self):
+        robot, session = self.session(lambda kind, _: hello() if kind == messages.HELLO else b"\0" + DONE)
+        robot.behind = {
+            # The robot still sends to the session before when the new one begins.
+            messages.HELLO: [part(TRACE, 40, same(1)), part(LOG, 40, b"old")],
+            messages.SUBSCRIBE: [part(TRACE, 0, same(2)), part(LOG, 0, b"new")],
+        }
+        for _ in range(2):
+            robot.send(part(TRACE, 39, same(1)))
+            robot.send(part(LOG, 39, b"old"))
+            session.hello()
+            session.subscribe()
+            self.assertEqual([record["micro_steps"] for record in session.trace(0.1)], [2])
+            self.assertEqual(session._trace.lost_parts, 0)
+            self.assertEqual(session.log, b"new")
+            # Of this session, and not asked for before the next one begins.
+            robot.send(part(TRACE, 1, same(3)))
+            session.abort()
 
 
 if __name__ == "__main__":

@@ -237,11 +237,12 @@ impl<L: ByteLink> LinkClient<L> {
         Ok((client, info))
     }
 
-    /// Asks the robot who it is. Ends its streams, as at the beginning of a session.
+    /// Asks the robot who it is. Ends its streams, as at the beginning of a session, and forgets what they brought.
     ///
     /// # Errors
     /// [`ClientError`]
     pub fn hello(&mut self) -> Result<RobotInfo, ClientError> {
+        self.incoming.end_streams();
         let (protocol, info) = self.ask("hello", Request::Hello, |response| match response {
             Response::Hello(info) => Some((info.protocol, RobotInfo::from(info))),
             _ => None,
@@ -929,6 +930,7 @@ impl<L: ByteLink> LinkClient<L> {
         let (seq, wire, length) = self.next_frame(name, request)?;
         let wire = wire.get(..length).unwrap_or_default();
         self.incoming.other_version = None;
+        self.incoming.has_asked_for_streams |= asks_for_streams(&request);
         let mut is_first = true;
         // Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
         let mut attempt = 0;
@@ -1070,6 +1072,14 @@ fn is_verified(request: &Request<'_>) -> bool {
     )
 }
 
+/// Whether the robot may send streams from this request on.
+fn asks_for_streams(request: &Request<'_>) -> bool {
+    matches!(
+        request,
+        Request::Subscribe { .. } | Request::Watch { .. } | Request::Values { .. }
+    )
+}
+
 impl From<DeviceInfo<'_>> for RobotInfo {
     fn from(info: DeviceInfo<'_>) -> Self {
         RobotInfo {
@@ -1093,6 +1103,8 @@ struct Incoming {
     record: Assembler,
     values: Assembler,
     events: Vec<StreamEvent>,
+    /// This session has asked for streams: what comes before is of another one.
+    has_asked_for_streams: bool,
     bad_frames: u64,
     /// Version that a robot of another one told in its answer to `hello`.
     other_version: Option<u16>,
@@ -1107,9 +1119,19 @@ impl Incoming {
             record: Assembler::new(Channel::Record),
             values: Assembler::new(Channel::Values),
             events: Vec::new(),
+            has_asked_for_streams: false,
             bad_frames: 0,
             other_version: None,
         }
+    }
+
+    /// Streams end here; those that come from now on are numbered anew.
+    fn end_streams(&mut self) {
+        *self = Incoming {
+            reader: std::mem::take(&mut self.reader),
+            bad_frames: self.bad_frames,
+            ..Incoming::new()
+        };
     }
 
     /// Takes what the line has, waiting up to `timeout` for its first byte. Replies go to `on_reply`, streams to the events. Answers
@@ -1129,6 +1151,7 @@ impl Incoming {
             };
             match frame::decode(frame) {
                 Ok(FromDevice::Reply { seq, result }) => on_reply(seq, result),
+                Ok(_) if !self.has_asked_for_streams => {}
                 Ok(FromDevice::News(news)) => self.events.push(StreamEvent::News(news)),
                 Ok(FromDevice::Stream(part)) => match part.channel {
                     Channel::Trace => self.trace.take(&part, &mut self.events),

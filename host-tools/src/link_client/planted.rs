@@ -14,12 +14,12 @@ use rt_firmware::features::Features;
 use rt_firmware::link::access::Access;
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
-    Capacities, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
-    Response, ToDevice, Uploads,
+    Capacities, Channel, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
+    Response, Stream, ToDevice, Uploads,
 };
 
 use super::timing::REQUEST_DEADLINE;
-use super::{ClientError, LinkClient};
+use super::{ClientError, LinkClient, StreamEvent, Streams};
 use crate::serial::ByteLink;
 use crate::serial::clock::{Clock, SimulatedTime};
 
@@ -85,6 +85,8 @@ struct Line {
     reader: FrameReader,
     to_host: VecDeque<u8>,
     behave: Behaviour,
+    /// What streams bring behind the answers to hello and to a subscription.
+    streams: [Vec<u8>; 2],
 }
 
 impl ByteLink for Line {
@@ -113,6 +115,12 @@ impl ByteLink for Line {
                 let reply = FromDevice::Reply { seq, result };
                 let length = encode(&reply, &mut frame).expect("it fits");
                 self.to_host.extend(&frame[..length]);
+            }
+            let [behind_hello, behind_subscribe] = &mut self.streams;
+            match request {
+                Request::Hello => self.to_host.extend(behind_hello.drain(..)),
+                Request::Subscribe { .. } => self.to_host.extend(behind_subscribe.drain(..)),
+                _ => {}
             }
         }
         Ok(())
@@ -158,13 +166,23 @@ fn hello(protocol: u16) -> Response<'static> {
 
 /// A session with a robot that answers `hello` by itself and all else as it is told to, and the time that the session takes.
 fn session(
+    behave: impl FnMut(u8, &Request<'_>) -> Said + Send + 'static,
+) -> Result<(LinkClient<Line>, Arc<Waited>), Broken> {
+    session_after(Vec::new(), Default::default(), behave)
+}
+
+/// A session on a line on which these bytes are already, and with streams that bring these.
+fn session_after(
+    before: Vec<u8>,
+    streams: [Vec<u8>; 2],
     mut behave: impl FnMut(u8, &Request<'_>) -> Said + Send + 'static,
 ) -> Result<(LinkClient<Line>, Arc<Waited>), Broken> {
     let time = Arc::<Waited>::default();
     let line = Line {
         time: time.clone(),
         reader: FrameReader::new(),
-        to_host: VecDeque::new(),
+        to_host: before.into(),
+        streams,
         behave: Box::new(move |seq, request| match request {
             Request::Hello => vec![
                 // Of the session before, under the same number.
@@ -183,6 +201,20 @@ fn session(
     };
     let (client, _) = LinkClient::connect(line).map_err(|error| format!("hello: {error}"))?;
     Ok((client, time))
+}
+
+/// The frame of a part of the log.
+fn log_part(seq: u8, dropped: u32, bytes: &[u8]) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let part = FromDevice::Stream(Stream {
+        channel: Channel::Log,
+        seq,
+        continues: false,
+        dropped,
+        bytes,
+    });
+    let length = encode(&part, &mut frame).expect("it fits");
+    frame[..length].to_vec()
 }
 
 fn holds(what: &str, holds: bool) -> Result<(), Broken> {
@@ -323,12 +355,35 @@ const LAWS: &[(&str, Law)] = &[
             holds("after its time", waited >= Duration::from_millis(300))
         },
     ),
+    ("a session has its own streams alone", || {
+        // The robot still sends to the session before when the new one begins.
+        let before = [log_part(38, 7, b"old"), log_part(39, 7, b"old")].concat();
+        let own = [log_part(0, 7, b"new"), log_part(1, 7, b"new")].concat();
+        let streams = [log_part(40, 7, b"old"), own];
+        let (mut client, _) =
+            session_after(before, streams, |seq, _| vec![(seq, Ok(Response::Done))])?;
+        client.subscribe(Streams::NONE).map_err(failed)?;
+        client.listen(Duration::ZERO).map_err(failed)?;
+        let expected = StreamEvent::Log(b"new".to_vec());
+        let events = client.take_events();
+        holds("whole", events == [expected.clone(), expected])?;
+        client.hello().map_err(failed)?;
+        client.link.streams[1] = log_part(0, 7, b"new");
+        client.subscribe(Streams::NONE).map_err(failed)?;
+        client.listen(Duration::ZERO).map_err(failed)?;
+        let events = client.take_events();
+        holds(
+            "as does the next",
+            events == [StreamEvent::Log(b"new".to_vec())],
+        )
+    }),
     ("of a robot of another version nothing is asked", || {
         let time = Arc::<Waited>::default();
         let line = Line {
             time,
             reader: FrameReader::new(),
             to_host: VecDeque::new(),
+            streams: Default::default(),
             behave: Box::new(|seq, _| vec![(seq, Ok(hello(PROTOCOL_VERSION + 1)))]),
         };
         let is_named = matches!(
