@@ -334,7 +334,7 @@ const LAWS: &[(&str, Law)] = &[
         "a robot that cannot tell yet is asked again, for a while",
         || {
             let (mut client, _) = session(|seq, request| match *request {
-                Request::Begin { len, .. } if len == 1 => vec![(seq, Err(LinkError::NoAnswer))],
+                Request::Begin { len: 1, .. } => vec![(seq, Err(LinkError::NoAnswer))],
                 _ => vec![(seq, Ok(Response::Received { len: 0 }))],
             })?;
             let refused = client.begin(&[0]).map_err(|error| error.refusal());
