@@ -300,7 +300,86 @@ fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
     );
     assert_eq!(walk.to_step(102).unwrap().step, 102);
     assert_eq!(walk.back().unwrap().step, 101);
-    assert_eq!(walk.to_time(99_000_000), None);
+    // Behind the end stands nothing, and before it the last moment.
+    let mut last = None;
+    while let Some(moment) = walk.forward() {
+        last = Some(moment.clone());
+    }
+    for beyond in [Walk::to_time, Walk::to_step] {
+        assert_eq!(beyond(&mut walk, 99_000_000), None);
+        assert_eq!(walk.forward(), None);
+        assert_eq!(walk.back(), last.as_ref());
+    }
+}
+
+#[test]
+fn times_are_looked_for_in_each_run_of_a_robot_that_was_reset() {
+    const SECOND: u64 = 1_000_000;
+    let (frames, _) = file::read(&RUNS[0].made().recording).unwrap();
+    let records = || {
+        let is_records = |frame: &&Frame| matches!(frame, Frame::Records(_));
+        frames.iter().filter(is_records).cloned()
+    };
+    // After a reset it ran for 10 s, in which it did what it had done before.
+    let mut again = frames[..2].to_vec();
+    again.extend(records());
+    again.push(Frame::Gap(1));
+    again.extend(records());
+    again.push(Frame::End(500));
+    let recording = Recording::read(&bytes_of(&again)).unwrap();
+    let (mut walk, ended) = Walk::new(&recording, true);
+    assert!(ended.is_none(), "{ended:?}");
+    let mut at = |t_s: u64| {
+        let moment = walk.to_time(t_s * SECOND)?;
+        assert!(moment.t_us >= t_s * SECOND, "{moment}");
+        Some((moment.stretch, moment.t_us))
+    };
+    let late = (0, 16_120_000);
+    assert_eq!(at(15), Some(late));
+    let early = at(1).unwrap();
+    assert_eq!(early.0, 0);
+    assert_eq!(at(99), None);
+    // In the run in which the walk stands, and only then in the others.
+    assert_eq!(at(1), Some((1, early.1)));
+    assert_eq!(at(15), Some(late));
+    assert_eq!(at(1), Some(early));
+}
+
+#[test]
+fn times_beyond_all_sense_are_refused_or_told_as_they_can_be() {
+    let mission = mission("patrol");
+    let verified = esm_core::verify(mission.blob.as_slice()).unwrap();
+    let mut arena = vec![0; verified.arena_words()];
+    let machine = Interpreter::new(verified, &mut arena).unwrap();
+    let recording = |steps: u64, start_us: u64| {
+        let mut records = Bytes::default();
+        let mut progress = machine.progress();
+        progress.steps = steps;
+        let words = machine.state_words();
+        write_state(&mut records, true, mission.hash, start_us, &progress, words);
+        for _ in 0..3 {
+            write_quiet(&mut records, MAX_QUIET);
+        }
+        Recording::read(&bytes_of(&[
+            Frame::Head(Head::default()),
+            Frame::Mission {
+                name: "patrol".into(),
+                blob: mission.blob.clone(),
+            },
+            Frame::Records(records.0),
+        ]))
+    };
+    for start_us in [u64::MAX, u64::MAX / 2] {
+        let refused = recording(0, start_us).unwrap_err();
+        assert!(matches!(refused, RecordingError::BadRecords), "{refused}");
+    }
+    let latest = recording(esm_core::MAX_STEPS, 1 << 62).unwrap();
+    let outcome = replay(&latest, false, Vec::new()).unwrap();
+    assert!(outcome.transitions > 0);
+    let (mut walk, ended) = Walk::new(&latest, false);
+    assert!(ended.is_none(), "{ended:?}");
+    assert!(walk.forward().is_some());
+    assert!(walk.to_time(u64::MAX).is_none());
 }
 
 /// Bytes of a file of these frames.
@@ -347,15 +426,25 @@ fn a_recording_that_was_broken_off_is_had_again_to_its_last_whole_frame() {
 fn a_byte_that_was_changed_is_told_wherever_it_is() {
     let made = RUNS[0].made();
     let (bytes, trace) = (made.recording, made.trace);
-    for at in (0..bytes.len()).step_by(11) {
+    for at in 0..bytes.len() {
         let mut changed = bytes.clone();
-        changed[at] ^= 0x10;
+        changed[at] ^= 1 << (at % 8);
         match Recording::read(&changed) {
-            // What is left is what was there before the byte.
             Ok(recording) => {
-                assert_ne!(recording.end, FileEnd::Whole, "byte {at}");
-                let (part, _) = replayed(&changed, false);
+                let is_damaged = matches!(recording.end, FileEnd::Damaged { .. });
+                assert!(is_damaged, "byte {at}: {:?}", recording.end);
+                assert!(recording.entered().is_none(), "byte {at}");
+                if at % 11 != 0 {
+                    continue;
+                }
+                // What is left is what was there before the byte.
+                let (part, error) = replayed(&changed, true);
                 assert!(trace.starts_with(&part), "byte {at}");
+                let is_told = matches!(error, Some(ReplayError::Damaged { .. }));
+                assert!(is_told, "byte {at}: {error:?}");
+                let (_, ended) = Walk::new(&recording, true);
+                let is_told = matches!(ended, Some(ReplayError::Damaged { .. }));
+                assert!(is_told, "byte {at}: {ended:?}");
             }
             Err(RecordingError::File(_)) => assert!(at < 80, "byte {at}"),
             Err(other) => panic!("byte {at}: {other}"),

@@ -344,6 +344,29 @@ enum Spoiled {
     Damaged,
 }
 
+/// What became of a frame that ends behind the file: it was broken off, or a bit of its length was changed.
+fn cut_or_damaged(frame: &[u8]) -> Spoiled {
+    let Some(([kind, length @ ..], _)) = frame.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
+        return Spoiled::Cut;
+    };
+    let is_whole_with = |length: u32| {
+        let checked_and_crc = frame.split_at_checked(KIND_AND_LENGTH_BYTES + length as usize);
+        checked_and_crc.is_some_and(|(checked, behind)| {
+            let mut as_written = vec![*kind];
+            as_written.extend_from_slice(&length.to_le_bytes());
+            as_written.extend(checked.iter().skip(KIND_AND_LENGTH_BYTES));
+            behind.first_chunk() == Some(&checksum(&as_written).to_le_bytes())
+        })
+    };
+    let length = u32::from_le_bytes(*length);
+    let mut changed = (0..=MAX_CONTENT_BYTES.ilog2()).map(|bit| length ^ 1 << bit);
+    if changed.any(is_whole_with) {
+        Spoiled::Damaged
+    } else {
+        Spoiled::Cut
+    }
+}
+
 fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Spoiled> {
     let whole = *rest;
     let Some(([kind, length @ ..], _)) = whole.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
@@ -357,10 +380,10 @@ fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Spoiled> {
         whole.split_at_checked(KIND_AND_LENGTH_BYTES + length),
         whole.get(KIND_AND_LENGTH_BYTES..KIND_AND_LENGTH_BYTES + length),
     ) else {
-        return Err(Spoiled::Cut);
+        return Err(cut_or_damaged(whole));
     };
     let Some((crc, behind)) = behind.split_first_chunk::<CHECKSUM_BYTES>() else {
-        return Err(Spoiled::Cut);
+        return Err(cut_or_damaged(whole));
     };
     if u32::from_le_bytes(*crc) != checksum(checked) {
         return Err(Spoiled::Damaged);

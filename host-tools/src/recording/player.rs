@@ -7,7 +7,7 @@ use esm_core::{Fault, Interpreter, Observer, Progress, TransitionTaken, Verified
 use thiserror::Error;
 
 use super::file::{self, FileEnd, FileError, Frame, Head, RunEnd};
-use super::stretch::{Beginning, Change, Input, Stretch, Stretches};
+use super::stretch::{Beginning, Change, Input, Stretch, Stretches, time_of};
 use crate::run::entered::Entered;
 use crate::run::mission::hash_text;
 use crate::trace::directory::{Directory, NoDirectory};
@@ -138,8 +138,20 @@ impl Recording {
         self.mission(hash).ok_or(ReplayError::NoMission { hash })
     }
 
+    /// Fails where something behind what was read is missing, though nobody broke the writing off.
+    ///
+    /// # Errors
+    /// [`ReplayError::Damaged`]
+    pub(super) fn check_end(&self) -> Result<(), ReplayError> {
+        match self.end {
+            FileEnd::Whole | FileEnd::Cut { .. } => Ok(()),
+            FileEnd::Damaged { at } => Err(ReplayError::Damaged { at }),
+        }
+    }
+
     /// What the host board needs to have a simulated run again; `None` if the recording is of a real robot, or of a part of a run.
     pub fn entered(&self) -> Option<Entered> {
+        self.check_end().ok()?;
         let whole = self
             .stretches
             .iter()
@@ -231,6 +243,14 @@ pub enum ReplayError {
         hash: u32,
         /// Number of the macro step.
         step: u64,
+    },
+    /// The file was changed.
+    #[error(
+        "the recording was changed since it was written: what comes from byte {at} on was not read"
+    )]
+    Damaged {
+        /// Where the frame begins in which it was.
+        at: usize,
     },
     /// Something is missing.
     #[error("the recording has a gap after macro step {after} of the mission {} ({:.3} s); it goes on before macro step {next} of the mission {}: with --over-gaps, so does the replay",
@@ -435,12 +455,12 @@ fn replay_stretches(
         last = Some(LastStep {
             hash,
             step: ended.step,
-            at_us: stretch.start_us + ended.t_us,
+            at_us: stretch.start_us.saturating_add(ended.t_us),
         });
         outcome.stretches += 1;
     }
     out.flush()?;
-    Ok(())
+    recording.check_end()
 }
 
 /// Runs one stretch; answers its last macro step.
@@ -466,7 +486,7 @@ fn play(
         let step = player.machine().progress().steps;
         at = Step {
             step,
-            t_us: step * period_us,
+            t_us: time_of(0, step, period_us),
         };
         let mut watcher = Watcher {
             writer: &mut writer,

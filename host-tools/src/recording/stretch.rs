@@ -62,6 +62,15 @@ impl Stretch {
     }
 }
 
+/// No mission starts later than this, in microseconds since the first macro step of the first mission.
+const MAX_START_US: u64 = 1 << 62;
+
+/// When a macro step is, in microseconds since the first macro step of the first mission: of a mission that started then, whose interpreter has this period.
+pub(super) fn time_of(start_us: u64, step: u64, period_us: u64) -> u64 {
+    // Numbers that no robot comes to may be in a file.
+    start_us.saturating_add(step.saturating_mul(period_us))
+}
+
 /// Puts the records of a recording's frames together.
 #[derive(Default)]
 pub(super) struct Stretches {
@@ -124,6 +133,11 @@ impl Stretches {
     }
 
     fn record(&mut self, record: &Recorded<'_>) -> Result<(), BadRecords> {
+        if let Recorded::Started { start_us, .. } | Recorded::State { start_us, .. } = *record
+            && start_us > MAX_START_US
+        {
+            return Err(BadRecords);
+        }
         match *record {
             Recorded::Started {
                 quiet,

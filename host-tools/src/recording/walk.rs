@@ -6,6 +6,7 @@
 //! What the machine was within a macro step is told by `Retold`.
 
 use std::fmt;
+use std::ops::Range;
 use std::rc::Rc;
 
 use esm_core::{Fault, TransitionTaken};
@@ -14,6 +15,7 @@ use thiserror::Error;
 use super::player::{LastStep, Player, Position, RecordedMission, Recording, ReplayError};
 use super::retold::{MadeStep, MicroSteps, Retold, begun};
 pub use super::retold::{Passed, Taken};
+use super::stretch::time_of;
 use super::surroundings::{Surroundings, flags_of};
 use crate::inspect::guards::GuardReader;
 use crate::nearest::nearest;
@@ -80,6 +82,8 @@ impl fmt::Display for Moment {
 /// Where a walk can begin.
 struct Chunk {
     stretch: usize,
+    /// How often the robot was reset before: its times began anew with each one.
+    resets: usize,
     /// Number of the mission's macro step.
     step: u64,
     t_us: u64,
@@ -145,18 +149,23 @@ impl<'r> Walk<'r> {
 
     fn find_chunks(&mut self, over_gaps: bool) -> Result<(), ReplayError> {
         let recording = self.recording;
-        let mut last = None;
+        let mut last: Option<LastStep> = None;
+        let mut resets = 0;
         for (number, stretch) in recording.stretches.iter().enumerate() {
             let mission = recording.mission_of(stretch, over_gaps, last)?;
             let mut arena = vec![0; mission.verified.arena_words()];
             let mut player = Player::new(mission, stretch, &mut arena)?;
             let mut flags = player.machine().input_words().to_vec();
+            let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
+            let begins_us = at_us(player.machine().progress().steps);
+            resets += usize::from(last.is_some_and(|last| begins_us < last.at_us));
             loop {
                 let steps = player.machine().progress().steps;
                 self.chunks.push(Chunk {
                     stretch: number,
+                    resets,
                     step: steps,
-                    t_us: stretch.start_us + steps * period_us(mission),
+                    t_us: at_us(steps),
                     position: player.position(),
                     first: self.moments,
                     flags: flags.clone(),
@@ -171,7 +180,7 @@ impl<'r> Walk<'r> {
                     last = Some(LastStep {
                         hash: stretch.mission,
                         step,
-                        at_us: stretch.start_us + step * period_us(mission),
+                        at_us: at_us(step),
                     });
                     let mut micro_steps = MicroSteps::default();
                     // A fault is the machine's end, as in the run.
@@ -188,7 +197,7 @@ impl<'r> Walk<'r> {
                 }
             }
         }
-        Ok(())
+        recording.check_end()
     }
 
     /// Mission and reader of the guards of a stretch that was walked through.
@@ -258,11 +267,11 @@ impl<'r> Walk<'r> {
         self.moments
     }
 
-    /// Number of the moment that was told last, from 0; or, if that is none in which a transition was taken, of the next one.
+    /// Number of the moment that was told last, from 0; or, if that is none in which a transition was taken, or none was told, of the next one.
     pub fn number(&self) -> u64 {
         match &self.told {
-            Some(told) if told.moment.taken.is_empty() => self.next,
-            _ => self.next.saturating_sub(1),
+            Some(told) if !told.moment.taken.is_empty() => self.next.saturating_sub(1),
+            _ => self.next,
         }
     }
 
@@ -356,7 +365,7 @@ impl<'r> Walk<'r> {
             stretch: number,
             mission: mission.name.clone(),
             step: retold.step,
-            t_us: stretch.start_us + retold.step * retold.period_us,
+            t_us: time_of(stretch.start_us, retold.step, retold.period_us),
             micro: taken.first().map_or(0, |taken| taken.micro),
             event: retold.directory.event(0).to_owned(),
             taken: Vec::new(),
@@ -458,34 +467,56 @@ impl<'r> Walk<'r> {
     /// Number of the first moment in a macro step, or behind it, of a stretch.
     pub fn at_step(&mut self, stretch: usize, step: u64) -> Option<u64> {
         self.at(
+            0..self.chunks.len(),
             |chunk| (chunk.stretch, chunk.step) <= (stretch, step),
             |chunk, made| (chunk.stretch, made.step) >= (stretch, step),
         )
     }
 
-    /// Number of the first moment at a time, in microseconds since the first macro step of the first mission, or behind it.
+    /// Number of the first moment at a time, in microseconds since the first macro step of the first mission, or behind it. Where the robot was reset its times began anew: it is looked for from
+    /// where the robot started before the place of the walk, and where nothing is found from there to the end, from the beginning.
     pub fn at_time(&mut self, t_us: u64) -> Option<u64> {
+        let here = self.chunks.get(self.chunk)?.resets;
+        let mut stretches: Vec<Range<usize>> = Vec::new();
+        let mut first_here = 0;
+        for stretch in self.chunks.chunk_by(|a, b| a.stretch == b.stretch) {
+            let begin = stretches.last().map_or(0, |before| before.end);
+            stretches.push(begin..begin + stretch.len());
+            let is_before = stretch.first().is_some_and(|chunk| chunk.resets < here);
+            first_here += usize::from(is_before);
+        }
+        stretches.rotate_left(first_here);
+        (stretches.into_iter()).find_map(|stretch| self.at_time_in(stretch, t_us))
+    }
+
+    /// The same, in the chunks of one stretch, in which times ascend.
+    fn at_time_in(&mut self, stretch: Range<usize>, t_us: u64) -> Option<u64> {
         let recording = self.recording;
         self.at(
+            stretch,
             |chunk| chunk.t_us <= t_us,
             |chunk, made| {
                 let stretch = recording.stretches.get(chunk.stretch);
                 let mission = stretch.and_then(|stretch| recording.mission(stretch.mission));
                 let period_us = mission.map_or(0, period_us);
                 let start_us = stretch.map_or(0, |stretch| stretch.start_us);
-                start_us + made.step * period_us >= t_us
+                time_of(start_us, made.step, period_us) >= t_us
             },
         )
     }
 
+    /// Number of the first moment in some chunks that is there, where chunks that begin before it come first.
     fn at(
         &mut self,
+        chunks: Range<usize>,
         begins_before: impl Fn(&Chunk) -> bool,
         is_there: impl Fn(&Chunk, &MadeStep) -> bool,
     ) -> Option<u64> {
-        let chunk = self.chunks.partition_point(begins_before).saturating_sub(1);
-        let mut number = self.chunks.get(chunk)?.first;
-        while number < self.moments {
+        let looked_through = self.chunks.get(chunks.clone())?;
+        let before = looked_through.partition_point(begins_before);
+        let mut number = looked_through.get(before.saturating_sub(1))?.first;
+        let end = (self.chunks.get(chunks.end)).map_or(self.moments, |behind| behind.first);
+        while number < end {
             let (place, first) = self.place_of(number)?;
             let (chunk, made) = (self.chunks.get(self.loaded?)?, self.steps.get(place)?);
             if is_there(chunk, made) {
@@ -513,6 +544,7 @@ impl<'r> Walk<'r> {
         if number.is_none() {
             self.next = self.moments;
             self.chunk = self.chunks.len().saturating_sub(1);
+            self.told = None;
         }
         self.to_number(number?)
     }
