@@ -1,10 +1,10 @@
 //! `esm replay`: a recorded run once more, from what entered its interpreter.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use serde::Serialize;
 
@@ -19,6 +19,7 @@ use super::{file, terminal};
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
 use crate::recording::walk::Walk;
+use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
 
 /// Runs what a recording holds once more, through the same interpreter, to the same trace
@@ -112,7 +113,14 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     }
     let expected = args.expect.as_deref().map(Expected::open).transpose()?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
+    // Only a file takes its name at the end. What goes to a device or a pipe may wait for it, and leaves nothing behind.
+    let is_file = |path: &Path| fs::metadata(path).map_or(true, |found| found.is_file());
+    let interrupt = match &args.trace {
+        Some(path) if !to_standard_output && is_file(path) => Some(Interrupt::take_over()?),
+        _ => None,
+    };
     let mut trace = Trace {
+        interrupt,
         out: match &args.trace {
             Some(_) if to_standard_output => Some(BufWriter::new(io::stdout())),
             _ => None,
@@ -124,6 +132,12 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         expected,
     };
     let ended = replay(&recording, args.over_gaps, &mut trace);
+    if let (Some(path), true) = (&args.trace, trace.is_interrupted()) {
+        return Err(CommandError::World(anyhow!(
+            "interrupted; {} is as it was",
+            path.display()
+        )));
+    }
     if let (Some(file), false) = (
         trace.file,
         matches!(&ended, Err((_, ReplayError::Trace(_)))),
@@ -142,7 +156,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     } else {
         console.text(&told(&recording, &outcome))?;
     }
-    note_end(&recording, &args.recording, console);
+    note_end(&recording, &args.recording, error.as_ref(), console);
     if let Some(error) = error {
         return Err(CommandError::Input(error.into()));
     }
@@ -161,13 +175,24 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
 
 /// Where a trace goes as it comes.
 struct Trace {
+    /// Ends it.
+    interrupt: Option<Interrupt>,
     out: Option<BufWriter<io::Stdout>>,
     file: Option<Draft>,
     expected: Option<Expected<BufReader<File>>>,
 }
 
+impl Trace {
+    fn is_interrupted(&self) -> bool {
+        self.interrupt.is_some_and(Interrupt::is_requested)
+    }
+}
+
 impl Write for Trace {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.is_interrupted() {
+            return Err(io::Error::other("interrupted"));
+        }
         if let Some(out) = &mut self.out {
             out.write_all(bytes)?;
         }
@@ -204,7 +229,7 @@ fn walk_on_screen(
     let name = name.to_string_lossy().into_owned();
     let why = ended.as_ref().map(ToString::to_string);
     step::show(View::new(recording, name, walk, why), console)?;
-    note_end(recording, &args.recording, console);
+    note_end(recording, &args.recording, ended.as_ref(), console);
     ended.map_or(Ok(()), |error| Err(CommandError::Input(error.into())))
 }
 
@@ -215,7 +240,7 @@ fn walk(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let (mut walk, ended) = Walk::new(recording, args.over_gaps);
-    note_end(recording, &args.recording, console);
+    note_end(recording, &args.recording, ended.as_ref(), console);
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let line = line.trim();
@@ -262,11 +287,17 @@ fn walk(
     }
 }
 
-/// Says where a file ends that does not end well.
-fn note_end(recording: &Recording, path: &Path, console: &mut Console) {
+/// Says where a file ends that does not end well, unless the error is that.
+fn note_end(
+    recording: &Recording,
+    path: &Path,
+    error: Option<&ReplayError>,
+    console: &mut Console,
+) {
     let path = path.display();
     match recording.end {
         FileEnd::Whole => {}
+        FileEnd::Damaged { .. } if matches!(error, Some(ReplayError::Damaged { .. })) => {}
         FileEnd::Cut { at } => console.note(&format!(
             "note: the writing of {path} was broken off at byte {at}; all before it was replayed"
         )),

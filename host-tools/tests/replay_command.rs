@@ -1,0 +1,150 @@
+//! `esm replay` as a process: how it ends where the recording is not what was written, or where nobody waits for its end.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use host_tools::compile::NameTable;
+use host_tools::fit::compile_to_fit;
+use host_tools::lang;
+use host_tools::recording::MAX_KEPT_QUIET;
+use host_tools::recording::file::{Frame, Head, write_mark};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use rt_firmware::link::record::{write_quiet, write_started};
+use rt_firmware::link::trace::RecordSink;
+
+#[derive(Default)]
+struct Bytes(Vec<u8>);
+
+impl RecordSink for Bytes {
+    fn put(&mut self, byte: u8) {
+        self.0.push(byte);
+    }
+}
+
+/// A recording of patrol to which nothing happens, of about so many macro steps.
+fn recording(path: &Path, steps: u32) {
+    let mission = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/patrol.esm");
+    let mut checked = lang::load(&mission).unwrap();
+    let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
+    let blob = compile_to_fit(&mut checked, &schedule, None, NameTable::Kept).unwrap();
+    let blob = blob.unwrap().into_bytes();
+    let hash = esm_core::verify(blob.as_slice()).unwrap().hash();
+    let mut records = Bytes::default();
+    write_started(&mut records, 0, true, hash, 0);
+    let times = steps.div_ceil(MAX_KEPT_QUIET);
+    for _ in 0..times {
+        write_quiet(&mut records, MAX_KEPT_QUIET);
+    }
+    let mut bytes = Vec::new();
+    write_mark(&mut bytes).unwrap();
+    for frame in [
+        Frame::Head(Head::default()),
+        Frame::Mission {
+            name: "patrol".into(),
+            blob,
+        },
+        Frame::Records(records.0),
+        Frame::End(u64::from(times * MAX_KEPT_QUIET)),
+    ] {
+        frame.write(&mut bytes).unwrap();
+    }
+    fs::write(path, bytes).unwrap();
+}
+
+fn esm(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+    command.arg("replay").args(arguments).stdin(Stdio::null());
+    command
+}
+
+fn said(output: &Output) -> (i32, String, String) {
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    let status = output.status.code().unwrap();
+    (status, text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_recording_that_was_changed_is_bad_input_after_all_before_the_change_was_replayed() {
+    const CHANGED: &str = "the recording was changed since it was written";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("changed.rec");
+    recording(&path, 2_000);
+    let mut bytes = fs::read(&path).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    fs::write(&path, &bytes).unwrap();
+    let path = path.to_str().unwrap();
+    let trace = folder.path().join("trace.jsonl");
+    let trace = trace.to_str().unwrap();
+    for also in [&[][..], &["--over-gaps"]] {
+        let told = |arguments: &[&str]| {
+            let arguments = [&[path], arguments, also].concat();
+            said(&esm(&arguments).output().unwrap())
+        };
+        let (status, out, err) = told(&["--json", "--trace", trace]);
+        assert_eq!(status, 1, "{out}{err}");
+        assert_eq!(err.matches("was changed").count(), 1, "{err}");
+        let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(report["file"], "damaged", "{report}");
+        assert!(
+            report["error"].as_str().unwrap().starts_with(CHANGED),
+            "{report}"
+        );
+        assert_eq!(report["macro_steps"], 2 * MAX_KEPT_QUIET, "{report}");
+        let steps = fs::read_to_string(trace).unwrap();
+        assert!(steps.lines().count() >= 2 * MAX_KEPT_QUIET as usize);
+
+        let (status, out, err) = told(&[]);
+        assert_eq!(status, 1, "{out}{err}");
+        assert!(out.contains("replayed 2048 macro steps"), "{out}");
+        assert!(err.contains(CHANGED), "{err}");
+
+        let (status, out, err) = told(&["--step"]);
+        assert_eq!(status, 1, "{out}{err}");
+        assert!(err.contains(CHANGED), "{err}");
+    }
+}
+
+#[test]
+fn an_interrupted_replay_leaves_no_part_of_a_trace() {
+    const PATIENCE: Duration = Duration::from_secs(60);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.rec");
+    recording(&path, 100_000_000);
+    let trace = folder.path().join("trace.jsonl");
+    fs::write(&trace, "before\n").unwrap();
+    let parts = || -> Vec<PathBuf> {
+        let files = fs::read_dir(folder.path()).unwrap();
+        let files = files.map(|file| file.unwrap().path());
+        files
+            .filter(|file| file.extension().is_some_and(|end| end == "part"))
+            .collect()
+    };
+    let arguments = [path.to_str().unwrap(), "--trace", trace.to_str().unwrap()];
+    let mut command = esm(&arguments);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let begun = Instant::now();
+    let is_written = || {
+        let part = parts().first().and_then(|part| fs::metadata(part).ok());
+        part.is_some_and(|part| part.len() > 0)
+    };
+    while !is_written() {
+        let is_early = begun.elapsed() < PATIENCE && child.try_wait().unwrap().is_none();
+        assert!(is_early, "it writes nothing");
+        thread::sleep(Duration::from_millis(5));
+    }
+    kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(parts(), Vec::<PathBuf>::new());
+    assert_eq!(fs::read_to_string(&trace).unwrap(), "before\n");
+    let (status, out, err) = said(&output);
+    assert_eq!(status, 3, "{out}{err}");
+    assert!(err.contains("interrupted"), "{err}");
+}
