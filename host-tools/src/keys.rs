@@ -243,6 +243,14 @@ pub fn seed() -> Result<[u8; SEED_BYTES], KeyError> {
     Ok(seed)
 }
 
+/// The file that was named, or the one of those who name none.
+///
+/// # Errors
+/// [`KeyError::NoPlace`]
+pub fn path(named: Option<&Path>) -> Result<PathBuf, KeyError> {
+    named.map_or_else(default_path, |path| Ok(path.to_owned()))
+}
+
 /// Where a key is unless its user says otherwise: `esm/key` among the configuration files.
 ///
 /// # Errors

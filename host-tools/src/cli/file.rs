@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 
 use super::exit::CommandError;
+use crate::recording::file::MARK;
 
 /// Reads a whole input file.
 ///
@@ -54,9 +55,9 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, CommandError> {
 }
 
 /// Endings of files that people write.
-const SOURCES: [&str; 2] = ["esm", "scenario"];
+const SOURCES: [&str; 3] = ["esm", "scenario", "world"];
 
-/// Refuses an output in the place of something that a person wrote: a file that the command reads, or any mission or scenario, which a mission may use.
+/// Refuses an output in the place of something that cannot be had again: a file that the command reads or keeps, any mission, scenario or world, which a mission may use, and the recording of a robot.
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.
@@ -78,11 +79,44 @@ pub fn keep_sources(output: &Path, inputs: &[&Path]) -> Result<(), CommandError>
             output.display()
         )));
     }
+    if is_recording(&target) {
+        return Err(CommandError::Usage(anyhow!(
+            "{} holds a recording, and what a robot did cannot be had again: name another file, or remove that one",
+            output.display()
+        )));
+    }
+    Ok(())
+}
+
+/// What cannot be read cannot be known; whether it can be written will be seen.
+fn is_recording(path: &Path) -> bool {
+    let mut begins_with = [0; MARK.len()];
+    File::open(path)
+        .and_then(|mut file| file.read_exact(&mut begins_with))
+        .is_ok_and(|()| begins_with == *MARK)
+}
+
+/// Refuses outputs of which two would be one file, of which only a mixture would stay.
+///
+/// # Errors
+/// If two are one: then the command line is wrong.
+pub fn keep_apart(outputs: &[&Path]) -> Result<(), CommandError> {
+    for (index, output) in outputs.iter().enumerate() {
+        // A device takes whatever comes.
+        let is_other = output.exists() && !output.is_file();
+        let others = outputs.iter().skip(index + 1);
+        if !is_other && others.clone().any(|other| are_one(output, other)) {
+            return Err(CommandError::Usage(anyhow!(
+                "two things would be written to {}: name a file for each",
+                output.display()
+            )));
+        }
+    }
     Ok(())
 }
 
 /// Whether two outputs would be one file, however their names are written.
-pub fn are_one(first: &Path, second: &Path) -> bool {
+fn are_one(first: &Path, second: &Path) -> bool {
     place(first) == place(second)
 }
 

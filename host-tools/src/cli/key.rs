@@ -1,7 +1,7 @@
 //! `esm key`: who may command a robot.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
@@ -13,7 +13,7 @@ use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{self, LineArgs, RobotArgs};
-use crate::keys::{KeyError, SigningKey, default_path};
+use crate::keys::{self, KeyError, SigningKey};
 use crate::link_client::ClientError;
 
 /// Makes and installs the key without which a robot takes no commands
@@ -123,13 +123,8 @@ pub fn execute(args: &KeyArgs, console: &mut Console) -> Result<(), CommandError
     }
 }
 
-/// The file that was named, or the one of those who name none.
-fn file(named: Option<&Path>) -> Result<PathBuf, KeyError> {
-    named.map_or_else(default_path, |path| Ok(path.to_owned()))
-}
-
 fn make(args: &NewArgs, console: &mut Console) -> Result<(), CommandError> {
-    let path = file(args.output.as_deref())?;
+    let path = keys::path(args.output.as_deref())?;
     let key = SigningKey::create(&path)?;
     writeln!(
         console.out(),
@@ -144,7 +139,7 @@ fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
     let shown = match &args.port {
         None => Shown {
             key: Some(
-                SigningKey::read(&file(args.key.as_deref())?)?
+                SigningKey::read(&keys::path(args.key.as_deref())?)?
                     .public()
                     .to_string(),
             ),
@@ -185,7 +180,7 @@ fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
 }
 
 fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError> {
-    let key = SigningKey::read(&file(args.robot.key.as_deref())?)?;
+    let key = SigningKey::read(&keys::path(args.robot.key.as_deref())?)?;
     let (mut robot, info) = args.robot.connect_quietly()?;
     match (info.access, &args.present) {
         (Access::Open, _) => {}

@@ -12,10 +12,11 @@ use rt_firmware::link::news::{Cause, News};
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
-use super::recorder::{Recorder, keep_recording};
+use super::recorder::Recorder;
 use super::robot::{Robot, RobotArgs};
-use super::stage;
+use super::{file, stage};
 use crate::host_board;
+use crate::keys;
 use crate::link_client::error::without;
 use crate::link_client::log_lines::LogReader;
 use crate::link_client::{ClientError, StreamEvent, Streams};
@@ -64,7 +65,10 @@ pub struct LogArgs {
 /// What kept it from ending well.
 pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(output) = &args.record {
-        keep_recording(output, &[])?;
+        let key = keys::path(args.robot.key.as_deref()).ok();
+        let inputs = [&args.firmware, &key];
+        let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+        file::keep_sources(output, &inputs)?;
     }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;

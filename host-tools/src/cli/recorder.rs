@@ -1,7 +1,7 @@
 //! A recording of a robot that a command makes while it does something else.
 
 use std::fs::File;
-use std::io::{BufWriter, Read};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
@@ -11,7 +11,6 @@ use super::exit::CommandError;
 use super::file;
 use super::robot::Robot;
 use crate::link_client::{ClientError, RobotInfo, StreamEvent, Streams};
-use crate::recording::file::MARK;
 use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::mission::{Mission, hash_text};
 
@@ -21,27 +20,6 @@ pub struct Recorder {
     recording: LiveRecording<BufWriter<File>>,
     /// Why it has ended, while the command goes on.
     broken: Option<CommandError>,
-}
-
-/// Refuses a place for a recording in which something is that cannot be had again: a source, what the command reads, or the recording of a robot.
-///
-/// # Errors
-/// If such a file is there: then the command line is wrong.
-pub fn keep_recording(path: &Path, inputs: &[&Path]) -> Result<(), CommandError> {
-    file::keep_sources(path, inputs)?;
-    let mut begins_with = Vec::new();
-    let is_file = path.is_file();
-    // What cannot be read cannot be known; whether it can be written will be seen.
-    if is_file && let Ok(file) = File::open(path) {
-        let _ = file.take(MARK.len() as u64).read_to_end(&mut begins_with);
-    }
-    if begins_with == MARK {
-        return Err(CommandError::Usage(anyhow!(
-            "{} holds a recording, and what a robot did cannot be had again: name another file, or remove that one",
-            path.display()
-        )));
-    }
-    Ok(())
 }
 
 impl Recorder {

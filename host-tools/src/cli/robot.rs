@@ -99,7 +99,7 @@ impl RobotArgs {
 /// Reads the key in that file, or in the one of those who name none, as soon as a robot asks for it.
 pub fn key_at(named: Option<&Path>) -> KeyLoader {
     let named = named.map(Path::to_owned);
-    Box::new(move || SigningKey::read(&named.clone().map_or_else(keys::default_path, Ok)?))
+    Box::new(move || SigningKey::read(&keys::path(named.as_deref())?))
 }
 
 /// Opens the line at `port` and begins a session.

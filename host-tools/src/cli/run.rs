@@ -13,9 +13,9 @@ use thiserror::Error;
 use super::argument::{Time, TimeError};
 use super::console::Console;
 use super::exit::CommandError;
-use super::recorder::keep_recording;
 use super::{file, robot, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
+use crate::keys;
 use crate::link_client::ClientError;
 use crate::lockstep::plant_side::PlantFault;
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
@@ -208,16 +208,7 @@ pub fn execute(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(), CommandError> {
-    let mut inputs = vec![args.file.as_path()];
-    inputs.extend(args.then.iter().map(|then| then.file.as_path()));
-    inputs.extend(args.replay.as_deref());
-    inputs.extend(args.world.as_deref().map(Path::new));
-    if let Some(output) = &args.trace {
-        file::keep_sources(output, &inputs)?;
-    }
-    if let Some(output) = &args.record {
-        keep_recording(output, &inputs)?;
-    }
+    keep_files(args)?;
     let interrupt = Interrupt::take_over()?;
     let plan = plan(args, robot, console)?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
@@ -248,6 +239,41 @@ pub fn execute(
         None => Ok(()),
     }
 }
+
+/// Refuses outputs in the place of what the run is made of, or of each other.
+fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
+    let key = keys::path(args.key.as_deref()).ok();
+    let mut inputs = vec![args.file.as_path()];
+    inputs.extend(args.then.iter().map(|then| then.file.as_path()));
+    inputs.extend(
+        [&args.replay, &args.world, &args.flash, &key, &args.firmware]
+            .into_iter()
+            .filter_map(|path| path.as_deref()),
+    );
+    let in_folder = |folder: &PathBuf| IN_FOLDER.map(|name| folder.join(name));
+    let pictures = args.out.as_ref().map(in_folder);
+    let trace = args.trace.as_deref().filter(|path| *path != Path::new("-"));
+    let mut outputs: Vec<&Path> = trace.into_iter().chain(args.record.as_deref()).collect();
+    outputs.extend(pictures.iter().flatten().map(PathBuf::as_path));
+    for output in &outputs {
+        file::keep_sources(output, &inputs)?;
+    }
+    // A flash that is not there yet is made.
+    outputs.extend(args.flash.as_deref());
+    file::keep_apart(&outputs)
+}
+
+/// What `--out` leaves in its folder.
+const IN_FOLDER: [&str; 6] = [
+    TRACE,
+    "path.svg",
+    "path.png",
+    "states.svg",
+    "states.png",
+    SUMMARY,
+];
+const TRACE: &str = "trace.jsonl";
+const SUMMARY: &str = "summary.json";
 
 /// Everything that the run is made of, read and compiled.
 fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan, CommandError> {
@@ -348,10 +374,8 @@ fn open_trace(args: &RunArgs) -> Result<Tee, CommandError> {
         fs::create_dir_all(directory)
             .with_context(|| format!("cannot make the directory {}", directory.display()))
             .map_err(CommandError::World)?;
-        tee.0.push(Box::new(file::create(
-            &directory.join("trace.jsonl"),
-            "trace",
-        )?));
+        tee.0
+            .push(Box::new(file::create(&directory.join(TRACE), "trace")?));
     }
     Ok(tee)
 }
@@ -382,7 +406,7 @@ fn keep(args: &RunArgs, run: &Run<Tee>, console: &mut Console) -> Result<(), Com
     }
     let mut summary = serde_json::to_vec_pretty(&run.summary).map_err(io::Error::from)?;
     summary.push(b'\n');
-    file::write_whole(&directory.join("summary.json"), &summary, "summary")?;
+    file::write_whole(&directory.join(SUMMARY), &summary, "summary")?;
     console.note(&format!(
         "pictures, trace and summary are in {}",
         directory.display()

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 
@@ -74,16 +74,16 @@ pub struct ScheduleArgs {
 /// # Errors
 /// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
-    for path in [&args.svg, &args.perfetto].into_iter().flatten() {
-        file::keep_sources(path, &[&args.file])?;
+    let outputs = [&args.svg, &args.perfetto];
+    let outputs: Vec<&Path> = outputs
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    for output in &outputs {
+        file::keep_sources(output, &[&args.file])?;
     }
-    if let (Some(svg), Some(perfetto)) = (&args.svg, &args.perfetto)
-        && file::are_one(svg, perfetto)
-    {
-        return Err(CommandError::Usage(anyhow!(
-            "the picture and the trace would be one file: name two"
-        )));
-    }
+    file::keep_apart(&outputs)?;
     let mut checked = mission::read(&args.file)?;
     // Asked for before the search, which takes the model away where it finds no schedule.
     let (tasks, spare) = checked

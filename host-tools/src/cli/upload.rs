@@ -1,7 +1,7 @@
 //! `esm upload`: a new mission for a robot that is on.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -15,11 +15,12 @@ use serde::Serialize;
 use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
-use super::recorder::{self, Recorder, keep_recording};
+use super::recorder::{self, Recorder};
 use super::robot::{Robot, RobotArgs};
-use super::stage;
+use super::{file, stage};
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
+use crate::keys;
 use crate::link_client::{ClientError, RobotInfo, Streams};
 use crate::recording::live;
 use crate::run::interrupt::Interrupt;
@@ -208,7 +209,10 @@ fn show(preview: Option<Preview>, json: bool, console: &mut Console) -> Result<(
 /// What kept it from ending well.
 pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(output) = &args.record {
-        keep_recording(output, &[args.file.as_path()])?;
+        let key = keys::path(args.robot.key.as_deref()).ok();
+        let inputs = [Some(args.file.as_path()), key.as_deref()];
+        let inputs: Vec<&Path> = inputs.into_iter().flatten().collect();
+        file::keep_sources(output, &inputs)?;
     }
     let mut staged = stage::mission(&args.file, console)?;
     let interrupt = Interrupt::take_over()?;

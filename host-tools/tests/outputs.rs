@@ -1,0 +1,111 @@
+//! Outputs of `esm`, as processes: what they never replace.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+const MISSION: &str = "interpreter slot 1; slot 1 period 10 ms duration 1 ms;
+machine M { region r { state A; initial -> A; } }
+";
+
+/// Runs `esm` in `folder`; answers its status and what it says of what is wrong.
+fn esm(folder: &Path, arguments: &str) -> (i32, String) {
+    let done = Command::new(env!("CARGO_BIN_EXE_esm"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .env("XDG_CONFIG_HOME", folder)
+        .env_remove("ESM_KEY")
+        .env_remove("ESM_FIRMWARE")
+        .output()
+        .unwrap();
+    let told = String::from_utf8(done.stderr).unwrap();
+    (done.status.code().unwrap(), told)
+}
+
+fn files_in(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    files
+        .filter(|entry| entry.path().is_file())
+        .map(|entry| {
+            let name = entry.file_name().into_string().unwrap();
+            (name, fs::read(entry.path()).unwrap())
+        })
+        .collect()
+}
+
+#[test]
+fn what_cannot_be_had_again_is_never_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("m.esm"), MISSION).unwrap();
+    fs::write(folder.join("s.scenario"), "until 10 ms\n").unwrap();
+    fs::write(folder.join("my.world"), "world my\n").unwrap();
+    fs::write(folder.join("fw.elf"), "elf").unwrap();
+    let run = "run m.esm --board host --until 50ms";
+    for made in [
+        "key new -o my.key",
+        "key new",
+        &format!("{run} --record real.rec"),
+        &format!("{run} --flash f.flash"),
+    ] {
+        assert_eq!(esm(folder, made).0, 0, "{made}");
+    }
+    fs::create_dir(folder.join("pictures")).unwrap();
+    fs::copy(
+        folder.join("real.rec"),
+        folder.join("pictures/summary.json"),
+    )
+    .unwrap();
+    let before = files_in(folder);
+    let kept = fs::read(folder.join("pictures/summary.json")).unwrap();
+    for wrong in [
+        "build m.esm -o real.rec",
+        "draw m.esm -o real.rec",
+        "schedule m.esm --svg real.rec",
+        "schedule m.esm --perfetto real.rec",
+        "sim m.esm s.scenario --trace real.rec",
+        "replay real.rec --trace real.rec",
+        "build m.esm -o my.world",
+        "log --port unix:nobody --record my.key --key my.key",
+        "log --port unix:nobody --record esm/key",
+        "upload m.esm --port unix:nobody --record my.key --key my.key",
+        &format!("{run} --trace real.rec"),
+        &format!("{run} --record real.rec"),
+        &format!("{run} --out pictures"),
+        &format!("{run} --flash f.flash --trace f.flash"),
+        &format!("{run} --flash f.flash --record ./f.flash"),
+        &format!("{run} --flash new.flash --record new.flash"),
+        &format!("{run} --key my.key --trace my.key"),
+        &format!("{run} --trace esm/key"),
+        &format!("{run} --firmware fw.elf --trace fw.elf"),
+        &format!("{run} --record x --trace ./x"),
+        &format!("{run} --trace out/trace.jsonl --out out/"),
+    ] {
+        let (status, told) = esm(folder, wrong);
+        assert_eq!(status, 2, "{wrong}: {told}");
+        assert!(
+            told.contains("name another file") || told.contains("name a file for each"),
+            "{wrong}: {told}"
+        );
+    }
+    assert!(
+        files_in(folder) == before,
+        "files were made, changed or removed"
+    );
+    let after = fs::read(folder.join("pictures/summary.json")).unwrap();
+    assert!(after == kept, "the recording in the folder is another");
+    // What goes nowhere, and older outputs, are replaced as ever.
+    for right in [
+        &format!("{run} --record /dev/null --trace /dev/null"),
+        "build m.esm -o m.blob",
+        "build m.esm -o m.blob",
+        "replay real.rec --trace t.jsonl",
+        "replay real.rec --trace t.jsonl",
+    ] {
+        let (status, told) = esm(folder, right);
+        assert_eq!(status, 0, "{right}: {told}");
+    }
+}
