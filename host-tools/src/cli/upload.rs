@@ -332,7 +332,7 @@ fn install(
             mission.blob.len()
         ));
     }
-    let uploaded = match sent {
+    let staged = match sent {
         Err(ClientError::Interrupted { .. }) => return Err(aborted(robot)),
         Ok(()) if interrupt.is_requested() => return Err(aborted(robot)),
         // What the line lost meanwhile is asked for, so that the swap follows from what was before.
@@ -341,24 +341,20 @@ fn install(
                 Some(recorder) => recorder.expect(mission, robot, console),
                 None => Ok(()),
             })
-            .and_then(|()| {
-                let status = robot.status()?;
-                let committed = robot.commit(swap)?;
-                Ok((committed, Tried::since(&status, committed.mission)))
-            }),
+            .and_then(|()| robot.status()),
     };
-    let upload_s = started.elapsed().as_secs_f64();
-    let (committed, tried) = uploaded.map_err(|error| match error.refusal() {
-        Some(refusal) => CommandError::Input(anyhow!(
-            "the robot refused {}: {}; it goes on with what it had",
-            mission.file.display(),
-            mission.refusal(refusal)
-        )),
-        None if matches!(error, ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. }) => error.into(),
-        None => CommandError::World(anyhow!(
-            "{error}\nthe robot drives on with what it has; the same upload goes on where this one ended"
-        )),
+    let status = staged.map_err(|error| {
+        ended_by(
+            error,
+            mission,
+            "the robot drives on with what it has; the same upload goes on where this one ended",
+        )
     })?;
+    let committed = robot
+        .commit(swap)
+        .map_err(|error| ended_by(error, mission, &unknown_whether_it_runs(mission, swap)))?;
+    let tried = Tried::since(&status, committed.mission);
+    let upload_s = started.elapsed().as_secs_f64();
     let outcome = match args.trial {
         Some(_) => None,
         None => {
@@ -372,7 +368,8 @@ fn install(
                 Err(ClientError::Interrupted { .. }) => {
                     return Err(given_up(robot, committed.mission));
                 }
-                outcome => Some(outcome?),
+                Err(error) => return Err(ended_by(error, mission, &unconfirmed(mission, swap))),
+                Ok(outcome) => Some(outcome),
             }
         }
     };
@@ -405,6 +402,50 @@ fn install(
         tell_trial(&told, args.trial, outcome, console)?;
     }
     failure(&told, outcome, robot)
+}
+
+/// What an error is as the end of the command. `robot_does` says what the robot does meanwhile, where that is known of it neither by its refusal nor by a key that was missing before anything was asked of it.
+fn ended_by(error: ClientError, mission: &Mission, robot_does: &str) -> CommandError {
+    match error.refusal() {
+        Some(refusal) => CommandError::Input(anyhow!(
+            "the robot refused {}: {}; it goes on with what it had",
+            mission.file.display(),
+            mission.refusal(refusal)
+        )),
+        None if matches!(
+            error,
+            ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. }
+        ) =>
+        {
+            error.into()
+        }
+        None => CommandError::World(anyhow!("{error}\n{robot_does}")),
+    }
+}
+
+/// What is said where nobody heard whether the robot has changed over.
+fn unknown_whether_it_runs(mission: &Mission, swap: Swap) -> String {
+    format!(
+        "whether {} ({}) runs is not known: if so, it is on trial, and the robot goes back to what it had before by itself when {} s are over; `esm status` tells, `esm confirm` keeps it",
+        mission.file.display(),
+        mission.hash_text(),
+        seconds(swap)
+    )
+}
+
+/// What is said where a mission on trial could be watched no more.
+fn unconfirmed(mission: &Mission, swap: Swap) -> String {
+    format!(
+        "{} ({}) runs, and was not heard to be confirmed: unless it is, the robot goes back to what it had before by itself when the {} s of its trial are over; `esm status` tells, `esm confirm` keeps it",
+        mission.file.display(),
+        mission.hash_text(),
+        seconds(swap)
+    )
+}
+
+/// How long a trial is.
+fn seconds(swap: Swap) -> f64 {
+    f64::from(swap.trial_ms) / 1e3
 }
 
 /// Sees to it that no other mission is on trial, which the robot would have no room beside for. Answers what became of the one that was.

@@ -1,0 +1,280 @@
+//! Commands at a robot on a line, as processes: what they say of it, and what they do to it. The robot is the host board's, and its line is one that can be listened to and cut.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::io;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use host_tools::host_board::{self, HostBoard};
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::{BodyParameters, Plant};
+use host_tools::serial::ByteLink;
+use host_tools::serial::pty::PtyServer;
+use host_tools::world::World;
+use rt_firmware::link::frame::{DELIMITER, decode};
+use rt_firmware::link::message::{Request, ToDevice};
+
+/// Faster than a real line, for the sake of the test's time.
+const BAUD: &str = "921600";
+
+/// What happens to a line when a request of some kind comes.
+#[derive(Clone, Copy, Debug)]
+enum Blow {
+    /// It is cut when the request is through.
+    CutBehind,
+    /// The process that has sent it gets the signal that Ctrl-C is.
+    Interrupted,
+}
+
+/// A blow that is due.
+struct Due {
+    request: fn(&Request<'_>) -> bool,
+    blow: Blow,
+    /// The process.
+    pid: Option<u32>,
+}
+
+/// The robot's line.
+#[derive(Clone)]
+struct Tapped {
+    line: Arc<Mutex<Box<dyn ByteLink>>>,
+    due: Arc<Mutex<Option<Due>>>,
+    /// The beginning of the next frame.
+    frame: Vec<u8>,
+}
+
+impl Tapped {
+    /// What befalls the line when this frame is through.
+    fn blow(&self, frame: &[u8]) -> Option<Due> {
+        let mut frame = frame.to_vec();
+        frame.pop();
+        let message: ToDevice<'_> = decode(&mut frame).ok()?;
+        let request = match message.request {
+            Request::Within { request, .. } => postcard::from_bytes(request).ok()?,
+            request => request,
+        };
+        (self.due.lock().unwrap()).take_if(|due| (due.request)(&request))
+    }
+}
+
+impl ByteLink for Tapped {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.line.lock().unwrap().receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        for byte in bytes {
+            self.frame.push(*byte);
+            if *byte != DELIMITER {
+                continue;
+            }
+            let frame = std::mem::take(&mut self.frame);
+            let due = self.blow(&frame);
+            self.line.lock().unwrap().send(&frame)?;
+            match due.map(|due| (due.blow, due.pid)) {
+                Some((Blow::CutBehind, _)) => return Err(io::ErrorKind::BrokenPipe.into()),
+                Some((Blow::Interrupted, Some(pid))) => {
+                    let pid = nix::unistd::Pid::from_raw(pid as i32);
+                    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGINT).unwrap();
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A robot at a port whose name stays when its line is cut.
+struct Robot {
+    tapped: Tapped,
+    server: Option<PtyServer>,
+    folder: tempfile::TempDir,
+    _board: HostBoard,
+}
+
+impl Robot {
+    fn start() -> Self {
+        let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+        let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+        let plant = PlantSide::new(plant, Pace::new(true), None);
+        let (board, line) = HostBoard::start(host_board::rover, plant, None).unwrap();
+        let mut robot = Robot {
+            tapped: Tapped {
+                line: Arc::new(Mutex::new(Box::new(line))),
+                due: Arc::default(),
+                frame: Vec::new(),
+            },
+            server: None,
+            folder: tempfile::tempdir().unwrap(),
+            _board: board,
+        };
+        robot.plug_in();
+        robot
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn plug_in(&mut self) {
+        self.server = None;
+        let server = PtyServer::start(Box::new(self.tapped.clone())).unwrap();
+        let _ = std::fs::remove_file(self.path("port"));
+        symlink(server.path(), self.path("port")).unwrap();
+        self.server = Some(server);
+    }
+
+    /// The command, in the checkout; `{}` in its arguments stands for the robot's folder.
+    fn command(&self, arguments: &str) -> Command {
+        let folder = self.folder.path().to_str().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+        command
+            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+            .args((arguments.split_whitespace()).map(|argument| argument.replace("{}", folder)))
+            .env("XDG_CONFIG_HOME", folder)
+            .env_remove("ESM_KEY")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    fn at_port(&self, arguments: &str) -> Command {
+        let mut command = self.command(arguments);
+        command.arg("--port").arg(self.path("port"));
+        command.args(["--baud", BAUD]);
+        command
+    }
+
+    /// Runs a command at the robot; it ends with this status. Answers what it says.
+    #[track_caller]
+    fn esm(&self, arguments: &str, status: i32) -> Said {
+        Said::of(self.at_port(arguments).output().unwrap()).ended(arguments, status)
+    }
+
+    /// The same, and the first request of that kind brings a blow.
+    #[track_caller]
+    fn befallen(
+        &mut self,
+        arguments: &str,
+        status: i32,
+        blow: Blow,
+        request: fn(&Request<'_>) -> bool,
+    ) -> Said {
+        let due = |pid| Due { request, blow, pid };
+        *self.tapped.due.lock().unwrap() = Some(due(None));
+        let child = self.at_port(arguments).spawn().unwrap();
+        if let Some(due) = self.tapped.due.lock().unwrap().as_mut() {
+            due.pid = Some(child.id());
+        }
+        let server = self.server.take().unwrap();
+        let begun = Instant::now();
+        while !server.has_ended() && begun.elapsed() < Duration::from_secs(60) {
+            if self.tapped.due.lock().unwrap().is_none() && matches!(blow, Blow::Interrupted) {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let said = match blow {
+            Blow::CutBehind => {
+                drop(server);
+                child.wait_with_output().unwrap()
+            }
+            Blow::Interrupted => {
+                let said = child.wait_with_output().unwrap();
+                drop(server);
+                said
+            }
+        };
+        self.plug_in();
+        assert!(self.tapped.due.lock().unwrap().is_none(), "nothing came");
+        Said::of(said).ended(arguments, status)
+    }
+
+    fn status(&self) -> serde_json::Value {
+        serde_json::from_str(&self.esm("status --json", 0).out).unwrap()
+    }
+}
+
+/// What a command said.
+#[derive(Debug)]
+struct Said {
+    status: Option<i32>,
+    out: String,
+    err: String,
+}
+
+impl Said {
+    fn of(output: Output) -> Self {
+        Said {
+            status: output.status.code(),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+
+    #[track_caller]
+    fn ended(self, arguments: &str, status: i32) -> Self {
+        assert_eq!(self.status, Some(status), "esm {arguments}: {self:#?}");
+        self
+    }
+}
+
+const PATROL: &str = "missions/patrol.esm";
+const FOLLOW_WALL: &str = "missions/follow_wall.esm";
+
+/// A robot that drives, and the hash of its mission.
+fn driving() -> (Robot, serde_json::Value) {
+    let robot = Robot::start();
+    robot.esm(&format!("upload {PATROL}"), 0);
+    let mission = robot.status()["mission"].clone();
+    (robot, mission)
+}
+
+#[test]
+fn an_upload_whose_line_is_cut_on_the_way_leaves_the_robot_as_it_was_and_says_so() {
+    let (mut robot, before) = driving();
+    let upload = format!("upload {FOLLOW_WALL}");
+    let said = robot.befallen(&upload, 3, Blow::CutBehind, |request| {
+        matches!(request, Request::Chunk { .. })
+    });
+    assert!(said.err.contains("drives on with what it has"), "{said:#?}");
+    let goes_on = said.err.contains("goes on where this one ended");
+    assert!(goes_on, "{said:#?}");
+    assert_eq!(robot.status()["mission"], before);
+}
+
+#[test]
+fn an_upload_whose_line_is_cut_in_the_change_says_that_the_robot_may_have_changed_over() {
+    let (mut robot, before) = driving();
+    // The robot heard it all, and nobody heard the robot.
+    let upload = format!("upload {FOLLOW_WALL} --trial 600s");
+    let said = robot.befallen(&upload, 3, Blow::CutBehind, |request| {
+        matches!(request, Request::Commit(_))
+    });
+    let is_sure = said.err.contains("drives on with what it has");
+    assert!(!is_sure, "{said:#?}");
+    for told in ["runs is not known", "600 s", "`esm status`", "on trial"] {
+        assert!(said.err.contains(told), "{told}: {said:#?}");
+    }
+    let status = robot.status();
+    assert_ne!(status["mission"], before);
+    assert!(status["trial"].is_object(), "{status}");
+}
+
+#[test]
+fn an_upload_whose_line_is_cut_in_the_trial_says_that_it_may_end_unconfirmed() {
+    let (mut robot, _) = driving();
+    let upload = format!("upload {FOLLOW_WALL}");
+    let said = robot.befallen(&upload, 3, Blow::CutBehind, |request| {
+        matches!(request, Request::Confirm { .. })
+    });
+    for told in ["not heard to be confirmed", "10 s", "`esm status`"] {
+        assert!(said.err.contains(told), "{told}: {said:#?}");
+    }
+}
