@@ -127,7 +127,7 @@ pub struct Reading {
     pub status: Status,
     /// Name of the machine that it runs, made up where the mission has no names.
     pub machine: Option<String>,
-    /// Paths of the current local states, depth first; none where the mission has no names.
+    /// Paths of the current local states, depth first; by numbers where the mission has no names.
     pub active: Vec<String>,
     /// The slots of the mission.
     pub slots: Vec<SlotReading>,
@@ -267,8 +267,8 @@ impl Reader {
         // A firmware compares texts with those of its own tasks; here there are none to compare with.
         esm_core::texts::check(&verified.tables()).map_err(ReadError::Blob)?;
         let known = Known::of(&verified);
-        // A mission without names runs as well as any; there only is less to say about it.
-        self.directory = Directory::of(&verified.tables()).ok();
+        // A mission runs as well without names, and where its paths are too long there only is less to say about it.
+        self.directory = Directory::named_or_numbered(&verified.tables()).ok();
         self.known = Some(known.clone());
         Ok(known)
     }

@@ -157,7 +157,13 @@ impl Robot {
         Said::of(self.at_port(arguments).output().unwrap()).ended(arguments, status)
     }
 
-    /// The same, and the first request of that kind brings a blow.
+    /// Runs a command that is about no robot.
+    #[track_caller]
+    fn esm_alone(&self, arguments: &str, status: i32) -> Said {
+        Said::of(self.command(arguments).output().unwrap()).ended(arguments, status)
+    }
+
+    /// As [`Robot::esm`], and the first request of that kind brings a blow.
     #[track_caller]
     fn befallen(
         &mut self,
@@ -277,4 +283,61 @@ fn an_upload_whose_line_is_cut_in_the_trial_says_that_it_may_end_unconfirmed() {
     for told in ["not heard to be confirmed", "10 s", "`esm status`"] {
         assert!(said.err.contains(told), "{told}: {said:#?}");
     }
+}
+
+#[test]
+fn a_mission_without_names_is_uploaded_and_told_by_numbers() {
+    let (robot, before) = driving();
+    robot.esm_alone("build missions/follow_wall.esm --strip -o {}/s.blob", 0);
+    let said = robot.esm("upload {}/s.blob --json", 0);
+    let uploaded: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(uploaded["confirmed"], true, "{said:#?}");
+    let status = robot.status();
+    assert_eq!(status["mission"], uploaded["hash"], "{status}");
+    let active = status["active"].as_array().unwrap();
+    let is_numbered = |path: &serde_json::Value| {
+        let path = path.as_str().unwrap();
+        path.starts_with("region") && path.contains("/State")
+    };
+    assert!(!active.is_empty() && active.iter().all(is_numbered));
+
+    // Who counts on its names hears of it before anything is sent.
+    let said = robot.esm("upload {}/s.blob --record {}/r.rec", 1);
+    let told = said.err.contains("s.blob was built without names");
+    assert!(told && said.err.contains("--record"), "{said:#?}");
+    assert!(!robot.path("r.rec").exists());
+    let said = robot.esm(&format!("upload {PATROL} --warm"), 0);
+    let told = said.err.contains("the mission that runs has no names");
+    assert!(told && said.err.contains("all begins anew"), "{said:#?}");
+    assert_eq!(robot.status()["mission"], before);
+    let said = robot.esm("upload {}/s.blob --warm --diff", 0);
+    assert!(said.err.contains("s.blob has no names"), "{said:#?}");
+}
+
+#[test]
+fn a_run_of_a_mission_without_names_is_that_of_its_source_with_numbers_for_names() {
+    let robot = Robot::start();
+    robot.esm_alone("build missions/patrol.esm --strip -o {}/s.blob", 0);
+    let source = robot.esm_alone("inspect {}/s.blob --esm", 0).out;
+    std::fs::write(robot.path("numbered.esm"), source).unwrap();
+    for file in ["s.blob", "numbered.esm"] {
+        let run = format!(
+            "run {{}}/{file} --board host --world office --until 20s --trace {{}}/{file}.jsonl"
+        );
+        robot.esm_alone(&run, 0);
+    }
+    let trace = |file: &str| std::fs::read_to_string(robot.path(file)).unwrap();
+    let (numbered, stripped) = (trace("numbered.esm.jsonl"), trace("s.blob.jsonl"));
+    assert!(stripped.contains("region1/State1"), "{stripped}");
+    assert_eq!(stripped.lines().count(), numbered.lines().count());
+    for (stripped, numbered) in stripped.lines().zip(numbered.lines()) {
+        assert_eq!(stripped, numbered);
+    }
+    let record = "run {}/s.blob --board host --until 1s --record {}/r.rec";
+    let said = robot.esm_alone(record, 1);
+    assert!(
+        said.err.contains("s.blob was built without names"),
+        "{said:#?}"
+    );
+    assert!(!robot.path("r.rec").exists());
 }

@@ -298,6 +298,14 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
             handover,
         });
     }
+    if args.record.is_some() {
+        let mut planned = missions.iter();
+        planned.try_for_each(|planned| stage::require_names(&planned.mission))?;
+    }
+    let nameless = missions.iter().find(|planned| !planned.mission.has_names);
+    if let (Some(planned), true) = (nameless, args.warm) {
+        console.note(&stage::nothing_goes_on(&planned.mission.file.display()));
+    }
     let replay = args.replay.as_deref().map(read_entered).transpose()?;
     let seed = replay.as_ref().map_or(args.seed, |entered| entered.seed);
     let world = stage::world(args.world.as_deref(), Some(&args.file))?;

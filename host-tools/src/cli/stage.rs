@@ -1,5 +1,6 @@
 //! What `run`, `board` and `tasks` set a robot up with: the board by its name, the world, the mission.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
@@ -159,7 +160,7 @@ pub struct Staged {
 /// The mission in a file: a source is compiled, a blob taken as it is.
 ///
 /// # Errors
-/// If it cannot be read, has errors, or has no names.
+/// If it cannot be read, or has errors.
 pub fn mission(path: &Path, console: &mut Console) -> Result<Staged, CommandError> {
     let bytes = file::read(path, "mission")?;
     let (source, verified) = if bytes.starts_with(BLOB_MARK) {
@@ -172,13 +173,34 @@ pub fn mission(path: &Path, console: &mut Console) -> Result<Staged, CommandErro
     };
     Ok(Staged {
         slots: SlotTable::of(&verified.tables()),
-        mission: with_names(path, verified)?,
+        mission: staged(path, verified)?,
         source,
     })
 }
 
-fn with_names(path: &Path, verified: Verified<Vec<u8>>) -> Result<Mission, CommandError> {
-    Mission::new(path, verified).map_err(|error| CommandError::Input(error.into()))
+fn staged(path: &Path, verified: Verified<Vec<u8>>) -> Result<Mission, CommandError> {
+    Mission::named_or_numbered(path, verified).map_err(|error| CommandError::Input(error.into()))
+}
+
+/// Refuses to record a mission whose names were left out: what it does could not be told.
+///
+/// # Errors
+/// If they were.
+pub fn require_names(mission: &Mission) -> Result<(), CommandError> {
+    if mission.has_names {
+        return Ok(());
+    }
+    Err(CommandError::Input(anyhow!(
+        "{} was built without names, so that a recording of it could not be replayed: leave out `--record`, or build it again with its names",
+        mission.file.display()
+    )))
+}
+
+/// What is said before a warm change to or from a mission whose names were left out.
+pub fn nothing_goes_on(which: &dyn fmt::Display) -> String {
+    format!(
+        "{which} has no names, by which it is decided what goes on: all begins anew, as without `--warm`"
+    )
 }
 
 impl Staged {
@@ -204,7 +226,7 @@ impl Staged {
                 let blob = mission::compile(checked, &schedule, None, NameTable::Kept)?;
                 let verified = blob.ok_or(CommandError::Told)?;
                 self.slots = SlotTable::of(&verified.tables());
-                self.mission = with_names(&self.mission.file, verified)?;
+                self.mission = staged(&self.mission.file, verified)?;
             }
         }
         let handover = Handover::between(running, &self.slots);

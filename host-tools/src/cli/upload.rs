@@ -215,6 +215,9 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         file::keep_sources(output, &inputs)?;
     }
     let mut staged = stage::mission(&args.file, console)?;
+    if args.record.is_some() {
+        stage::require_names(&staged.mission)?;
+    }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
     if args.warm {
@@ -240,6 +243,13 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         Some(running) => Some(Preview::of(running, mission, args.warm, &mut robot)?),
         None => None,
     };
+    if let (Some(running), true) = (&running, args.warm) {
+        if !mission.has_names {
+            console.note(&stage::nothing_goes_on(&mission.file.display()));
+        } else if running.tables().names().is_none() {
+            console.note(&stage::nothing_goes_on(&"the mission that runs"));
+        }
+    }
     if args.diff {
         return show(preview, args.json, console);
     }

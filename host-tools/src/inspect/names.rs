@@ -1,9 +1,9 @@
 //! The name of everything in a blob, from its name table, or made up where that was left out.
 
-use std::collections::HashMap;
-
 use esm_core::Verified;
 use esm_core::tables::{StateKind, Tables};
+
+use crate::trace::directory::Numbered;
 
 /// Names by index in the tables.
 pub(super) struct Names {
@@ -25,15 +25,10 @@ impl Names {
         let tables = blob.tables();
         let mut table = tables.names();
         let are_original = table.is_some();
-        // A number behind the word for its kind: no two are the same, and none is a reserved word.
-        let mut made_up: HashMap<&'static str, usize> = HashMap::new();
+        let mut numbered = Numbered::default();
         let mut next = |kind| match table.as_mut().and_then(Iterator::next) {
             Some(name) => String::from_utf8_lossy(name).into_owned(),
-            None => {
-                let number = made_up.entry(kind).or_default();
-                *number += 1;
-                format!("{kind}{number}")
-            }
+            None => numbered.next(kind),
         };
         let mut names = Self {
             are_original,
@@ -46,20 +41,21 @@ impl Names {
         };
         names
             .events
-            .extend((0..tables.event_count()).map(|_| next("Event")));
+            .extend((0..tables.event_count()).map(|_| next(Numbered::EVENT)));
         for (index, container) in tables.containers().enumerate() {
-            names
-                .containers
-                .push(next(if index == 0 { "Machine" } else { "Container" }));
-            let flags = (0..container.flags).map(|_| next("flag")).collect();
+            names.containers.push(next(match index {
+                0 => Numbered::MACHINE,
+                _ => Numbered::CONTAINER,
+            }));
+            let flags = (0..container.flags).map(|_| next(Numbered::FLAG)).collect();
             names.flags.push(flags);
             let inside = tables.regions().skip(container.first_region);
             for region in inside.take_while(|region| region.container == index) {
-                names.regions.push(next("region"));
+                names.regions.push(next(Numbered::REGION));
                 names.add_states(&tables, region.first_state, &mut next);
             }
         }
-        let groups = (0..tables.exclusive_group_count()).map(|_| next("group"));
+        let groups = (0..tables.exclusive_group_count()).map(|_| next(Numbered::GROUP));
         names.groups.extend(groups);
         names
     }
@@ -78,7 +74,7 @@ impl Names {
                     self.states.push("final".to_owned());
                     return;
                 }
-                _ => self.states.push(next("State")),
+                _ => self.states.push(next(Numbered::STATE)),
             }
         }
     }

@@ -20,6 +20,8 @@ pub struct Mission {
     pub blob: Vec<u8>,
     /// The blob's hash.
     pub hash: u32,
+    /// Whether its names are in the blob. Otherwise there are numbers in their place.
+    pub has_names: bool,
     /// The names of everything in it.
     pub directory: Arc<Directory>,
     /// Names of the task types that it uses, in the blob's order.
@@ -34,8 +36,24 @@ impl Mission {
     /// # Errors
     /// See [`NoDirectory`].
     pub fn new(file: &Path, verified: Verified<Vec<u8>>) -> Result<Self, NoDirectory> {
+        let directory = Directory::of(&verified.tables())?;
+        Ok(Self::with(file, verified, directory))
+    }
+
+    /// The same of a mission whose names may have been left out.
+    ///
+    /// # Errors
+    /// [`NoDirectory::PathsTooLong`]
+    pub fn named_or_numbered(
+        file: &Path,
+        verified: Verified<Vec<u8>>,
+    ) -> Result<Self, NoDirectory> {
+        let directory = Directory::named_or_numbered(&verified.tables())?;
+        Ok(Self::with(file, verified, directory))
+    }
+
+    fn with(file: &Path, verified: Verified<Vec<u8>>, directory: Directory) -> Self {
         let tables = verified.tables();
-        let directory = Arc::new(Directory::of(&tables)?);
         let task_names = tables
             .tasks()
             .map(|task| String::from_utf8_lossy(task.signature.name()).into_owned())
@@ -43,15 +61,16 @@ impl Mission {
         let name = file
             .file_stem()
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        Ok(Mission {
+        Mission {
             file: file.to_owned(),
             name,
             hash: verified.hash(),
-            directory,
+            has_names: tables.names().is_some(),
+            directory: Arc::new(directory),
             task_names,
             arena_words: verified.arena_words(),
             blob: verified.into_bytes(),
-        })
+        }
     }
 
     /// A robot's refusal of this mission in words, with the mission's own names.

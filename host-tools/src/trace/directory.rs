@@ -1,8 +1,8 @@
 //! Where everything in a machine is, by name: the path of each state instance and of each flag.
 //!
 //! A path is region names and state names in turn from the root: `motion/Escape/turn/Back`. All paths are worked out once, so that
-//! writing a trace or reading a scenario costs a look-up. A directory is made of a verified blob that has its names; nothing else
-//! is needed to say what happened on a robot.
+//! writing a trace or reading a scenario costs a look-up. A directory is made of a verified blob; nothing else is needed to say what
+//! happened on a robot. Where the blob's names were left out, numbered ones may stand for them.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -180,7 +180,27 @@ impl Directory {
     /// # Errors
     /// See [`NoDirectory`].
     pub fn of(tables: &Tables<'_>) -> Result<Self, NoDirectory> {
-        let names = TemplateNames::of(tables)?;
+        let mut table = tables.names().ok_or(NoDirectory::NoNames)?;
+        let names = TemplateNames::of(tables, |_| {
+            table.next().map(text).ok_or(NoDirectory::NoNames)
+        })?;
+        Self::with(tables, &names)
+    }
+
+    /// The same; of a blob without names with [numbers](Numbered) for them, as `esm inspect` shows it.
+    ///
+    /// # Errors
+    /// [`NoDirectory::PathsTooLong`]
+    pub fn named_or_numbered(tables: &Tables<'_>) -> Result<Self, NoDirectory> {
+        if tables.names().is_some() {
+            return Self::of(tables);
+        }
+        let mut numbered = Numbered::default();
+        let names = TemplateNames::of(tables, |kind| Ok(numbered.next(kind)))?;
+        Self::with(tables, &names)
+    }
+
+    fn with(tables: &Tables<'_>, names: &TemplateNames) -> Result<Self, NoDirectory> {
         let mut directory = Directory {
             tasks: vec![
                 StateId {
@@ -200,13 +220,13 @@ impl Directory {
         directory.events.clone_from(&names.events);
         let mut path_bytes = 0_usize;
         for region in 0..tables.region_instance_count() {
-            let bytes = directory.path_bytes(tables, &names, region);
+            let bytes = directory.path_bytes(tables, names, region);
             path_bytes = path_bytes.saturating_add(bytes.ok_or(NoDirectory::NoNames)?);
             if path_bytes > MAX_PATH_BYTES {
                 return Err(NoDirectory::PathsTooLong);
             }
             let entry = directory
-                .region_entry(tables, &names, region)
+                .region_entry(tables, names, region)
                 .ok_or(NoDirectory::NoNames)?;
             for (local, state) in entry.locals.iter().enumerate() {
                 let id = StateId { region, local };
@@ -423,6 +443,34 @@ impl Directory {
     }
 }
 
+/// Names for what has none: the word for its kind, and a number. No two are the same, and none is a reserved word. They are asked for in the order of a blob's name table.
+#[derive(Debug, Default)]
+pub struct Numbered(HashMap<&'static str, usize>);
+
+impl Numbered {
+    /// Of an event.
+    pub const EVENT: &'static str = "Event";
+    /// Of the machine.
+    pub const MACHINE: &'static str = "Machine";
+    /// Of another container.
+    pub const CONTAINER: &'static str = "Container";
+    /// Of a control flag of a container.
+    pub const FLAG: &'static str = "flag";
+    /// Of a region.
+    pub const REGION: &'static str = "region";
+    /// Of a state.
+    pub const STATE: &'static str = "State";
+    /// Of an exclusive group.
+    pub const GROUP: &'static str = "group";
+
+    /// The next name of a kind.
+    pub fn next(&mut self, kind: &'static str) -> String {
+        let number = self.0.entry(kind).or_default();
+        *number += 1;
+        format!("{kind}{number}")
+    }
+}
+
 /// The names of containers, regions and states, before they are put together to paths.
 struct TemplateNames {
     events: Vec<String>,
@@ -445,13 +493,15 @@ struct StateNames {
 }
 
 impl TemplateNames {
-    fn of(tables: &Tables<'_>) -> Result<Self, NoDirectory> {
-        let mut table = tables.names().ok_or(NoDirectory::NoNames)?;
-        let mut next = || table.next().map(text).ok_or(NoDirectory::NoNames);
+    /// Asks for the names in the order of a blob's table, each by its kind.
+    fn of(
+        tables: &Tables<'_>,
+        mut next: impl FnMut(&'static str) -> Result<String, NoDirectory>,
+    ) -> Result<Self, NoDirectory> {
         let containers: Vec<Container> = tables.containers().collect();
         let regions: Vec<Region> = tables.regions().collect();
         let events = (0..tables.event_count())
-            .map(|_| next())
+            .map(|_| next(Numbered::EVENT))
             .collect::<Result<_, _>>()?;
         let mut names = TemplateNames {
             events,
@@ -461,10 +511,13 @@ impl TemplateNames {
         };
         for (index, container) in names.containers.iter().enumerate() {
             // The container's own name says which template it is, not where an instance stands.
-            next()?;
+            next(match index {
+                0 => Numbered::MACHINE,
+                _ => Numbered::CONTAINER,
+            })?;
             names.container_flags.push(
                 (0..container.flags)
-                    .map(|_| next())
+                    .map(|_| next(Numbered::FLAG))
                     .collect::<Result<_, _>>()?,
             );
             let own = regions.iter().enumerate().skip(container.first_region);
@@ -472,13 +525,13 @@ impl TemplateNames {
                 let end = regions
                     .get(number + 1)
                     .map_or(tables.state_count(), |after| after.first_state);
-                let name = next()?;
+                let name = next(Numbered::REGION)?;
                 let mut states = Vec::with_capacity(end.saturating_sub(region.first_state));
                 for state in (region.first_state..end).filter_map(|state| tables.state(state)) {
                     let name = match state.kind {
                         tables::StateKind::Initial => "initial".into(),
                         tables::StateKind::Final => "final".into(),
-                        _ => next()?,
+                        _ => next(Numbered::STATE)?,
                     };
                     states.push(StateNames {
                         name,
