@@ -84,7 +84,7 @@ fn a_key_locks_a_robot_and_is_printed_nowhere() {
 
     let (status, _, told) = run(&["key", "install"]);
     assert_eq!(status, 3);
-    assert!(told.contains("`esm key new` makes one"), "{told}");
+    assert!(told.contains("`esm key new -o "), "{told}");
     assert_eq!(run(&["key", "new"]).0, 0);
     let (status, _, told) = run(&["key", "new"]);
     assert!(status == 3 && told.contains("already"), "{told}");

@@ -341,3 +341,29 @@ fn a_run_of_a_mission_without_names_is_that_of_its_source_with_numbers_for_names
     );
     assert!(!robot.path("r.rec").exists());
 }
+
+#[test]
+fn the_key_of_the_environment_is_made_and_shown_and_hinders_nobody() {
+    let robot = Robot::start();
+    let key = robot.path("folder/env.key");
+    let with_key = |mut command: Command| Said::of(command.env("ESM_KEY", &key).output().unwrap());
+    let missing = with_key(robot.command("key show")).ended("key show", 3);
+    let makes = format!("`esm key new -o {}` makes it", key.display());
+    assert!(missing.err.contains(&makes), "{missing:#?}");
+
+    let made = with_key(robot.command("key new")).ended("key new", 0);
+    assert!(made.out.contains(key.to_str().unwrap()), "{made:#?}");
+    let shown = with_key(robot.command("key show")).ended("key show", 0);
+    assert!(made.out.contains(shown.out.trim()), "{shown:#?}");
+    let made = with_key(robot.command("key new -o {}/other.key")).ended("key new -o", 0);
+    assert!(made.out.contains("other.key"), "{made:#?}");
+
+    let shown = with_key(robot.at_port("key show")).ended("key show --port", 0);
+    assert_eq!(shown.out, "the robot has no key\n");
+    let both = with_key(robot.at_port("key show --key {}/other.key"));
+    assert!(
+        both.ended("key show --key --port", 2)
+            .err
+            .contains("leave out")
+    );
+}

@@ -1,5 +1,6 @@
 //! `esm key`: who may command a robot.
 
+use std::fmt;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -12,8 +13,8 @@ use serde::Serialize;
 use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{self, LineArgs, RobotArgs};
-use crate::keys::{self, KeyError, SigningKey};
+use super::robot::{self, KEY_VARIABLE, LineArgs, RobotArgs};
+use crate::keys::{self, KeyError, PublicKey, SigningKey};
 use crate::link_client::ClientError;
 
 /// Makes and installs the key without which a robot takes no commands
@@ -53,7 +54,7 @@ pub enum Action {
 #[derive(Debug, Args)]
 pub struct NewArgs {
     /// The file to make [default: esm/key in the folder for configuration, ~/.config]
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", env = KEY_VARIABLE)]
     pub output: Option<PathBuf>,
 }
 
@@ -61,7 +62,7 @@ pub struct NewArgs {
 #[derive(Debug, Args)]
 pub struct ShowArgs {
     /// The key's file [default: esm/key in the folder for configuration, ~/.config]
-    #[arg(long, value_name = "FILE", env = "ESM_KEY", conflicts_with = "port")]
+    #[arg(long, value_name = "FILE", env = KEY_VARIABLE)]
     pub key: Option<PathBuf>,
 
     /// The robot whose key to show: a serial line, unix:PATH or tcp:HOST:PORT
@@ -101,7 +102,7 @@ pub struct RemoveArgs {
 /// What is shown of a key, in the form of its JSON.
 #[derive(Serialize)]
 struct Shown {
-    /// The public part, in hex; none where the robot has no key.
+    /// The public part, in hex; none where the robot has no key, or one that cannot be read.
     key: Option<String>,
     /// Whether commands are taken from the owner of a key alone.
     locked: bool,
@@ -137,46 +138,75 @@ fn make(args: &NewArgs, console: &mut Console) -> Result<(), CommandError> {
 
 fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
     let shown = match &args.port {
-        None => Shown {
-            key: Some(
-                SigningKey::read(&keys::path(args.key.as_deref())?)?
-                    .public()
-                    .to_string(),
-            ),
-            locked: true,
-            uploads: None,
-        },
+        None => {
+            let key = SigningKey::read(&keys::path(args.key.as_deref())?)?;
+            Shown::of_key(&key.public())
+        }
+        Some(_) if robot::is_named(args.key.as_deref()) => {
+            return Err(CommandError::Usage(anyhow!(
+                "the key in a file is shown, or a robot's: leave out `--key` or `--port`"
+            )));
+        }
         Some(port) => {
             let (mut robot, info) = robot::connect(port, args.line)?;
             match info.access {
                 Access::Locked => {
                     let challenge = robot.challenge()?;
                     Shown {
-                        key: Some(challenge.key.to_string()),
-                        locked: true,
                         uploads: Some(challenge.counter),
+                        ..Shown::of_key(&challenge.key)
                     }
                 }
-                Access::Unsupported | Access::Open | Access::Unreadable => Shown {
-                    key: None,
-                    locked: info.access == Access::Unreadable,
-                    uploads: None,
-                },
+                Access::Unreadable => Shown::UNREADABLE,
+                Access::Unsupported | Access::Open => Shown::NONE,
             }
         }
     };
     if args.json {
         return console.json_line(&shown);
     }
-    match (&shown.key, shown.uploads) {
-        (Some(key), Some(uploads)) => writeln!(
-            console.out(),
-            "{key}\nthe last upload that the robot accepted was number {uploads}"
-        )?,
-        (Some(key), None) => writeln!(console.out(), "{key}")?,
-        (None, _) => writeln!(console.out(), "the robot has no key")?,
-    }
+    writeln!(console.out(), "{shown}")?;
     Ok(())
+}
+
+impl Shown {
+    /// Of a robot that takes commands from anyone.
+    const NONE: Self = Shown {
+        key: None,
+        locked: false,
+        uploads: None,
+    };
+
+    /// Of a robot that does not know its key any more.
+    const UNREADABLE: Self = Shown {
+        locked: true,
+        ..Shown::NONE
+    };
+
+    fn of_key(key: &PublicKey) -> Self {
+        Shown {
+            key: Some(key.to_string()),
+            locked: true,
+            uploads: None,
+        }
+    }
+}
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.key, self.uploads) {
+            (Some(key), Some(uploads)) => write!(
+                f,
+                "{key}\nthe last upload that the robot accepted was number {uploads}"
+            ),
+            (Some(key), None) => write!(f, "{key}"),
+            (None, _) if self.locked => write!(
+                f,
+                "what the robot keeps of its key cannot be read, its memory is damaged: it is locked, and takes no commands but `esm stop`"
+            ),
+            (None, _) => write!(f, "the robot has no key"),
+        }
+    }
 }
 
 fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError> {
@@ -239,5 +269,22 @@ impl From<KeyError> for CommandError {
             KeyError::NotAKey { .. } => CommandError::Input(error.into()),
             _ => CommandError::World(error.into()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_whose_key_cannot_be_read_is_locked_and_not_without_key() {
+        assert_eq!(Shown::NONE.to_string(), "the robot has no key");
+        let text = Shown::UNREADABLE.to_string();
+        assert!(
+            text.contains("cannot be read") && text.contains("`esm stop`"),
+            "{text}"
+        );
+        let json = serde_json::to_value(Shown::UNREADABLE).unwrap();
+        assert_eq!(json, serde_json::json!({"key": null, "locked": true}));
     }
 }

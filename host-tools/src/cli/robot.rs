@@ -32,7 +32,13 @@ pub struct RobotArgs {
 }
 
 /// Names the key of those who name none on the command line.
-const KEY_VARIABLE: &str = "ESM_KEY";
+pub(super) const KEY_VARIABLE: &str = "ESM_KEY";
+
+/// Whether a key was named on the command line. What the environment names is for all robots, those without a key among them.
+pub(super) fn is_named(key: Option<&Path>) -> bool {
+    let of_environment = std::env::var_os(KEY_VARIABLE);
+    key.is_some_and(|key| of_environment.is_none_or(|of_all| key.as_os_str() != of_all))
+}
 
 /// How fast a robot's line is.
 #[derive(Clone, Copy, Debug, Args)]
@@ -81,11 +87,8 @@ impl RobotArgs {
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_quietly(&self) -> Result<(Robot, RobotInfo), CommandError> {
         let (mut robot, info) = open(&self.port, self.line)?;
-        // Whoever names a key counts on it. What the environment names is for all robots, those without one among them.
-        let of_environment = std::env::var_os(KEY_VARIABLE);
-        let is_named = (self.key.as_deref())
-            .is_some_and(|key| of_environment.is_none_or(|of_all| key.as_os_str() != of_all));
-        if is_named && info.access == Access::Unsupported {
+        // Whoever names a key counts on it.
+        if is_named(self.key.as_deref()) && info.access == Access::Unsupported {
             return Err(ClientError::NotBuiltIn {
                 feature: Feature::Keys,
             }
