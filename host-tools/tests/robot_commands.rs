@@ -7,7 +7,7 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use host_tools::host_board::{self, HostBoard};
 use host_tools::lockstep::pace::Pace;
@@ -16,6 +16,8 @@ use host_tools::plant::{BodyParameters, Plant};
 use host_tools::serial::ByteLink;
 use host_tools::serial::pty::PtyServer;
 use host_tools::world::World;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use rt_firmware::link::frame::{DELIMITER, decode};
 use rt_firmware::link::message::{Request, ToDevice};
 
@@ -27,8 +29,8 @@ const BAUD: &str = "921600";
 enum Blow {
     /// It is cut when the request is through.
     CutBehind,
-    /// The process that has sent it gets the signal that Ctrl-C is.
-    Interrupted,
+    /// The process that has sent it gets this signal.
+    Signal(Signal),
 }
 
 /// A blow that is due.
@@ -78,9 +80,8 @@ impl ByteLink for Tapped {
             self.line.lock().unwrap().send(&frame)?;
             match due.map(|due| (due.blow, due.pid)) {
                 Some((Blow::CutBehind, _)) => return Err(io::ErrorKind::BrokenPipe.into()),
-                Some((Blow::Interrupted, Some(pid))) => {
-                    let pid = nix::unistd::Pid::from_raw(pid as i32);
-                    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGINT).unwrap();
+                Some((Blow::Signal(signal), Some(pid))) => {
+                    kill(Pid::from_raw(pid as i32), signal).unwrap();
                 }
                 _ => {}
             }
@@ -168,7 +169,7 @@ impl Robot {
     fn befallen(
         &mut self,
         arguments: &str,
-        status: i32,
+        status: impl Into<Option<i32>>,
         blow: Blow,
         request: fn(&Request<'_>) -> bool,
     ) -> Said {
@@ -178,25 +179,7 @@ impl Robot {
         if let Some(due) = self.tapped.due.lock().unwrap().as_mut() {
             due.pid = Some(child.id());
         }
-        let server = self.server.take().unwrap();
-        let begun = Instant::now();
-        while !server.has_ended() && begun.elapsed() < Duration::from_secs(60) {
-            if self.tapped.due.lock().unwrap().is_none() && matches!(blow, Blow::Interrupted) {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let said = match blow {
-            Blow::CutBehind => {
-                drop(server);
-                child.wait_with_output().unwrap()
-            }
-            Blow::Interrupted => {
-                let said = child.wait_with_output().unwrap();
-                drop(server);
-                said
-            }
-        };
+        let said = child.wait_with_output().unwrap();
         self.plug_in();
         assert!(self.tapped.due.lock().unwrap().is_none(), "nothing came");
         Said::of(said).ended(arguments, status)
@@ -225,8 +208,8 @@ impl Said {
     }
 
     #[track_caller]
-    fn ended(self, arguments: &str, status: i32) -> Self {
-        assert_eq!(self.status, Some(status), "esm {arguments}: {self:#?}");
+    fn ended(self, arguments: &str, status: impl Into<Option<i32>>) -> Self {
+        assert_eq!(self.status, status.into(), "esm {arguments}: {self:#?}");
         self
     }
 }
@@ -366,4 +349,43 @@ fn the_key_of_the_environment_is_made_and_shown_and_hinders_nobody() {
             .err
             .contains("leave out")
     );
+}
+
+/// What a replay says of a recording, which must be one.
+fn replayed(robot: &Robot, file: &str) -> serde_json::Value {
+    let said = robot.esm_alone(&format!("replay {{}}/{file} --json"), 0);
+    serde_json::from_str(&said.out).unwrap()
+}
+
+#[test]
+fn a_recorded_upload_that_is_interrupted_is_recorded_to_its_end() {
+    let (mut robot, before) = driving();
+    let upload = format!("upload {FOLLOW_WALL} --record {{}}/r.rec");
+    for (what, request) in [
+        (
+            "sent",
+            (|request| matches!(request, Request::Chunk { .. })) as fn(&Request<'_>) -> bool,
+        ),
+        ("on trial", |request| matches!(request, Request::Commit(_))),
+    ] {
+        let said = robot.befallen(&upload, 3, Blow::Signal(Signal::SIGINT), request);
+        assert!(said.err.contains("interrupted"), "{what}: {said:#?}");
+        let replayed = replayed(&robot, "r.rec");
+        assert_eq!(replayed["file"], "whole", "{what}");
+        let checks = replayed["checks"].as_u64().unwrap();
+        assert!(checks > 0, "{what}: the end was not compared: {replayed}");
+        assert_eq!(robot.status()["mission"], before, "{what}");
+        std::fs::remove_file(robot.path("r.rec")).unwrap();
+    }
+}
+
+#[test]
+fn a_recorded_upload_that_is_killed_leaves_a_recording_that_can_be_read() {
+    let (mut robot, _) = driving();
+    let upload = format!("upload {FOLLOW_WALL} --record {{}}/r.rec");
+    robot.befallen(&upload, None, Blow::Signal(Signal::SIGKILL), |request| {
+        matches!(request, Request::Chunk { .. })
+    });
+    let replayed = replayed(&robot, "r.rec");
+    assert!(replayed["error"].is_null(), "{replayed}");
 }

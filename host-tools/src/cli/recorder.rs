@@ -9,7 +9,7 @@ use anyhow::anyhow;
 use super::console::Console;
 use super::exit::CommandError;
 use super::file;
-use super::robot::Robot;
+use super::robot::{Robot, has_lost_robot};
 use crate::link_client::{ClientError, RobotInfo, StreamEvent, Streams};
 use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::mission::{Mission, hash_text};
@@ -149,7 +149,7 @@ impl Recorder {
         let so_far = recording.counts();
         let written = match &ended {
             // Who has lost the robot need not ask it.
-            Err(CommandError::World(_)) => recording
+            Err(error) if has_lost_robot(error) => recording
                 .break_off(&robot.take_events())
                 .map(|(out, counts)| (out, counts, None)),
             _ => recording.finish(robot),

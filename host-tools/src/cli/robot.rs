@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rt_firmware::features::Feature;
 use rt_firmware::link::access::Access;
+use thiserror::Error;
 
 use super::argument::Port;
 use super::exit::CommandError;
@@ -144,6 +145,28 @@ fn warning(access: Access) -> Option<&'static str> {
             "this robot takes no commands but `esm stop`: its key cannot be read, its memory is damaged",
         ),
     }
+}
+
+/// What went wrong on the line to a robot, in the words of a command that knows what that means for the robot.
+#[derive(Debug, Error)]
+#[error("{said}")]
+pub struct OnTheLine {
+    /// What went wrong.
+    pub cause: ClientError,
+    /// The words, the cause among them.
+    pub said: String,
+}
+
+/// Whether it was the line that failed, so that the robot need not be asked anything more.
+pub fn has_lost_robot(error: &CommandError) -> bool {
+    let CommandError::World(error) = error else {
+        return false;
+    };
+    let told = error.downcast_ref::<OnTheLine>().map(|told| &told.cause);
+    matches!(
+        told.or_else(|| error.downcast_ref()),
+        Some(ClientError::Line(_) | ClientError::NoReply { .. })
+    )
 }
 
 /// A robot that refuses has been given something that it cannot take; all else is the outside world.

@@ -16,7 +16,7 @@ use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::recorder::{self, Recorder};
-use super::robot::{Robot, RobotArgs};
+use super::robot::{OnTheLine, Robot, RobotArgs};
 use super::{file, stage};
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
@@ -429,7 +429,7 @@ fn ended_by(error: ClientError, mission: &Mission, robot_does: &str) -> CommandE
         {
             error.into()
         }
-        None => CommandError::World(anyhow!("{error}\n{robot_does}")),
+        None => on_the_line(format!("{error}\n{robot_does}"), error),
     }
 }
 
@@ -538,12 +538,19 @@ fn end_earlier_trial(
 /// Lets the robot forget the upload, and says what it runs.
 fn aborted(robot: &mut Robot) -> CommandError {
     let ended = robot.abort().and_then(|()| robot.status());
-    CommandError::World(match ended {
-        Ok(status) => anyhow!("interrupted; {}", what_runs(&status)),
-        Err(error) => anyhow!(
-            "interrupted, and the robot could not be told: {error}\nit drives on with what it has"
+    match ended {
+        Ok(status) => CommandError::World(anyhow!("interrupted; {}", what_runs(&status))),
+        Err(error) => on_the_line(
+            format!(
+                "interrupted, and the robot could not be told: {error}\nit drives on with what it has"
+            ),
+            error,
         ),
-    })
+    }
+}
+
+fn on_the_line(said: String, cause: ClientError) -> CommandError {
+    CommandError::World(OnTheLine { cause, said }.into())
 }
 
 /// Lets the robot go back to the mission before, and says what it runs.
@@ -553,17 +560,19 @@ fn given_up(robot: &mut Robot, hash: u32) -> CommandError {
         Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => robot.status(),
         ended => ended.and_then(|()| robot.status()),
     };
-    CommandError::World(match ended {
-        Ok(status) => anyhow!(
-            "interrupted while {} ran on trial; {}",
-            hash_text(hash),
+    let hash = hash_text(hash);
+    match ended {
+        Ok(status) => CommandError::World(anyhow!(
+            "interrupted while {hash} ran on trial; {}",
             what_runs(&status)
+        )),
+        Err(error) => on_the_line(
+            format!(
+                "interrupted while {hash} ran on trial, and the robot could not be told: {error}\nit goes back to the mission before when the time of the trial is over"
+            ),
+            error,
         ),
-        Err(error) => anyhow!(
-            "interrupted while {} ran on trial, and the robot could not be told: {error}\nit goes back to the mission before when the time of the trial is over",
-            hash_text(hash)
-        ),
-    })
+    }
 }
 
 /// What the robot does, for a person whose upload has ended early.
