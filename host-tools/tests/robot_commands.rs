@@ -389,3 +389,36 @@ fn a_recorded_upload_that_is_killed_leaves_a_recording_that_can_be_read() {
     let replayed = replayed(&robot, "r.rec");
     assert!(replayed["error"].is_null(), "{replayed}");
 }
+
+#[test]
+fn commands_at_a_robot_that_stands_still_or_runs_say_what_it_does_then() {
+    let (robot, before) = driving();
+    let steps = |robot: &Robot| robot.status()["steps"].as_u64().unwrap();
+    let made = steps(&robot);
+    let said = robot.esm("start", 0);
+    assert_eq!(
+        said.out,
+        "the mission runs already, and goes on as it was\n"
+    );
+    assert!(steps(&robot) > made, "it began anew");
+
+    let trial = format!("upload {FOLLOW_WALL} --trial 600s");
+    for (stop, start, told) in [
+        ("stop", "start", "it is stopped: `esm start`"),
+        (
+            "stop --emergency",
+            "start --release",
+            "an emergency stop is latched",
+        ),
+    ] {
+        robot.esm(&trial, 0);
+        robot.esm(stop, 0);
+        let said = robot.esm("fallback", 0).out;
+        let mission = before.as_str().unwrap();
+        let is_again = said.contains(&format!("{mission} is its mission again"));
+        assert!(is_again && said.contains(told), "{stop}: {said}");
+        assert!(!said.contains("runs again"), "{stop}: {said}");
+        let said = robot.esm(start, 0).out;
+        assert_eq!(said, "started: the mission runs from its beginning\n");
+    }
+}

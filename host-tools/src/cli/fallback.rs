@@ -7,7 +7,7 @@ use clap::Args;
 use super::confirm::on_trial;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::RobotArgs;
+use super::robot::{RobotArgs, is_back};
 use crate::run::mission::hash_text;
 
 /// Gives up the mission that a robot runs on trial: the one before runs again, from its beginning
@@ -33,16 +33,7 @@ pub fn execute(args: &FallbackArgs, console: &mut Console) -> Result<(), Command
     let mission = on_trial(&mut robot)?;
     robot.fall_back(mission)?;
     let given_up = hash_text(mission);
-    match robot.status()?.mission {
-        Some(before) => writeln!(
-            console.out(),
-            "{given_up} is given up: {} runs again, from its beginning",
-            hash_text(before)
-        )?,
-        None => writeln!(
-            console.out(),
-            "{given_up} is given up: there was no mission before, the motors are off"
-        )?,
-    }
+    let now = is_back(&robot.status()?);
+    writeln!(console.out(), "{given_up} is given up: {now}")?;
     Ok(())
 }

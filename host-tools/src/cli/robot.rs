@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rt_firmware::features::Feature;
 use rt_firmware::link::access::Access;
+use rt_firmware::link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;
@@ -13,6 +14,8 @@ use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
 use crate::reading::ReadError;
+use crate::run::mission::hash_text;
+use crate::run::story;
 use crate::serial::noise::{Noise, Noisy};
 use crate::serial::{self, ByteLink};
 
@@ -167,6 +170,43 @@ pub fn has_lost_robot(error: &CommandError) -> bool {
         told.or_else(|| error.downcast_ref()),
         Some(ClientError::Line(_) | ClientError::NoReply { .. })
     )
+}
+
+/// What a robot does, for a person whose command has ended early.
+pub fn what_runs(status: &Status) -> String {
+    match (status.mode, status.mission) {
+        (Mode::Running, Some(mission)) => format!("the robot drives with {}", hash_text(mission)),
+        (Mode::Stopped, Some(mission)) => {
+            format!(
+                "the robot is stopped, its mission is {}",
+                hash_text(mission)
+            )
+        }
+        (Mode::EmergencyStopped, _) => {
+            "an emergency stop is latched on the robot: `esm start --release`".to_owned()
+        }
+        (Mode::Safe(reason), _) => {
+            format!(
+                "the robot is in its safe state: {}",
+                story::safe_reason(reason)
+            )
+        }
+        _ => "the robot has no mission".to_owned(),
+    }
+}
+
+/// What a robot does that went back to the mission before the one on trial.
+pub fn is_back(status: &Status) -> String {
+    let Some(mission) = status.mission.map(hash_text) else {
+        return "there was no mission before, its motors are off".to_owned();
+    };
+    match status.mode {
+        Mode::Running | Mode::Empty => format!("{mission} runs again, from its beginning"),
+        Mode::Stopped => format!("{mission} is its mission again, and it is stopped: `esm start`"),
+        Mode::EmergencyStopped | Mode::Safe(_) => {
+            format!("{mission} is its mission again; {}", what_runs(status))
+        }
+    }
 }
 
 /// A robot that refuses has been given something that it cannot take; all else is the outside world.

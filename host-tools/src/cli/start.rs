@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::LinkError;
+use rt_firmware::link::message::{LinkError, Mode};
 
 use super::console::Console;
 use super::exit::CommandError;
@@ -31,7 +31,7 @@ pub struct StartArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect()?;
     if args.release {
         robot.release().map_err(|error| match error.refusal() {
             Some(LinkError::EmergencyStopped) => CommandError::Input(anyhow!(
@@ -40,10 +40,12 @@ pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandErr
             _ => error.into(),
         })?;
     }
+    let before = robot.status()?;
     robot.start()?;
-    let told = match info.mission {
-        Some(_) => "started: the mission runs from its beginning",
-        None => "started: the robot has no mission yet, `esm upload` brings one",
+    let told = match (before.mode, before.mission) {
+        (Mode::Running, Some(_)) => "the mission runs already, and goes on as it was",
+        (_, Some(_)) => "started: the mission runs from its beginning",
+        (_, None) => "started: the robot has no mission yet, `esm upload` brings one",
     };
     writeln!(console.out(), "{told}")?;
     Ok(())

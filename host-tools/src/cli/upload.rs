@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use esm_core::Verified;
 use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Status, Swap};
+use rt_firmware::link::message::{Capacities, LinkError, NO_STATE, Swap};
 use rt_firmware::link::trial::{FallBack, FallBackReason};
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::recorder::{self, Recorder};
-use super::robot::{OnTheLine, Robot, RobotArgs};
+use super::robot::{OnTheLine, Robot, RobotArgs, is_back, what_runs};
 use super::{file, stage};
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
@@ -575,29 +575,6 @@ fn given_up(robot: &mut Robot, hash: u32) -> CommandError {
     }
 }
 
-/// What the robot does, for a person whose upload has ended early.
-fn what_runs(status: &Status) -> String {
-    match (status.mode, status.mission) {
-        (Mode::Running, Some(mission)) => format!("the robot drives with {}", hash_text(mission)),
-        (Mode::Stopped, Some(mission)) => {
-            format!(
-                "the robot is stopped, its mission is {}",
-                hash_text(mission)
-            )
-        }
-        (Mode::EmergencyStopped, _) => {
-            "an emergency stop is latched on the robot: `esm start --release`".to_owned()
-        }
-        (Mode::Safe(reason), _) => {
-            format!(
-                "the robot is in its safe state: {}",
-                story::safe_reason(reason)
-            )
-        }
-        _ => "the robot has no mission".to_owned(),
-    }
-}
-
 /// The longest trial.
 const LONGEST_TRIAL: Duration = Duration::from_secs(3600);
 
@@ -666,10 +643,7 @@ fn failure(
         None | Some(Outcome::Confirmed | Outcome::ConfirmedUnseen) => Ok(()),
         Some(Outcome::FellBack(fell_back)) => {
             let why = story::fall_back_reason(fell_back.reason);
-            let now = match robot.status()?.mission {
-                Some(mission) => format!("{} runs again, from its beginning", hash_text(mission)),
-                None => "there was no mission before, its motors are off".to_owned(),
-            };
+            let now = is_back(&robot.status()?);
             Err(CommandError::Input(anyhow!(
                 "the robot gave {file} ({hash}) up: {why}; {now}"
             )))
