@@ -422,3 +422,20 @@ fn commands_at_a_robot_that_stands_still_or_runs_say_what_it_does_then() {
         assert_eq!(said, "started: the mission runs from its beginning\n");
     }
 }
+
+#[test]
+fn status_names_the_mission_and_a_comparison_with_none_is_an_object() {
+    let robot = Robot::start();
+    assert!(robot.status()["machine"].is_null());
+    let said = robot.esm(&format!("upload {PATROL} --diff --json"), 0);
+    let compared: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    let nothing = serde_json::json!({"changes": null, "carry_over": null});
+    assert_eq!(compared, nothing);
+
+    robot.esm(&format!("upload {PATROL}"), 0);
+    let status = robot.status();
+    assert_eq!(status["machine"], "Patrol");
+    let named = format!("Patrol ({})", status["mission"].as_str().unwrap());
+    let said = robot.esm("status", 0).out;
+    assert!(said.contains(&named), "{said}");
+}

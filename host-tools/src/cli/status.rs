@@ -53,6 +53,8 @@ pub struct StatusReport {
     pub stop_pressed: bool,
     /// Hash of its mission, if it has one.
     pub mission: Option<String>,
+    /// Name of its mission's machine.
+    pub machine: Option<String>,
     /// If it runs on trial.
     pub trial: Option<TrialReport>,
     /// The last mission that was given up on trial since the robot started.
@@ -317,6 +319,7 @@ impl StatusReport {
             safe_reason,
             stop_pressed: status.stop_pressed,
             mission: status.mission.map(hash_text),
+            machine: reading.machine,
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
             kept: status.kept.map(KeptReport::from),
@@ -366,9 +369,13 @@ impl fmt::Display for StatusReport {
         )?;
         if let Some(mission) = &self.mission {
             let seconds = self.t_us as f64 / 1e6;
+            let named = match &self.machine {
+                Some(machine) => format!("{machine} ({mission})"),
+                None => mission.clone(),
+            };
             row(
                 "mission",
-                format!("{mission}, for {seconds:.1} s, {} macro steps", self.steps),
+                format!("{named}, for {seconds:.1} s, {} macro steps", self.steps),
             )?;
             row("current states", self.active.join(", "))?;
         }

@@ -157,6 +157,15 @@ struct Preview {
     carry_over: Option<CarryOver>,
 }
 
+/// What `--diff` has compared, in the form of its JSON.
+#[derive(Serialize)]
+struct Compared<'p> {
+    /// How the missions differ; none where none runs.
+    changes: Option<&'p Changes>,
+    /// With `--warm`: what goes on, by the states that the robot is in now.
+    carry_over: Option<&'p CarryOver>,
+}
+
 /// How many differences of a kind are shown before an upload, and with `--diff`.
 const SHOWN: usize = 4;
 const SHOWN_ALONE: usize = 100;
@@ -195,7 +204,11 @@ impl Preview {
 /// Shows what an upload would change.
 fn show(preview: Option<Preview>, json: bool, console: &mut Console) -> Result<(), CommandError> {
     if json {
-        return console.json_line(&preview);
+        // The keys are there also where there is nothing to compare with.
+        return console.json_line(&Compared {
+            changes: preview.as_ref().map(|preview| &preview.changes),
+            carry_over: (preview.as_ref()).and_then(|preview| preview.carry_over.as_ref()),
+        });
     }
     match preview {
         Some(preview) => console.text(&preview.text(SHOWN_ALONE)),

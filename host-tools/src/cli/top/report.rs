@@ -130,7 +130,6 @@ impl TopReport {
             })
             .collect();
         let slot_0_tasks = tasks_of(&reading, None);
-        let machine = reading.machine.clone();
         let line = reading.line;
         let slot_0_busy = reading.status.background_busy;
         let status = StatusReport::new(info, reading);
@@ -141,7 +140,7 @@ impl TopReport {
             safe_reason: status.safe_reason,
             stop_pressed: status.stop_pressed,
             mission: status.mission,
-            machine,
+            machine: status.machine,
             active: status.active,
             steps: status.steps,
             t_ns: status.t_us.saturating_mul(NS_PER_US),
