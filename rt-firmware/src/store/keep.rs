@@ -283,10 +283,6 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     }
 
     fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError> {
-        // A new table in the place of a damaged one would have no key.
-        if self.records.found() == Found::Damage {
-            return Err(LinkError::FlashRefused);
-        }
         let mut room = [0; SavedParams::MAX_BYTES];
         let bytes = saved.put_into(&mut room);
         let kept = self.records.put(SAVED_PARAMS, bytes);
@@ -299,14 +295,11 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     }
 
     fn is_emergency_stopped(&self) -> bool {
-        self.records.get(Key::EMERGENCY_STOP).is_some()
+        // Where it is not known, it is so.
+        self.records.found() == Found::Damage || self.records.get(Key::EMERGENCY_STOP).is_some()
     }
 
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
-        // A new table in the place of a damaged one would have no key.
-        if self.records.found() == Found::Damage {
-            return Err(LinkError::StopNotKept);
-        }
         let value: &[u8] = if latched { &[1] } else { &[] };
         (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotKept)
     }

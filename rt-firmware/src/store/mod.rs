@@ -77,6 +77,8 @@ macro_rules! planted {
     };
 }
 
+#[cfg(test)]
+mod damaged;
 pub mod keep;
 mod layout;
 #[cfg(test)]

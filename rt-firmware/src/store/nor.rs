@@ -134,6 +134,8 @@ pub(super) struct Nor {
     random: Random,
     /// Operations so far: each is a possible cut.
     pub(super) operations: usize,
+    /// The operations since somebody began to look.
+    pub(super) log: Vec<Kind>,
     pub(super) cut: Option<Cut>,
     /// The operation that was cut, and whether power is off.
     pub(super) fired: Option<Kind>,
@@ -145,6 +147,9 @@ pub(super) struct Nor {
     pub(super) erases: u32,
     pub(super) writes: u32,
     pub(super) bytes_read: usize,
+    pub(super) reads: usize,
+    /// The reading of this number fails.
+    pub(super) failing_read: Option<usize>,
 }
 
 #[derive(Clone)]
@@ -173,6 +178,7 @@ impl Nor {
             session: 0,
             random: Random(0x2545_F491),
             operations: 0,
+            log: Vec::new(),
             cut: None,
             fired: None,
             is_off: false,
@@ -181,6 +187,8 @@ impl Nor {
             erases: 0,
             writes: 0,
             bytes_read: 0,
+            reads: 0,
+            failing_read: None,
         }
     }
 
@@ -218,15 +226,14 @@ impl Nor {
     pub(super) fn fingerprint(&self, hasher: &mut impl Hasher) {
         self.cells.hash(hasher);
         self.units.hash(hasher);
-        if self.any_weak {
-            (
-                &self.weak,
-                &self.weak_since,
-                &self.weak_tears,
-                self.session,
-                self.random.0,
-            )
-                .hash(hasher);
+        for (at, mask) in self.weak.iter().enumerate().filter(|(_, mask)| **mask != 0) {
+            let (since, flicker) = self.weak_tears[usize::from(self.weak_since[at])];
+            // What flickers starts anew after two sessions or three.
+            let age = self.session.saturating_sub(since) % 6;
+            (at, mask, flicker, age).hash(hasher);
+            if flicker == Flicker::Noise {
+                self.random.0.hash(hasher);
+            }
         }
     }
 
@@ -251,6 +258,10 @@ impl Nor {
             return Err(NorFlashErrorKind::OutOfBounds);
         }
         self.bytes_read += bytes.len();
+        self.reads += 1;
+        if self.failing_read == Some(self.reads) {
+            return Err(NorFlashErrorKind::Other);
+        }
         bytes.copy_from_slice(&self.cells[range.clone()]);
         if self.any_weak {
             if self.units(&range).iter().any(|unit| unit.is_unreadable) {
@@ -295,6 +306,7 @@ impl Nor {
         }
         let number = self.operations;
         self.operations += 1;
+        self.log.push(kind);
         match kind {
             Kind::Write => self.writes += 1,
             Kind::Erase => self.erases += 1,
@@ -317,6 +329,12 @@ impl Nor {
         tear: Tear,
     ) {
         if tear == Tear::Nothing {
+            return;
+        }
+        if tear == Tear::Whole && kind == Kind::Erase && self.worn.is_empty() {
+            self.cells[range.clone()].fill(0xFF);
+            self.weak[range.clone()].fill(0);
+            self.units(&range).fill(Unit::default());
             return;
         }
         let (middle, session) = (range.start + range.len() / 2, self.session);

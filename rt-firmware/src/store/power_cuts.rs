@@ -1147,7 +1147,8 @@ fn every_planted_defect_breaks_a_law() {
     let mut missed = vec![];
     for (bug, what) in planted::ALL {
         let result = with_planted(*bug, || {
-            records_power_cuts::laws(3, 211)?;
+            records_power_cuts::laws(3, 500)?;
+            records_power_cuts::bits_flip()?;
             laws(&mut Search::new(FEW, 1))
         });
         let verdict = match &result {
@@ -1168,6 +1169,7 @@ fn every_planted_defect_breaks_a_law() {
 enum Check {
     /// Records that are kept, power cut once.
     Records,
+    DamagedRecords,
     Histories,
     LyingHeaders,
     WornCells,
@@ -1191,14 +1193,11 @@ impl Check {
         match bug {
             Bug::HeaderFirst
             | Bug::SealBeforeHeader
-            | Bug::SealForgotten
-            | Bug::SealAlone
             | Bug::AcknowledgedEarly
             | Bug::TailForgotten
             | Bug::OlderWins
             | Bug::TrialRepeated
             | Bug::ConfirmedInMemoryOnly
-            | Bug::ConfirmedByReading
             | Bug::NotesShareABlock
             | Bug::RunningErased
             | Bug::Unerased
@@ -1208,6 +1207,9 @@ impl Check {
             | Bug::RecordUnsettled
             | Bug::RecordKeptInMemoryOnly
             | Bug::RecordTwice => Check::Records,
+            Bug::SealAlone | Bug::RecordOnce | Bug::DamageGivesWay | Bug::EmptyTakenForNew => {
+                Check::DamagedRecords
+            }
             Bug::OffsetUnchecked
             | Bug::LengthUnchecked
             | Bug::WrapForgotten
@@ -1225,6 +1227,8 @@ impl Check {
                 Check::FlippedBits
             }
             Bug::HeadedForgotten => cut_twice(0, 13, 2),
+            Bug::SealForgotten => cut_twice(0, 4, 0),
+            Bug::ConfirmedByReading => cut_twice(0, 8, 0),
             Bug::ConfirmationTaken => cut_twice(0, 8, 2),
             Bug::CutPromotionForgotten => cut_twice(0, 15, 2),
             Bug::PromotedUntried => cut_twice(0, 15, 0),
@@ -1236,7 +1240,8 @@ impl Check {
 
     fn run(self) -> Result<(), Broken> {
         match self {
-            Check::Records => records_power_cuts::laws(3, 211),
+            Check::Records => records_power_cuts::laws(3, 500),
+            Check::DamagedRecords => records_power_cuts::bits_flip(),
             Check::Histories => without_cuts(),
             Check::LyingHeaders => headers_lie(),
             Check::WornCells => cells_are_worn(),
@@ -1269,6 +1274,7 @@ impl Check {
     fn name(self) -> &'static str {
         match self {
             Check::Records => "records, power cut once",
+            Check::DamagedRecords => "records, bits that flip",
             Check::Histories => "histories without a cut",
             Check::LyingHeaders => "headers that lie",
             Check::WornCells => "cells that are worn",

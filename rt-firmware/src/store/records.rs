@@ -2,9 +2,14 @@
 //!
 //! A record is up to [`MAX_VALUE_BYTES`] under a number, its key. All of them together are one table, which stands in RAM, where [`get`](Records::get) finds a
 //! record without a look at the flash, and in two areas of the flash, which are [slots](super) as those of missions are. [`put`](Records::put) writes the
-//! whole table, with the new record in it, to the area that is not in use, and confirms it there. So all that is promised of missions holds: a record that was
+//! whole table, with the new record in it, to the area that is not in use, and confirms it there; then to the other, in the same way. So all that is promised of missions holds: a record that was
 //! acknowledged is not lost, one whose writing was cut is there with its new value or with its old one, from the next [`open`](Records::open) on always the same, and
 //! records are whole or not there.
+//!
+//! # Damage
+//! What was acknowledged is there twice: bits of one area that change by themselves, or that cannot be read, lose nothing, and the next `open` writes the table anew there. Only where
+//! the writing of a table was cut, or failed, there is one of it until the next `open`. Damage of that one is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is. A flash that never
+//! had a table is told from that by the words of a slot that come after its header, of which no first content of a chip has two.
 //!
 //! ```
 //! # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -43,18 +48,19 @@
 //! ```
 //!
 //! # Costs
-//! A `put` erases one area (of two, in turn) and writes the table and seven blocks; one that changes nothing costs nothing. It waits for the flash: to be
-//! called from the link's context, never from a slot's. An `open` writes at most three blocks, and nothing from the fourth start after a `put` on; the first of all,
-//! and one after a `put` that was cut, write the table. A flash that
-//! lasts 10,000 erases lasts 20,000 puts.
+//! A `put` erases both areas, one after the other, and writes to each the table and seven blocks; one that changes nothing costs nothing. It waits for the flash: to be
+//! called from the link's context, never from a slot's. An `open` writes the table once after a `put` that was cut and after damage, and else nothing. A flash that
+//! lasts 10,000 erases lasts 10,000 puts.
 //!
 //! # Limits
 //! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has behind its head, whichever is less; a record takes two bytes
-//! more than its value. Damage of the table that is in use (bits that change by themselves) brings back the table before.
+//! more than its value. Where the writing of a table was cut just before its second half began, damage in the head of the new one brings back the one before: that `put` was not
+//! acknowledged.
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::{Layout, LayoutError, SlotState, Store};
+use super::layout::{HEADED, HEADED_AT, SEALED, SEALED_AT};
+use super::{Choice, Layout, LayoutError, Slot, SlotState, Store};
 use crate::link::key_safe::{KeyRecord, NotKept};
 
 /// The longest value of a record, in bytes.
@@ -84,7 +90,7 @@ impl From<KeyRecord> for Key {
     }
 }
 
-/// Why a record was not kept. The one before is still there, if there was one.
+/// Why a record was not kept. The one before is still there, if there was one; after [`Flash`](PutError::Flash) it may be the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PutError {
     /// A value has at most [`MAX_VALUE_BYTES`].
@@ -94,19 +100,21 @@ pub enum PutError {
         /// Bytes that the table has for records.
         capacity: usize,
     },
-    /// The flash did not take it.
+    /// The flash did not take it, or not twice.
     Flash,
+    /// There is [damage](Found::Damage): a new table in the place of the damaged one would lack its records.
+    Damaged,
 }
 
 /// What a start found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// Nothing was ever kept. A table without records is there now.
+    /// Nothing was ever kept.
     Nothing,
     /// A table.
     Table,
-    /// Both areas hold something, and none of them a table that is whole. A robot must not take this for one that never had records. The next `put` makes a new
-    /// table.
+    /// There was a table, and it is not whole, or cannot be read. A robot must not take this for one that never had records. Nothing is kept until the flash is erased, or
+    /// reads well.
     Damage,
 }
 
@@ -117,6 +125,8 @@ pub struct Records<'m, F> {
     room: &'m mut [u8],
     len: usize,
     found: Found,
+    /// Both areas have the table.
+    is_twice: bool,
 }
 
 impl<'m, F: NorFlash> Records<'m, F> {
@@ -133,6 +143,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
             room,
             len: 0,
             found: Found::Nothing,
+            is_twice: false,
         };
         records.load();
         Ok(records)
@@ -157,7 +168,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if value.len() > MAX_VALUE_BYTES {
             return Err(PutError::TooLong);
         }
-        if self.get(key).unwrap_or_default() == value {
+        if self.found == Found::Damage {
+            return Err(PutError::Damaged);
+        }
+        let is_settled = self.is_twice || self.found == Found::Nothing;
+        if self.get(key).unwrap_or_default() == value && is_settled {
             return Ok(());
         }
         let taken = match self.get(key) {
@@ -172,16 +187,26 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if self.len - taken + needed > capacity {
             return Err(PutError::Full { capacity });
         }
+        // At first one without records, so that it is known what was before where the writing of the next is cut.
+        if self.store.running_slot().is_none() && !planted!(RecordsUnformatted) {
+            self.write().ok_or(PutError::Flash)?;
+        }
         self.remove(key);
         self.append(key, value);
-        if self.write().is_none() {
-            if !planted!(RecordKeptInMemoryOnly) {
-                self.load();
-            }
+        self.is_twice = self.write_twice();
+        if self.is_twice {
+            self.found = Found::Table;
+            return Ok(());
+        }
+        if planted!(RecordKeptInMemoryOnly) {
             return Err(PutError::Flash);
         }
-        self.found = Found::Table;
-        Ok(())
+        self.load();
+        // What the flash did not take at once, it may have taken now.
+        if self.is_twice && self.get(key).unwrap_or_default() == value {
+            return Ok(());
+        }
+        Err(PutError::Flash)
     }
 
     /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
@@ -204,10 +229,6 @@ impl<'m, F: NorFlash> Records<'m, F> {
     /// # Errors
     /// [`NotKept`]: there is damage, or the flash did not take it.
     pub fn write_of_key(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        // A new table in the place of a damaged one would have no key.
-        if self.found == Found::Damage {
-            return Err(NotKept);
-        }
         self.put(record.into(), bytes).map_err(|_| NotKept)
     }
 
@@ -250,6 +271,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
         self.len += HEAD_BYTES + value.len();
     }
 
+    /// Writes the table to one area and then to the other.
+    fn write_twice(&mut self) -> bool {
+        self.write().is_some() && (planted!(RecordOnce) || self.write().is_some())
+    }
+
     /// Writes the table, and makes it the one that counts.
     fn write(&mut self) -> Option<()> {
         let table = self.room.get(..self.len)?;
@@ -263,45 +289,101 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if planted!(RecordUnconfirmed) {
             return Some(());
         }
-        self.store.confirm().ok()
+        if self.store.confirm().is_err() {
+            // So that the next table can go the same way.
+            self.store.fall_back();
+            return None;
+        }
+        Some(())
     }
 
-    /// Reads the table that counts, and settles that it does: where its writing was cut, it might read well today and not tomorrow.
+    /// Reads the table that counts, and sees to it that both areas have it. Where its writing was cut it is confirmed before, for it might read well today and not tomorrow.
     fn load(&mut self) {
-        // A table that was never confirmed, and cannot be now, gives way to the other.
-        for _ in 0..2 {
-            let choice = self.store.choose(self.room, is_table);
-            let Some(chosen) = choice.mission else {
-                self.len = 0;
-                self.found = Found::Damage;
-                // From the first start on there is a table. So where the writing of another was cut, it is known what was before.
-                if choice.slots.contains(&SlotState::Empty) {
+        self.len = 0;
+        self.found = Found::Damage;
+        self.is_twice = false;
+        // What reads badly is looked at twice. And a table that was never confirmed, and cannot be now, gives way to the other.
+        for look in 0..LOOKS {
+            let Choice { mission, slots } = self.store.choose(self.room, is_table);
+            let Some(chosen) = mission else {
+                if look < LOOKS - 1 {
+                    continue;
+                }
+                let signs = self.signs_of_table(Slot::A) + self.signs_of_table(Slot::B);
+                let is_taken_for_new =
+                    planted!(EmptyTakenForNew) && slots.contains(&SlotState::Empty);
+                if signs < CERTAIN || is_taken_for_new {
                     self.found = Found::Nothing;
-                    if !planted!(RecordsUnformatted) {
-                        let _ = self.write();
-                    }
                 }
                 return;
             };
+            let other = chosen.slot.other();
+            let state = other.of(slots);
+            let [header, copy] = [chosen.slot, other].map(|slot| self.store.head(slot).header);
+            let (Ok(header), copy) = (header, copy) else {
+                continue;
+            };
+            let is_same = copy.is_ok_and(|copy| (copy.len, copy.crc) == (header.len, header.crc));
+            self.is_twice = is_same
+                && state == SlotState::Spare
+                && self.store.payload_crc(other, header.len, &mut []) == Some(header.crc);
+            if look == 0 && !self.is_twice && !chosen.on_trial {
+                continue;
+            }
+            // What was looked at before the one that was chosen is newer.
+            let is_newer_damaged = match state {
+                SlotState::OtherFormat | SlotState::TooLong => true,
+                SlotState::BrokenPayload
+                | SlotState::NoRoom { .. }
+                | SlotState::Refused
+                | SlotState::Unreadable => copy.is_ok() && !is_same,
+                _ => false,
+            };
+            if is_newer_damaged && !planted!(DamageGivesWay) {
+                return;
+            }
             let len = chosen.len as usize;
             let bytes = self.room.get(..len).unwrap_or_default();
             self.len = if *bytes == NO_RECORDS { 0 } else { len };
             self.found = Found::Table;
+            if self.is_twice && !chosen.on_trial {
+                return;
+            }
             if planted!(RecordUnsettled) || self.store.confirm().is_ok() {
-                // A table whose writing was cut does not count today, and might tomorrow.
-                let other = chosen.slot.other().of(choice.slots);
-                let is_settled = matches!(
-                    other,
-                    SlotState::Empty | SlotState::Spare | SlotState::BrokenHeader
-                );
-                if !is_settled && !planted!(CutRecordUnsettled) {
-                    let _ = self.write();
+                if !self.is_twice && !planted!(CutRecordUnsettled) {
+                    self.is_twice = self.write().is_some();
                 }
                 return;
             }
         }
     }
+
+    /// Whether an area without a table that counts had one: [`CERTAIN`] if it had, half of that if it cannot be read.
+    fn signs_of_table(&mut self, slot: Slot) -> u8 {
+        let head = self.store.head(slot);
+        match head.header {
+            // With a table that has no records nothing is lost: the first one of all may have been cut.
+            Ok(header) if head.is_sealed && header.len as usize > NO_RECORDS.len() => CERTAIN,
+            Ok(_) => 0,
+            Err(SlotState::OtherFormat | SlotState::TooLong) => CERTAIN,
+            // No cut of a first table leaves these words without the header, and no chip comes with both.
+            Err(_) => {
+                let words = [HEADED_AT, SEALED_AT].map(|at| self.store.read(slot, at));
+                match words {
+                    [Some(HEADED), Some(SEALED)] => CERTAIN,
+                    [Some(_), Some(_)] => 0,
+                    _ => CERTAIN / 2,
+                }
+            }
+        }
+    }
 }
+
+/// How often areas are looked at that do not both have a table.
+const LOOKS: usize = 3;
+
+/// As many signs of a table leave no doubt.
+const CERTAIN: u8 = 2;
 
 /// The table without records.
 const NO_RECORDS: [u8; 1] = [0];
