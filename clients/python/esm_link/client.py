@@ -31,6 +31,11 @@ KEPT = (
     messages.COMMIT, messages.CONFIRM, messages.FALL_BACK, messages.SAVE_PARAMS, messages.RELEASE, messages.INSTALL_KEY, messages.REMOVE_KEY,
 )  # fmt: skip
 
+# Before their answers the robot verifies a signature, which takes it a tenth of a second or more.
+VERIFIED = (messages.SIGNED, messages.SIGN, messages.INSTALL_KEY)
+VERIFICATION_WAIT_S = 0.5
+
+BLOB_READS = 5
 MOST_DOUBLINGS = 2
 BEGIN_LIMIT = 20
 
@@ -180,6 +185,7 @@ class Client:
         self._trace = Assembler()
         self._records: List[dict] = []
         self._news: List[messages.News] = []
+        self._recorded: List[Part] = []
         self._values: List[Part] = []
         #: Log bytes that came in this session.
         self.log = bytearray()
@@ -247,14 +253,26 @@ class Client:
 
     def black_box(self) -> List[messages.Record]:
         """What the flight recorder holds, oldest first."""
-        part = self._ask("black box", messages.BlackBox, messages.BLACK_BOX, False)
-        records, end = part.records, part.end
-        # What is written while this reads is for the next time.
-        while part.records and records[-1].sequence != (end - 1) % 2**32:
-            following = (records[-1].sequence + 1) % 2**32
-            part = self._ask("black box", messages.BlackBox, messages.BLACK_BOX, True, following)
-            records = records + part.records
-        return records
+
+        def is_before(sequence: int, other: int) -> bool:
+            # They wrap.
+            return (sequence - other) % 2**32 >= 2**31
+
+        records: List[messages.Record] = []
+        asked = end = None
+        while True:
+            begin = (False,) if asked is None else (True, asked)
+            part = self._ask("black box", messages.BlackBox, messages.BLACK_BOX, *begin)
+            # What is written while this reads is for the next time.
+            end = part.end if end is None else end
+            if not part.records:
+                return records
+            records += [record for record in part.records if is_before(record.sequence, end)]
+            following = (part.records[-1].sequence + 1) % 2**32
+            # A robot that goes back would be asked forever.
+            if not is_before(following, end) or (asked is not None and not is_before(asked, following)):
+                return records
+            asked = following
 
     def param(self, mission: int, index: int) -> messages.Param:
         """Bits of a parameter of the running mission, and of the value that the mission gives it."""
@@ -269,6 +287,7 @@ class Client:
     def save_params(self, mission: int) -> int:
         """Lets the robot keep the values that differ now, and start the mission with them from now on. Returns how many there are."""
         self.require("params")
+        self.require("store")
         return self._command("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
 
     def abort(self) -> None:
@@ -292,6 +311,7 @@ class Client:
 
     def fields(self, mission: int, net: int) -> List[Field]:
         """What values on a net of the mission are made of, by its index in the blob."""
+        self.require("telemetry")
         text, total = b"", 1
         while len(text) < total:
             part = self._ask("fields", messages.TaskText, messages.VALUES, ask_fields(mission, net, len(text)))
@@ -305,6 +325,7 @@ class Client:
 
         Returns the number that these samples have.
         """
+        self.require("telemetry")
         self._ask("values", messages.Done, messages.VALUES, ask_values(mission, period_ms, nets))
         return self._seq
 
@@ -332,6 +353,14 @@ class Client:
 
     def read_blob(self) -> bytes:
         """The blob of the mission that runs."""
+        # A robot that falls back while it is read gives parts of two missions, whose checksum is that of neither.
+        for _ in range(BLOB_READS):
+            blob = self._read_blob_once()
+            if zlib.crc32(blob[:-4]) == int.from_bytes(blob[-4:], "little"):
+                return blob
+        raise Malformed(f"the blob of the running mission has not its checksum, {BLOB_READS} times in a row")
+
+    def _read_blob_once(self) -> bytes:
         blob, total = b"", 1
         while len(blob) < total:
             part = self._ask("read the mission", messages.Blob, messages.READ_BLOB, len(blob))
@@ -343,6 +372,10 @@ class Client:
     def trace(self, seconds: float) -> Iterator[dict]:
         """Trace records as they come, for so long. `subscribe` asks for them."""
         return self._listen(seconds, self._records)
+
+    def record(self, seconds: float) -> Iterator[Part]:
+        """Parts of the recording as they come, for so long; section 9 says what is in them. `subscribe` asks for them."""
+        return self._listen(seconds, self._recorded)
 
     def _listen(self, seconds: float, came: list) -> Iterator:
         end = time.monotonic() + seconds
@@ -448,6 +481,7 @@ class Client:
 
         The seed is what the robot makes its nonces from: 16 bytes that nobody can guess, or those of the system.
         """
+        self.require("keys")
         seed = new_seed() if seed is None else seed
         self._key_command("install a key", messages.Done, messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
         self._key = key
@@ -455,6 +489,7 @@ class Client:
 
     def remove_key(self) -> None:
         """From now on the robot takes commands from anyone."""
+        self.require("keys")
         self._key_command("remove the key", messages.Done, messages.REMOVE_KEY)
         self.hello()
 
@@ -560,7 +595,8 @@ class Client:
             if heard_within is not None and not known.is_known():
                 known = _ReplyTime()
                 known.seen(heard_within)
-            deadline = sent + known.wait(attempt, len(request) + 7) + longer
+            wait = known.wait(attempt, len(request) + 7)
+            deadline = sent + (max(wait, VERIFICATION_WAIT_S) if kind in VERIFIED else wait) + longer
             attempt += 1
             while time.monotonic() < deadline:
                 spoiled = self._reader.spoiled
@@ -577,9 +613,12 @@ class Client:
                     is_old = kind == messages.HELLO and not isinstance(answer.body, messages.Hello)
                     if answer.seq == self._seq and not is_old:
                         took = time.monotonic() - sent
-                        if is_first and not longer:
+                        if longer or kind in VERIFIED:
+                            # It says nothing of others.
+                            pass
+                        elif is_first:
                             self._reply_time.seen(took)
-                        elif heard_within is not None and not longer and not self._reply_time.is_known():
+                        elif heard_within is not None and not self._reply_time.is_known():
                             # On a bad line few are answered the first time: better this than nothing.
                             self._reply_time.seen(max(took, heard_within))
                         return answer.body
@@ -622,10 +661,12 @@ class Client:
                 continue
             elif isinstance(read, messages.News):
                 self._news.append(read)
-            elif isinstance(read, Part) and read.channel == "trace":
+            elif read.channel == "trace":
                 self._records += self._trace.take(read)
-            elif isinstance(read, Part) and read.channel == "values":
-                self._values.append(read)
-            else:
+            elif read.channel == "log":
                 self.log += read.bytes
+            elif read.channel == "record":
+                self._recorded.append(read)
+            else:
+                self._values.append(read)
         return answers

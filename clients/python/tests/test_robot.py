@@ -1,10 +1,11 @@
 """The client against a robot that says what a test needs it to say, in a time of their own."""
 
 import unittest
+import zlib
 from unittest import mock
 
 import vectors
-from esm_link import Client, Refused, client, frames, messages
+from esm_link import Client, Malformed, NoReply, NotBuiltIn, Refused, client, frames, messages
 from esm_link.frames import FrameReader
 
 # Errors, by their numbers.
@@ -118,6 +119,86 @@ class Sessions(Scripted):
             # Of this session, and not asked for before the next one begins.
             robot.send(part(TRACE, 1, same(3)))
             session.abort()
+
+    def test_parts_of_a_recording_are_no_log(self):
+        robot, session = self.session(lambda *_: b"\0" + DONE)
+        robot.behind = {messages.SUBSCRIBE: [part(RECORD, 0, b"recorded"), part(LOG, 0, b"logged")]}
+        session.subscribe()
+        self.assertEqual([part.bytes for part in session.record(0.1)], [b"recorded"])
+        self.assertEqual(session.log, b"logged")
+
+
+class Readings(Scripted):
+    def test_a_blob_is_that_of_one_mission(self):
+        def blob(salt: int) -> bytes:
+            content = bytes(at ^ salt for at in range(100))
+            return content + zlib.crc32(content).to_bytes(4, "little")
+
+        asked = []
+
+        def says(_, fields):
+            offset = messages.Fields(fields).number(32)
+            asked.append(offset)
+            # The robot falls back behind the first part, or all the time.
+            mission = blob(len(asked) if always else min(len(asked), 2))
+            data = mission[offset : offset + 60]
+            return b"\0\x06" + messages.number(len(mission)) + messages.number(len(data)) + data
+
+        always = False
+        _, session = self.session(says)
+        self.assertEqual(session.read_blob(), blob(2))
+        always = True
+        with self.assertRaises(Malformed):
+            session.read_blob()
+        self.assertLess(len(asked), 20)
+
+    def black_box(self, answers):
+        """What is read from a robot that gives the end and sequence numbers of these records."""
+
+        def says(*_):
+            end, sequence = answers.pop(0)
+            records = b"".join(number.to_bytes(4, "little") + bytes(12) for number in sequence)
+            return b"\0\x0b" + messages.number(end) + messages.number(len(records)) + records
+
+        _, session = self.session(says)
+        return [record.sequence for record in session.black_box()]
+
+    def test_a_black_box_ends_where_it_did_when_it_was_asked(self):
+        self.assertEqual(self.black_box([(3, [0, 1]), (6, [2, 3, 4])]), [0, 1, 2])
+        last = 2**32 - 1
+        self.assertEqual(self.black_box([(1, [last]), (2, [0, 1])]), [last, 0])
+        # A robot that goes back is not asked forever.
+        self.assertEqual(self.black_box([(9, [3]), (9, [1]), (9, [1])]), [3, 1])
+
+    def test_what_the_firmware_lacks_is_not_asked_for(self):
+        robot, session = self.session(lambda *_: b"\0\x11" + messages.number(0) + messages.number(0))
+        for feature, act in (
+            ("telemetry", lambda: session.fields(1, 0)),
+            ("telemetry", lambda: session.watch_values(1, [0])),
+            ("keys", lambda: session.install_key(None, bytes(16))),
+            ("keys", session.remove_key),
+        ):
+            with self.assertRaises(NotBuiltIn) as lacking:
+                act()
+            self.assertEqual(lacking.exception.feature, feature)
+        session._features.built_in = 1 << messages.FEATURE_NAMES.index("params")
+        with self.assertRaises(NotBuiltIn) as lacking:
+            session.save_params(1)
+        self.assertEqual(lacking.exception.feature, "store")
+        self.assertEqual(robot.asked, [messages.FEATURES])
+
+
+class Waits(Scripted):
+    def test_a_signature_takes_its_time_to_be_verified(self):
+        clock = b"\0\x10" + messages.number(0)
+        for kind, fields in ((messages.SIGN, (1, bytes(64))), (messages.SIGNED, (bytes(64), b"\x07")), (messages.INSTALL_KEY, (bytes(32), bytes(16), bytes(64)))):
+            robot, session = self.session(lambda kind, _: clock if kind == messages.CLOCK else None)
+            for _ in range(20):
+                session.clock()
+            robot.asked.clear()
+            with self.assertRaises(NoReply):
+                session._ask("a signature", messages.Done, kind, *fields)
+            self.assertLess(len(robot.asked), 14)
 
 
 if __name__ == "__main__":
