@@ -198,6 +198,8 @@ pub struct LinkClient<L> {
     signing: Signing,
 }
 
+const READ_BLOB: &str = "read the mission";
+
 /// Whether the bytes of a blob are those that it ends with the checksum of.
 fn has_its_checksum(blob: &[u8]) -> bool {
     blob.split_last_chunk()
@@ -561,11 +563,16 @@ impl<L: ByteLink> LinkClient<L> {
                 Err(_) => break,
             }
         }
-        read
+        match read {
+            Ok(blob) if !has_its_checksum(&blob) && !planted!(MixedBlobTaken) => {
+                Err(ClientError::BadAnswer { request: READ_BLOB })
+            }
+            read => read,
+        }
     }
 
     fn read_running_blob(&mut self) -> Result<Vec<u8>, ClientError> {
-        self.read_all("read the mission", |offset| {
+        self.read_all(READ_BLOB, |offset| {
             let offset = u32::try_from(offset).ok()?;
             Some(Request::ReadBlob { offset })
         })

@@ -434,24 +434,30 @@ const LAWS: &[(&str, Law)] = &[
         holds("before each sending but the first", flash * sent <= waited)
     }),
     ("a blob is that of one mission", || {
-        let missions = [blob(100, 1), blob(100, 2)];
-        let expected = missions[1].clone();
-        let mut reads = 0;
-        let (mut client, _) = session(move |seq, request| {
-            let Request::ReadBlob { offset } = *request else {
-                return vec![];
-            };
-            reads += 1;
-            // The robot falls back behind the first part.
-            let mission: &[u8] = &missions[usize::from(reads > 1)];
-            let from = offset as usize;
-            let part: &'static [u8] =
-                Vec::leak(mission[from..mission.len().min(from + 60)].to_vec());
-            let total = mission.len() as u32;
-            vec![(seq, Ok(Response::Blob { total, data: part }))]
-        })?;
-        let read = client.running_blob().map_err(failed)?;
-        holds("the one that runs", read == expected)
+        let read = |changes: u8| {
+            let mut reads = 0;
+            let (mut client, _) = session(move |seq, request| {
+                let Request::ReadBlob { offset } = *request else {
+                    return vec![];
+                };
+                // Another mission runs for each part, so many times.
+                let mission = blob(100, reads.min(changes));
+                reads += 1;
+                let from = offset as usize;
+                let part: &'static [u8] =
+                    Vec::leak(mission[from..mission.len().min(from + 60)].to_vec());
+                let total = mission.len() as u32;
+                vec![(seq, Ok(Response::Blob { total, data: part }))]
+            })?;
+            Ok::<_, Broken>(client.running_blob())
+        };
+        let once = read(1)?.map_err(failed)?;
+        holds("the one that runs", once == blob(100, 1))?;
+        let ended = read(u8::MAX)?;
+        holds(
+            "or none",
+            matches!(ended, Err(ClientError::BadAnswer { .. })),
+        )
     }),
     ("an upload goes on as soon as answers come", || {
         let mut withheld = Vec::new();
