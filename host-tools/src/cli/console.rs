@@ -30,19 +30,23 @@ pub struct Console {
     out_is_terminal: bool,
     error_is_terminal: bool,
     colour_allowed: bool,
+    /// Whether terminals have a cursor that can be moved, so that a line can be taken back.
+    cursor_moves: bool,
 }
 
 impl Console {
-    /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or `TERM` is `dumb`.
+    /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or `TERM` is `dumb`; progress only on one whose cursor moves.
     pub fn of_this_process() -> Self {
+        let term = std::env::var_os("TERM");
         Console {
             out: BufWriter::with_capacity(OUTPUT_BUFFER_BYTES, io::stdout()),
             out_is_terminal: io::stdout().is_terminal(),
             error_is_terminal: io::stderr().is_terminal(),
             colour_allowed: colour_allowed(
                 std::env::var_os("NO_COLOR").as_deref(),
-                std::env::var_os("TERM").as_deref(),
+                term.as_deref(),
             ),
+            cursor_moves: !is_dumb(term.as_deref()),
         }
     }
 
@@ -89,9 +93,14 @@ impl Console {
         self.error_is_terminal && self.colour_allowed
     }
 
-    /// Whether standard output is a terminal, so that a person watches what is written.
-    pub fn out_is_terminal(&self) -> bool {
-        self.out_is_terminal
+    /// Whether standard output is a terminal on which a cursor can be moved.
+    pub fn out_has_cursor(&self) -> bool {
+        self.out_is_terminal && self.cursor_moves
+    }
+
+    /// Whether standard error is one.
+    fn error_has_cursor(&self) -> bool {
+        self.error_is_terminal && self.cursor_moves
     }
 
     /// How wide standard output is, in letters: the terminal's width, or 100 where there is none.
@@ -131,7 +140,7 @@ impl Console {
         }
     }
 
-    /// A progress bar on standard error over `length` units of work. Hidden where standard error is no terminal.
+    /// A progress bar on standard error over `length` units of work. Hidden where standard error is no terminal with a cursor.
     pub fn progress(&self, label: &str, length: u64) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(Some(length), self.progress_target());
         bar.set_style(bar_style("{msg} [{bar:32}] {percent:>3} % {elapsed}"));
@@ -140,18 +149,18 @@ impl Console {
     }
 
     /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None where standard error is no
-    /// terminal.
+    /// terminal with a cursor.
     pub fn spinner(&self, label: &str) -> Spinner {
         Spinner {
             watch: self
-                .error_is_terminal
+                .error_has_cursor()
                 .then(|| Watch::begin(label))
                 .flatten(),
         }
     }
 
     fn progress_target(&self) -> ProgressDrawTarget {
-        if self.error_is_terminal {
+        if self.error_has_cursor() {
             ProgressDrawTarget::stderr()
         } else {
             ProgressDrawTarget::hidden()
@@ -248,7 +257,12 @@ fn bar_style(template: &str) -> ProgressStyle {
 
 /// Whether the environment lets a terminal be coloured. An empty `NO_COLOR` counts as not set (no-color.org).
 fn colour_allowed(no_color: Option<&OsStr>, term: Option<&OsStr>) -> bool {
-    no_color.is_none_or(OsStr::is_empty) && term != Some(OsStr::new("dumb"))
+    no_color.is_none_or(OsStr::is_empty) && !is_dumb(term)
+}
+
+/// Whether terminals are said to do nothing but write one line after the other.
+fn is_dumb(term: Option<&OsStr>) -> bool {
+    term == Some(OsStr::new("dumb"))
 }
 
 #[cfg(test)]
@@ -261,6 +275,25 @@ mod tests {
         assert_eq!(chain(&named), "cannot read `a`: gone");
         let repeated = anyhow::anyhow!("gone").context("cannot read `a`: gone");
         assert_eq!(chain(&repeated), "cannot read `a`: gone");
+    }
+
+    #[test]
+    fn signs_of_life_are_shown_where_they_can_be_taken_away() {
+        for (error_is_terminal, cursor_moves, colour_allowed, expected) in [
+            (true, true, true, true),
+            (true, true, false, true),
+            (true, false, false, false),
+            (false, true, true, false),
+        ] {
+            let console = Console {
+                error_is_terminal,
+                colour_allowed,
+                cursor_moves,
+                ..Console::of_this_process()
+            };
+            let spinner = console.spinner("work");
+            assert_eq!(spinner.watch.is_some(), expected, "{cursor_moves}");
+        }
     }
 
     #[test]

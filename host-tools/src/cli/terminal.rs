@@ -1,6 +1,5 @@
 //! The screen of a terminal, while a command has it: taken, drawn on, and given back as it was, whatever ends the command.
 
-use std::ffi::OsStr;
 use std::io::stdout;
 use std::ops::ControlFlow;
 use std::sync::Once;
@@ -28,8 +27,7 @@ pub const KEY_WAIT: Duration = Duration::from_millis(100);
 
 /// Whether standard output is a terminal on which a cursor can be moved.
 pub fn has_screen(console: &Console) -> bool {
-    let is_dumb = std::env::var_os("TERM").as_deref() == Some(OsStr::new("dumb"));
-    console.out_is_terminal() && !is_dumb
+    console.out_has_cursor()
 }
 
 /// Which colours the screen may have.
