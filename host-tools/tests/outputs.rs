@@ -109,3 +109,55 @@ fn what_cannot_be_had_again_is_never_replaced() {
         assert_eq!(status, 0, "{right}: {told}");
     }
 }
+
+#[test]
+fn a_run_that_is_refused_leaves_no_files_and_empties_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("m.esm"), MISSION).unwrap();
+    fs::write(
+        folder.join("other.esm"),
+        MISSION.replace("state A", "state A; state B"),
+    )
+    .unwrap();
+    let wall = "world w\nstart 0,0 0\nwall 0,0 6,6\nroom r 0,0 1,0 1,1\n";
+    fs::write(folder.join("wall.world"), wall).unwrap();
+    fs::write(folder.join("short.flash"), "no flash").unwrap();
+    fs::write(folder.join("old.jsonl"), "an older trace\n").unwrap();
+    let run = "run m.esm --board host --until 50ms";
+    assert_eq!(esm(folder, &format!("{run} --record real.rec")).0, 0);
+    let before = files_in(folder);
+    let files = "--flash new.flash --trace old.jsonl";
+    for (refused, expected) in [
+        (
+            format!("{run} {files} --replay real.rec --link exchange"),
+            2,
+        ),
+        (
+            format!("run other.esm --board host {files} --replay real.rec"),
+            1,
+        ),
+        (
+            format!("{run} {files} --record new.rec --world wall.world"),
+            1,
+        ),
+        (format!("{run} {files} --record no/folder/new.rec"), 3),
+        (format!("{run} --flash new.flash --trace no/folder/t"), 3),
+        (format!("{run} --flash no/folder/f --trace old.jsonl"), 3),
+        (format!("{run} --flash new.flash --out m.esm/pictures"), 3),
+        (
+            format!("{run} --flash short.flash --trace old.jsonl --record new.rec"),
+            1,
+        ),
+    ] {
+        let (status, told) = esm(folder, &refused);
+        assert_eq!(status, expected, "{refused}: {told}");
+        assert!(!told.trim().is_empty(), "{refused}");
+        let after = files_in(folder);
+        assert!(
+            after == before,
+            "{refused}: {:?}",
+            after.keys().collect::<Vec<_>>()
+        );
+    }
+}

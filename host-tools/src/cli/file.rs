@@ -214,6 +214,19 @@ impl Drop for Draft {
     }
 }
 
+/// Looks whether the folder of an output is there, before anything else is made.
+///
+/// # Errors
+/// If it is not: then the outside world has failed.
+pub fn has_folder(path: &Path, what: &str) -> Result<(), CommandError> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+            Err(CommandError::World(anyhow!("{}", unwritten(path, what))))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// What is said of an output that could not be written.
 fn unwritten(path: &Path, what: &str) -> String {
     let said = format!("cannot write the {what} {}", path.display());

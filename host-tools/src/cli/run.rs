@@ -210,9 +210,10 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     keep_files(args)?;
     let interrupt = Interrupt::take_over()?;
-    let plan = plan(args, robot, console)?;
+    let mut plan = plan(args, robot, console)?;
+    plan.check()?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
-    let trace = open_trace(args)?;
+    let trace = make_files(args, &mut plan)?;
     let mut teller = Teller {
         console,
         // A trace on standard output is for a program, which wants nothing else there.
@@ -252,8 +253,10 @@ fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
     );
     let in_folder = |folder: &PathBuf| IN_FOLDER.map(|name| folder.join(name));
     let pictures = args.out.as_ref().map(in_folder);
-    let trace = args.trace.as_deref().filter(|path| *path != Path::new("-"));
-    let mut outputs: Vec<&Path> = trace.into_iter().chain(args.record.as_deref()).collect();
+    let mut outputs: Vec<&Path> = named_trace(args)
+        .into_iter()
+        .chain(args.record.as_deref())
+        .collect();
     outputs.extend(pictures.iter().flatten().map(PathBuf::as_path));
     for output in &outputs {
         file::keep_sources(output, &inputs)?;
@@ -275,7 +278,7 @@ const IN_FOLDER: [&str; 6] = [
 const TRACE: &str = "trace.jsonl";
 const SUMMARY: &str = "summary.json";
 
-/// Everything that the run is made of, read and compiled.
+/// Everything that the run is made of, read and compiled; its files are still to be [made](make_files).
 fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan, CommandError> {
     let mut thens: Vec<&Then> = args.then.iter().collect();
     thens.sort_by_key(|then| then.at);
@@ -310,15 +313,8 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     let seed = replay.as_ref().map_or(args.seed, |entered| entered.seed);
     let world = stage::world(args.world.as_deref(), Some(&args.file))?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
-    // Files are made when nothing is left that could be refused.
-    let flash = stage::flash(args.flash.as_deref(), &board)?;
-    let record = args
-        .record
-        .as_deref()
-        .map(|path| file::create(path, "recording"))
-        .transpose()?;
     Ok(Plan {
-        flash,
+        flash: None,
         key: Some(robot::key_at(args.key.as_deref())),
         world,
         board,
@@ -330,7 +326,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         missions,
         replay,
         cut_link_us: args.cut_link.map(|at| at.us),
-        record: record.map(|out| Box::new(out) as Box<dyn Write>),
+        record: None,
         plant_fault: match (args.freeze_plant_at, args.estop) {
             (Some(at), _) => Some(PlantFault::FrozenFrom { robot_us: at.us }),
             (None, Some(at)) => Some(PlantFault::StopPressedFrom { robot_us: at.us }),
@@ -370,20 +366,51 @@ pub fn read_recording(path: &Path) -> Result<Recording, CommandError> {
         .map_err(CommandError::Input)
 }
 
+/// Opens and makes the files of a run. None is made, and none emptied, where it can be seen before that not all can be had.
+fn make_files(args: &RunArgs, plan: &mut Plan) -> Result<Tee, CommandError> {
+    let flash = args.flash.as_deref();
+    let outputs = [
+        (flash, "flash"),
+        (args.record.as_deref(), "recording"),
+        (named_trace(args), "trace"),
+    ];
+    for (path, what) in outputs {
+        path.map_or(Ok(()), |path| file::has_folder(path, what))?;
+    }
+    // It may be another board's, or in use.
+    let is_there = flash.is_some_and(Path::exists);
+    if is_there {
+        plan.flash = stage::flash(flash, &plan.board)?;
+    }
+    let trace = open_trace(args)?;
+    if let Some(path) = &args.record {
+        plan.record = Some(Box::new(file::create(path, "recording")?));
+    }
+    if !is_there {
+        plan.flash = stage::flash(flash, &plan.board)?;
+    }
+    Ok(trace)
+}
+
+/// The file for the trace, if it goes to one.
+fn named_trace(args: &RunArgs) -> Option<&Path> {
+    (args.trace.as_deref()).filter(|path| *path != Path::new("-"))
+}
+
 /// Where the trace goes: a file, standard output, the pictures' directory, or several of them.
 fn open_trace(args: &RunArgs) -> Result<Tee, CommandError> {
     let mut tee = Tee::default();
-    match args.trace.as_deref() {
-        None => {}
-        Some(path) if path == Path::new("-") => tee.0.push(Box::new(io::stdout())),
-        Some(path) => tee.0.push(Box::new(file::create(path, "trace")?)),
-    }
     if let Some(directory) = &args.out {
         fs::create_dir_all(directory)
             .with_context(|| format!("cannot make the directory {}", directory.display()))
             .map_err(CommandError::World)?;
         tee.0
             .push(Box::new(file::create(&directory.join(TRACE), "trace")?));
+    }
+    match (named_trace(args), &args.trace) {
+        (Some(path), _) => tee.0.push(Box::new(file::create(path, "trace")?)),
+        (None, Some(_)) => tee.0.push(Box::new(io::stdout())),
+        (None, None) => {}
     }
     Ok(tee)
 }

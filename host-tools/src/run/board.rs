@@ -39,6 +39,18 @@ impl Board {
         }
     }
 
+    /// Whether what a recording holds can enter it, when its link goes this way.
+    ///
+    /// # Errors
+    /// [`BoardError::CannotReplay`], [`BoardError::CannotReplayInStep`]
+    pub fn check_replay(&self, link: LinkWay) -> Result<(), BoardError> {
+        match (self, link) {
+            (Board::Emulated { .. }, _) => Err(BoardError::CannotReplay),
+            (Board::Host { .. }, LinkWay::Exchange) => Err(BoardError::CannotReplayInStep),
+            (Board::Host { .. }, LinkWay::Uart) => Ok(()),
+        }
+    }
+
     /// Bytes of its flash for missions.
     pub fn flash_bytes(&self) -> u32 {
         let capacities = crate::boards::find(self.name()).map(|board| board.capacities);
@@ -118,19 +130,16 @@ impl RunningBoard {
         replay: Option<&Entered>,
         link: LinkWay,
     ) -> Result<(Self, Box<dyn ByteLink>), BoardError> {
+        if replay.is_some() {
+            board.check_replay(link)?;
+        }
         let flash_bytes = board.flash_bytes();
         match board {
-            Board::Host { .. } if replay.is_some() && link == LinkWay::Exchange => {
-                Err(BoardError::CannotReplayInStep)
-            }
             Board::Host { robot } if link == LinkWay::Exchange => {
                 let (board, line) = HostBoard::start_in_step(robot, plant.clone())?;
                 Ok((RunningBoard::Host(board), Box::new(line)))
             }
             Board::Emulated { firmware } => {
-                if replay.is_some() {
-                    return Err(BoardError::CannotReplay);
-                }
                 let served = plant.clone();
                 let flash = plant.flash(flash_bytes);
                 let answer = move |request: &_| served.exchange(request);

@@ -91,6 +91,21 @@ pub struct Plan {
     pub cut_link_us: Option<u64>,
 }
 
+impl Plan {
+    /// Looks for what would be refused when the run starts, before anything is made for it.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn check(&self) -> Result<(), RunError> {
+        if let Some(replay) = &self.replay {
+            self.board.check_replay(self.link)?;
+            check_replay(replay, &self.missions)?;
+        }
+        Plant::new(self.world.clone(), BodyParameters::default(), self.seed)?;
+        Ok(())
+    }
+}
+
 /// What whoever watches a run gets to hear.
 pub enum Heard<'a> {
     /// Something happened on the robot.
