@@ -193,11 +193,7 @@ fn what_is_no_port_and_no_such_file_is_told_as_that() {
     ] {
         for file in ["plain", "binary", "empty", "folder", "absent"] {
             let done = files.esm(&command.replace("FILE", &format!("{{}}/{file}")));
-            // A firmware that is not there is not the mission's mistake.
-            let no_firmware =
-                command.contains("--firmware") && ["folder", "absent"].contains(&file);
-            let expected = if no_firmware { 3 } else { 1 };
-            assert_eq!(done.status, Some(expected), "{command} {file}: {done:#?}");
+            assert_eq!(done.status, Some(1), "{command} {file}: {done:#?}");
             let said = done.err.contains("error") && !done.err.contains("panicked");
             assert!(said, "{command} {file}: {done:#?}");
             assert!(!done.err.contains('\u{1b}'), "{command} {file}: {done:#?}");
