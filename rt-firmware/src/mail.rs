@@ -96,6 +96,8 @@ pub(crate) enum Letter<'m> {
     Confirm {
         /// Its hash.
         mission: u32,
+        /// The keeper has one on trial: perhaps it did not take the confirmation of one that is on trial no more.
+        again: bool,
     },
     /// Real time: it does.
     Confirmed {

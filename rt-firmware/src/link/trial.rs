@@ -60,7 +60,7 @@ impl FallBackReason {
 ///
 /// All of this is called from the link's context and may take as long as a flash does: slots go on meanwhile, requests wait.
 pub trait MissionKeeper {
-    /// A mission was uploaded and checked, and is about to take over. When this has come back, a reset must find the mission whole, on trial; if it comes back with
+    /// A mission was uploaded and checked, and is about to take over: none is on trial any more, and one whose confirmation was not taken is confirmed first. When this has come back, a reset must find the mission whole, on trial; if it comes back with
     /// an error, the mission does not take over, and the one before must be found as if nothing had been.
     ///
     /// # Errors
@@ -70,7 +70,7 @@ pub trait MissionKeeper {
     /// The mission with this hash was confirmed, or took over without a trial. The host is told after this has come back.
     ///
     /// # Errors
-    /// What the host is to be told. The mission goes on all the same, until the next reset.
+    /// What the host is to be told. The mission goes on all the same, until the next reset; this is done again if the host confirms it again.
     fn trial_confirmed(&mut self, mission: u32) -> Result<(), LinkError>;
 
     /// The mission with this hash was given up: the one before runs already, if there is one. Returns whether the robot is to [choose](Self::choose) another, for

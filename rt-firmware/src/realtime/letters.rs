@@ -38,7 +38,9 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
                 self.waiting = Some(letter);
                 return;
             }
-            &Letter::Confirm { mission } if self.is_on_trial(mission) => {
+            &Letter::Confirm { mission, again }
+                if self.is_on_trial(mission) || again && self.stays(mission) =>
+            {
                 let before = self.trial.take().and_then(|trial| trial.before);
                 if let Some(before) = before {
                     self.free(before, None);

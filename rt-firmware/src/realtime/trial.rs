@@ -40,6 +40,11 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         goes_on && self.health.mission == Some(mission)
     }
 
+    /// Whether the mission of this hash runs, and none is on trial.
+    pub(super) fn stays(&self, mission: u32) -> bool {
+        self.trial.is_none() && self.health.mission == Some(mission)
+    }
+
     /// Goes back to the mission before the one on trial.
     #[inline(never)]
     pub(super) fn fall_back(&mut self, reason: FallBackReason, at: Origin) {

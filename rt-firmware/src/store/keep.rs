@@ -37,6 +37,13 @@ pub struct Kept {
     pub slots: [SlotState; 2],
 }
 
+impl Kept {
+    /// Whether a mission is on trial: neither confirmed nor given up.
+    pub fn is_on_trial(&self) -> bool {
+        self.slots.contains(&SlotState::OnTrial)
+    }
+}
+
 /// Where a mission is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Source {
@@ -228,7 +235,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     /// # Errors
     /// The flash did not take it: it is still on trial.
     pub fn confirm(&mut self) -> Result<(), KeepError> {
-        if !self.kept.slots.contains(&SlotState::OnTrial) {
+        if !self.kept.is_on_trial() {
             return Ok(());
         }
         self.missions.confirm().map_err(|_| KeepError::Flash)?;
@@ -262,6 +269,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
 
 impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
+        // None is on trial any more: where the flash did not take a confirmation, it is to take it now.
+        self.confirm()?;
         Ok(self.begin_trial(blob)?)
     }
 
@@ -270,8 +279,14 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     }
 
     fn trial_failed(&mut self, _mission: u32) -> bool {
-        let on_trial = self.kept.slots.contains(&SlotState::OnTrial);
-        on_trial && !self.fall_back()
+        if !self.kept.is_on_trial() || self.fall_back() {
+            return false;
+        }
+        // Until the next choice there is none that could be confirmed.
+        if let Some(slot) = self.missions.running_slot() {
+            self.set(slot, SlotState::TrialFailed);
+        }
+        true
     }
 
     fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {

@@ -287,6 +287,12 @@ impl Head {
         self.rank().filter(|_| self.is_headed)
     }
 
+    /// The same, if it was confirmed.
+    fn confirmed_rank(&self) -> Option<u32> {
+        let is_confirmed = self.confirmations > 0 && !planted!(ConfirmedErased);
+        self.rank().filter(|_| is_confirmed)
+    }
+
     /// The same, if its upload has ended.
     fn sealed_rank(&self) -> Option<u32> {
         self.rank().filter(|_| self.is_sealed)
@@ -556,8 +562,9 @@ impl<F: NorFlash> Store<F> {
         let slot = match running {
             Some(running) if planted!(RunningErased) => running.slot,
             Some(running) => running.slot.other(),
-            // Nothing runs. What stays is what is newest for certain.
-            None => newest([a.sealed_rank(), b.sealed_rank()])
+            // Nothing runs. What stays is what was confirmed, or else what is newest for certain.
+            None => newest([a.confirmed_rank(), b.confirmed_rank()])
+                .or(newest([a.sealed_rank(), b.sealed_rank()]))
                 .or(newest([a.headed_rank(), b.headed_rank()]))
                 .unwrap_or(Slot::B)
                 .other(),

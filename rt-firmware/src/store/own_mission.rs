@@ -6,7 +6,9 @@ use std::vec::Vec;
 
 use super::SlotState;
 use super::keep::{Keep, RECORD_BYTES, Source, Start, flash_bytes};
-use super::nor::{Chip, Geometry, Nor, Rewrite};
+use super::nor::{Chip, Cut, Geometry, Kind, Nor, Rewrite, Tear};
+use crate::link::message::LinkError;
+use crate::link::trial::MissionKeeper;
 
 const WRITE: usize = 8;
 const ERASE: usize = 1024;
@@ -37,7 +39,7 @@ fn with_keep<T>(flash: &Flash, act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>
 fn started(flash: &Flash, refused: &[&[u8]]) -> (Option<Vec<u8>>, Source) {
     with_keep(flash, |keep| {
         let mut room = [0; BLOB_BYTES as usize];
-        let start = keep.choose(&mut room, |blob| !refused.contains(&blob));
+        let start = Keep::choose(keep, &mut room, |blob| !refused.contains(&blob));
         let mission = match start {
             Start::Mission { len, on_trial } => {
                 assert!(!on_trial);
@@ -55,7 +57,7 @@ fn with_two() -> Flash {
     for mission in [&b"first"[..], b"second"] {
         with_keep(&flash, |keep| {
             let mut room = [0; BLOB_BYTES as usize];
-            keep.choose(&mut room, |_| true);
+            Keep::choose(keep, &mut room, |_| true);
             keep.begin_trial(mission).unwrap();
             keep.confirm().unwrap();
         });
@@ -84,7 +86,7 @@ fn a_mission_that_fails_its_trial_over_the_firmwares_own_gives_way_to_it() {
     let flash = blank();
     with_keep(&flash, |keep| {
         let mut room = [0; BLOB_BYTES as usize];
-        keep.choose(&mut room, |_| true);
+        Keep::choose(keep, &mut room, |_| true);
         keep.begin_trial(b"first").unwrap();
         assert_eq!(keep.kept().runs, Source::A);
         assert!(keep.fall_back());
@@ -94,11 +96,63 @@ fn a_mission_that_fails_its_trial_over_the_firmwares_own_gives_way_to_it() {
     // Where it was not the one before, it is not the one after.
     with_keep(&flash, |keep| {
         let mut room = [0; BLOB_BYTES as usize];
-        keep.choose(&mut room, |_| false);
+        Keep::choose(keep, &mut room, |_| false);
         keep.begin_trial(b"second").unwrap();
         assert!(keep.fall_back());
         assert_eq!(keep.kept().runs, Source::Nothing);
     });
+}
+
+#[test]
+fn a_mission_whose_confirmation_the_flash_refused_is_in_the_way_of_no_other() {
+    let flash = blank();
+    with_keep(&flash, |keep| {
+        let mut room = [0; BLOB_BYTES as usize];
+        Keep::choose(keep, &mut room, |_| true);
+        keep.trial_begins(b"first").unwrap();
+        flash.borrow_mut().is_off = true;
+        assert_eq!(keep.trial_confirmed(1), Err(LinkError::FlashRefused));
+        assert_eq!(keep.trial_begins(b"second"), Err(LinkError::FlashRefused));
+        flash.borrow_mut().is_off = false;
+        assert_eq!(keep.trial_begins(b"second"), Ok(()));
+        assert_eq!(keep.kept().slots, [SlotState::Spare, SlotState::OnTrial]);
+        // One that was given up is not confirmed in passing.
+        assert!(!keep.trial_failed(2));
+        assert_eq!(keep.trial_begins(b"third"), Ok(()));
+        assert!(!keep.trial_failed(3));
+    });
+    assert_eq!(started(&flash, &[]).0, Some(b"first".to_vec()));
+}
+
+#[test]
+fn a_mission_that_failed_on_trial_since_the_start_is_not_confirmed_in_passing() {
+    let flash = with_two();
+    let uploaded = |flash: &Flash, cut| {
+        with_keep(flash, |keep| {
+            let mut room = [0; BLOB_BYTES as usize];
+            Keep::choose(keep, &mut room, |_| true);
+            flash.borrow_mut().cut = cut;
+            keep.trial_begins(b"third").is_ok()
+        })
+    };
+    let whole = Rc::new(RefCell::new(flash.borrow().clone()));
+    assert!(uploaded(&whole, None));
+    // Power is lost before its trial begins.
+    let cut = Cut {
+        at: whole.borrow().operations - 1,
+        kind: Kind::Write,
+        tear: Tear::Nothing,
+        is_loss: true,
+    };
+    assert!(!uploaded(&flash, Some(cut)));
+    with_keep(&flash, |keep| {
+        let mut room = [0; BLOB_BYTES as usize];
+        let start = Keep::choose(keep, &mut room, |_| true);
+        assert!(matches!(start, Start::Mission { on_trial: true, .. }));
+        assert!(keep.trial_failed(3), "another one is to be chosen");
+        assert_eq!(keep.trial_begins(b"fourth"), Err(LinkError::OnTrial));
+    });
+    assert_eq!(started(&flash, &[]).0, Some(b"second".to_vec()));
 }
 
 #[test]

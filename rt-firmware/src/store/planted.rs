@@ -43,6 +43,7 @@ bugs! {
     NotesShareABlock: "confirmation and trial word are in one block",
     RunningErased: "an upload erases the slot that runs",
     FallbackErased: "an upload begins while a mission is on trial",
+    ConfirmedErased: "where nothing runs, an upload erases the confirmed mission and keeps a newer one that failed",
     Unerased: "an upload does not erase its slot",
     ErasedUnnoted: "a slot is erased before the other one notes it",
     AdvanceForgotten: "the note before an erase does not take the mission that runs ahead of the other",

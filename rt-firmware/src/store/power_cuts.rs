@@ -1091,10 +1091,75 @@ fn headers_lie() -> Result<(), Broken> {
     world.ends_well()
 }
 
+/// A robot that starts none of its missions, of which one was confirmed and the newer one was not, takes an upload in the place of the latter, whatever is cut meanwhile.
+fn refused_missions_stay() -> Result<(), Broken> {
+    for newer in [&[Upload][..], &[Upload, Choose], &[Upload, Try, FallBack]] {
+        let mut world = small(Rewrite::Refuse);
+        world.run(&[Reboot, Upload, Choose, Confirm])?;
+        world.run(newer)?;
+        world.off();
+        let upload = |world: &Small, cut: Option<Cut>| -> Result<bool, Broken> {
+            world.nor.borrow_mut().power_on();
+            world.nor.borrow_mut().cut = cut;
+            let mut room = [0; 128];
+            let chip = Chip::<4, 2048>(world.nor.clone());
+            let (mut store, choice) = Store::boot(chip, world.layout, &mut room, |_| false)
+                .map_err(|error| format!("{error:?}"))?;
+            if choice.mission.is_some() || choice.slots.contains(&SlotState::OnTrial) {
+                return Err(format!("{choice:?}"));
+            }
+            let bytes = mission(1000);
+            let len = bytes.len() as u32;
+            let written = store.begin(len, crc_of(&bytes)).is_ok()
+                && store.append(0, &bytes).is_ok()
+                && store.finish().is_ok()
+                && store.begin_trial().is_ok();
+            Ok(written)
+        };
+        let whole = world.snapshot();
+        let first = whole.nor.borrow().operations;
+        if !upload(&whole, None)? {
+            return Err(String::from("an upload does not work where nothing runs"));
+        }
+        let last = whole.nor.borrow().operations;
+        for at in first..=last {
+            for (kind, tear) in [
+                (Kind::Write, Tear::Nothing),
+                (Kind::Write, Tear::Whole),
+                (Kind::Erase, Tear::FirstHalf),
+                (Kind::Erase, Tear::Weak(Flicker::OldNew)),
+            ] {
+                let cut = Cut {
+                    at,
+                    kind,
+                    tear,
+                    is_loss: true,
+                };
+                let world = world.snapshot();
+                upload(&world, Some(cut))?;
+                world.nor.borrow_mut().power_on();
+                let mut room = [0; 128];
+                let chip = Chip::<4, 2048>(world.nor.clone());
+                let (mut store, mut choice) = Store::boot(chip, world.layout, &mut room, |_| true)
+                    .map_err(|error| format!("{error:?}"))?;
+                if choice.mission.is_some_and(|mission| mission.on_trial) {
+                    choice = store.choose(&mut room, |_| true);
+                }
+                let len = choice.mission.map_or(0, |mission| mission.len as usize);
+                if room.get(..len) != Some(&mission(1)) {
+                    return Err(format!("{choice:?}\n  {cut:?} after {newer:?}"));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 /// All of it, from what is quick to what takes long.
 fn laws(search: &mut Search) -> Result<(), Broken> {
     without_cuts()?;
     headers_lie()?;
+    refused_missions_stay()?;
     cells_are_worn()?;
     bits_flip()?;
     for history in HISTORIES {
@@ -1172,6 +1237,7 @@ enum Check {
     DamagedRecords,
     Histories,
     LyingHeaders,
+    Refused,
     WornCells,
     FlippedBits,
     /// Power that is cut twice: in this operation of a history, and then in any of a recovery.
@@ -1218,6 +1284,7 @@ impl Check {
             | Bug::FallbackErased
             | Bug::AdvanceForgotten
             | Bug::GivenUpRuns => Check::Histories,
+            Bug::ConfirmedErased => Check::Refused,
             Bug::LengthAtBootUnchecked => Check::LyingHeaders,
             Bug::PayloadNotReadBack
             | Bug::HeadNotReadBack
@@ -1244,6 +1311,7 @@ impl Check {
             Check::DamagedRecords => records_power_cuts::bits_flip(),
             Check::Histories => without_cuts(),
             Check::LyingHeaders => headers_lie(),
+            Check::Refused => refused_missions_stay(),
             Check::WornCells => cells_are_worn(),
             Check::FlippedBits => bits_flip(),
             Check::CutTwice {
@@ -1277,6 +1345,7 @@ impl Check {
             Check::DamagedRecords => "records, bits that flip",
             Check::Histories => "histories without a cut",
             Check::LyingHeaders => "headers that lie",
+            Check::Refused => "missions that are refused",
             Check::WornCells => "cells that are worn",
             Check::FlippedBits => "bits that flip",
             Check::CutTwice { .. } => "power cut twice",

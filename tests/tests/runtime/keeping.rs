@@ -131,3 +131,28 @@ fn a_board_that_keeps_nothing_says_so() {
         );
     });
 }
+
+#[test]
+fn a_robot_that_may_not_start_by_itself_looks_at_what_it_has_all_the_same() {
+    let kept = Kept::new();
+    for starts in 0..5 {
+        let mut taken = Vec::new();
+        let reset = kept.begin((starts > 0).then_some(ResetReason::Watchdog));
+        let may_start = kept.may_start_by_itself();
+        assert_eq!(may_start, starts < 3, "{starts}");
+        let about = About {
+            reset,
+            kept: Some(&kept),
+            ..About::new("toy 0.1", "bench")
+        };
+        with_robot_that_is(about, |robot| {
+            robot.wire.memory.is_there = true;
+            robot.wire.memory.mission = counting(3).blob();
+            robot.link.start(&mut robot.wire);
+            robot.run_us(50_000);
+            assert_eq!(robot.status().mission.is_some(), may_start);
+            taken = std::mem::take(&mut robot.wire.memory.taken);
+        });
+        assert_eq!(taken, [may_start], "start {starts}");
+    }
+}

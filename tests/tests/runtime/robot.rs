@@ -252,6 +252,13 @@ pub struct Memo {
     pub is_worn: bool,
     /// It remembers an emergency stop.
     pub is_emergency_stopped: bool,
+    /// It does not take that a mission stays.
+    pub refuses_confirmation: bool,
+    /// It was not told how the last trial ended, or did not take it.
+    pub is_on_trial: bool,
+    /// The mission that it has for a start, and whether the robot took it, each time that it was asked.
+    pub mission: Vec<u8>,
+    pub taken: Vec<bool>,
 }
 
 impl MissionKeeper for Memo {
@@ -260,27 +267,45 @@ impl MissionKeeper for Memo {
             return Err(LinkError::Busy);
         }
         self.told.push(format!("{} bytes", blob.len()));
+        self.is_on_trial = true;
         Ok(())
     }
 
     fn trial_confirmed(&mut self, mission: u32) -> Result<(), LinkError> {
+        if self.refuses_confirmation {
+            return Err(LinkError::FlashRefused);
+        }
         self.told.push(format!("{mission:08x} stays"));
+        self.is_on_trial = false;
         Ok(())
     }
 
     fn trial_failed(&mut self, mission: u32) -> bool {
         self.told.push(format!("{mission:08x} failed"));
+        self.is_on_trial = false;
         false
     }
 
-    fn choose(&mut self, _room: &mut [u8], _accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {
-        Start::Nothing
+    fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {
+        let len = self.mission.len();
+        room[..len].copy_from_slice(&self.mission);
+        let is_taken = len > 0 && accepts(&room[..len]);
+        self.taken.push(is_taken);
+        if is_taken {
+            let on_trial = false;
+            Start::Mission { len, on_trial }
+        } else {
+            Start::Nothing
+        }
     }
 
     fn kept(&self) -> Kept {
         Kept {
             runs: keep::Source::Nothing,
-            slots: [SlotState::Empty; 2],
+            slots: match self.is_on_trial {
+                true => [SlotState::OnTrial, SlotState::Empty],
+                false => [SlotState::Empty; 2],
+            },
         }
     }
 

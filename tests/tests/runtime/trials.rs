@@ -339,6 +339,40 @@ fn who_remembers_missions_hears_of_each_trial_before_the_host_does() {
 }
 
 #[test]
+fn a_confirmation_that_was_not_kept_can_be_asked_for_again() {
+    for trial_ms in [0, TRIAL_MS] {
+        with_robot(|robot| {
+            robot.wire.memory.is_there = true;
+            let (first, second) = (idle(1), idle(2));
+            robot.start(&first);
+            robot.wire.memory.refuses_confirmation = true;
+            let mission = hash(&second);
+            if trial_ms > 0 {
+                robot.try_out(&second, trial_ms);
+            } else {
+                assert_eq!(robot.upload(&second), Err(LinkError::FlashRefused));
+            }
+            for _ in 0..2 {
+                let confirmed = robot.ask(Request::Confirm { mission });
+                assert_eq!(confirmed, Err(LinkError::FlashRefused), "{trial_ms}");
+                let status = robot.status();
+                assert_eq!((status.mission, status.trial), (Some(mission), None));
+            }
+            let other = hash(&first);
+            let confirmed = robot.ask(Request::Confirm { mission: other });
+            assert_eq!(confirmed, Err(LinkError::NotOnTrial), "it does not run");
+            robot.wire.memory.refuses_confirmation = false;
+            let confirmed = robot.ask(Request::Confirm { mission });
+            assert_eq!(confirmed, Ok(Answer::Done), "{trial_ms}");
+            let last = robot.wire.memory.told.last();
+            assert_eq!(last, Some(&format!("{mission:08x} stays")));
+            let confirmed = robot.ask(Request::Confirm { mission });
+            assert_eq!(confirmed, Err(LinkError::NotOnTrial), "once is enough");
+        });
+    }
+}
+
+#[test]
 fn a_mission_without_a_trial_stays_in_its_safe_state() {
     with_robot(|robot| {
         robot.start(&counting(99).blob());

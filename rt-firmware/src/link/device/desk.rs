@@ -168,7 +168,12 @@ impl Desk<'_, '_> {
             Request::States { first } => self.ask(Letter::ReadStates { first }),
             Request::SlotCounters { slot } => self.ask(Letter::ReadSlot { slot }),
             Request::TaskCounters { task_instance } => self.ask(Letter::ReadTask { task_instance }),
-            Request::Confirm { mission } => self.ask(Letter::Confirm { mission }),
+            Request::Confirm { mission } => {
+                let again = port
+                    .keeper()
+                    .is_some_and(|keeper| keeper.kept().is_on_trial());
+                self.ask(Letter::Confirm { mission, again })
+            }
             Request::FallBack { mission } => self.ask(Letter::FallBack { mission }),
             Request::LastWords => Reaction::Answer(self.last_words()),
             Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),

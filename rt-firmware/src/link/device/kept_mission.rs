@@ -11,10 +11,11 @@ use crate::realtime::params::SavedParams;
 use crate::store::keep::Start;
 
 impl Desk<'_, '_> {
-    /// Starts the mission that the board's keeper has for the robot, if it has one. Returns false if that is to be tried again, for the letter is under way.
+    /// Starts the mission that the board's keeper has for the robot, if it has one and may start it: the keeper looks at its missions also if not. Returns false if that is to be tried again, for
+    /// the letter is under way.
     // Not inlined: what it needs of the stack is needed for nothing else.
     #[inline(never)]
-    pub(super) fn start_kept(&mut self, port: &mut impl LinkPort) -> bool {
+    pub(super) fn start_kept(&mut self, port: &mut impl LinkPort, may_start: bool) -> bool {
         let Some(keeper) = port.keeper() else {
             return true;
         };
@@ -28,7 +29,8 @@ impl Desk<'_, '_> {
         let mut start = Start::Nothing;
         blob.fill(|room| {
             start = keeper.choose(room, &mut |bytes| {
-                check_slots(bytes, capacities).is_ok()
+                may_start
+                    && check_slots(bytes, capacities).is_ok()
                     && esm_core::verify(bytes)
                         .is_ok_and(|verified| check(&verified, registry, capacities).is_ok())
             });
@@ -89,7 +91,7 @@ impl Desk<'_, '_> {
             }
         }
         if self.start_wanted {
-            self.start_wanted = !self.start_kept(port);
+            self.start_wanted = !self.start_kept(port, true);
         }
     }
 }

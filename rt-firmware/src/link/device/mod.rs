@@ -79,14 +79,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         {
             self.desk.latch_emergency_stop();
         }
-        if self
-            .desk
-            .about
-            .kept
-            .is_none_or(|kept| kept.may_start_by_itself())
-        {
-            self.desk.start_kept(port);
-        }
+        let kept = self.desk.about.kept;
+        let may_start = kept.is_none_or(|kept| kept.may_start_by_itself());
+        self.desk.start_kept(port, may_start);
     }
 
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
@@ -190,6 +185,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         let Some((asked, letter)) = self.desk.open_letter() else {
             return;
         };
+        // A trial that ended before the answer was given is not confirmed by it.
+        self.desk.take_freed(port);
         if PARAMS && let Letter::Changed(saved) = *letter {
             // The flash has it before the robot counts on it.
             let is_late = asked.is_some_and(|asked| port.now_us() > asked.by_us);

@@ -39,10 +39,12 @@ impl<'m> Desk<'_, 'm> {
         if swap.warm && !WARM {
             return Err(LinkError::NotBuiltIn);
         }
+        self.refuse_on_trial()?;
+        // The keeper is to know how the last trial ended. Another mission may be started for that.
+        self.take_freed(port);
         if self.letter.is_none() {
             return Err(LinkError::Busy);
         }
-        self.refuse_on_trial()?;
         let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
         if upload.received() != upload.len && !planted!(IncompleteTaken) {
             return Err(LinkError::Incomplete {
