@@ -30,10 +30,9 @@ fn run(target: &Target, what: &str, bytes: &[u8]) {
     let file = folder.join("found-by-test");
     std::fs::write(&file, bytes).unwrap();
     panic!(
-        "{}: {what} goes wrong, for the reason above. It is in {}; run it alone with\n    ESM_FUZZ_FILE={0} cargo test -p esm-tests --test fuzzing {}",
-        target.name,
+        "{name}: {what} goes wrong, for the reason above. Run it alone with\n    ESM_FUZZ_FILE={} cargo test -p esm-tests --test fuzzing {name}",
         file.display(),
-        target.name
+        name = target.name
     );
 }
 

@@ -408,14 +408,22 @@ class Client:
         """Brings a mission to the robot without letting it take over."""
         robot = self._robot or self.hello()
         loss = Loss()
+        stuck = Refused("upload", Error("NoUpload", {}))
         for _ in range(BEGIN_LIMIT):
             there = self._ask("upload", messages.Received, messages.BEGIN, len(blob), zlib.crc32(blob)).len
             standing = Standing(len(blob), there, robot.chunk_bytes, robot.window_bytes)
-            if self._send_from(blob, standing, loss, progress or (lambda _: None)):
-                if self._is_locked():
-                    self._sign_upload(blob)
+            if not self._send_from(blob, standing, loss, progress or (lambda _: None)):
+                continue
+            if not self._is_locked():
                 return
-        raise Refused("upload", Error("NoUpload", {}))
+            try:
+                return self._sign_upload(blob)
+            except Refused as refused:
+                # The key is the robot's, so that the bytes are others: somebody has sent them under this checksum, or something else meanwhile.
+                if refused.error.name not in ("WrongSignature", "NoUpload", "Incomplete"):
+                    raise
+                stuck = refused
+        raise stuck
 
     def _send_from(self, blob: bytes, standing: Standing, loss: Loss, progress: Callable[[int], None]) -> bool:
         """Sends what the robot lacks. False where it has forgotten the upload."""

@@ -9,9 +9,10 @@ import sys
 import tempfile
 import time
 import unittest
+import zlib
 from unittest import mock
 
-from esm_link import Client, Key, NoReply, OtherKey, Refused, open_port
+from esm_link import Client, Key, NoReply, OtherKey, Refused, messages, open_port
 
 ESM = os.environ.get("ESM_BINARY")
 BLOB = os.environ.get("ESM_LINK_BLOB")
@@ -95,6 +96,11 @@ class HostBoard(unittest.TestCase):
             client.install_key(mine)
             mission = client.upload(self.blob)
             # The robot has seen the number of this upload: the next one has another.
+            self.assertEqual(client.upload(self.blob), mission)
+            # Somebody else's bytes under the checksum of the owner's are in nobody's way.
+            client._ask("upload", messages.Received, messages.BEGIN, len(self.blob), zlib.crc32(self.blob))
+            for at in range(0, len(self.blob), 64):
+                client._ask("upload", messages.Received, messages.CHUNK, at, bytes(len(self.blob[at : at + 64])))
             self.assertEqual(client.upload(self.blob), mission)
             client.stop()
             client.start()

@@ -559,12 +559,23 @@ fn a_robot_with_a_key_is_driven_by_its_owner_alone() {
     assert_eq!(client.status().unwrap().mission, Some(mission));
     assert_eq!(client.challenge().unwrap().counter, 1);
 
+    // Somebody else's bytes under the checksum of the owner's are in nobody's way.
+    client.begin(&blob).unwrap();
+    for (part, data) in vec![0x5a; blob.len()].chunks(64).enumerate() {
+        let offset = (part * 64) as u32;
+        let chunk = Request::Chunk { offset, data };
+        client.ask("chunk", chunk, |_| Some(())).unwrap();
+    }
+    assert_eq!(client.begin(&blob).unwrap(), blob.len());
+    assert_eq!(client.upload(&blob, &mut |_| ()).unwrap(), mission);
+    assert_eq!(client.challenge().unwrap().counter, 2);
+
     // And over a bad line, where requests are sent again.
     let noise = Noise::of_each(Noise::WHOLE / 300);
     let (mut client, info) = LinkClient::connect(Noisy::new(client.link, noise, 5)).unwrap();
     assert_eq!(info.access, Access::Locked);
     client.use_key(owner());
-    for counter in 2..5 {
+    for counter in 3..6 {
         assert_eq!(client.upload(&blob, &mut |_| ()).unwrap(), mission);
         assert_eq!(client.challenge().unwrap().counter, counter);
     }

@@ -248,18 +248,24 @@ impl<L: ByteLink> LinkClient<L> {
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), ClientError> {
         let mut loss = Loss::UNKNOWN;
+        let mut stuck = LinkError::NoUpload;
         for _ in 0..BEGIN_LIMIT {
             let there = self.begin(blob)?;
-            if self.send_from(blob, there, &mut loss, progress)? {
-                return match self.signing.access {
-                    Access::Locked => self.sign_upload(blob),
-                    Access::Unsupported | Access::Open | Access::Unreadable => Ok(()),
-                };
+            if !self.send_from(blob, there, &mut loss, progress)? {
+                continue;
+            }
+            if self.signing.access != Access::Locked {
+                return Ok(());
+            }
+            match self.sign_upload(blob) {
+                // The key is the robot's, so that the bytes are others: somebody has sent them under this checksum, or something else meanwhile.
+                Err(ClientError::Refused { error, .. }) if is_of_other_bytes(error) => {
+                    stuck = error;
+                }
+                signed => return signed,
             }
         }
-        Err(ClientError::UploadStuck {
-            error: LinkError::NoUpload,
-        })
+        Err(ClientError::UploadStuck { error: stuck })
     }
 
     /// Announces an upload. Answers how many bytes of it the robot has already.
@@ -371,6 +377,14 @@ impl<L: ByteLink> LinkClient<L> {
         self.send_wire(wire.get(..length).unwrap_or_default())?;
         Ok(seq)
     }
+}
+
+/// Whether the robot has not what was sent to it, as it says when that is signed.
+fn is_of_other_bytes(error: LinkError) -> bool {
+    matches!(
+        error,
+        LinkError::WrongSignature | LinkError::NoUpload | LinkError::Incomplete { .. }
+    )
 }
 
 #[cfg(test)]

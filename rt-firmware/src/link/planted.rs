@@ -47,6 +47,7 @@ bugs! {
     UnsignedTaken: "an upload is taken that the key has not signed",
     CounterRepeated: "an upload with the counter of the last one is taken",
     NonceKept: "a nonce is good for two requests",
+    OthersBytesKept: "an upload stays whose bytes are not those that were signed",
     ValuesUnlimited: "more nets are asked for than a sample can tell of",
     PauseForgotten: "signatures are looked at right after a wrong one",
 }
@@ -67,6 +68,7 @@ const OF_KEYS: &[Bug] = &[
     Bug::UnsignedTaken,
     Bug::CounterRepeated,
     Bug::NonceKept,
+    Bug::OthersBytesKept,
     Bug::PauseForgotten,
 ];
 
@@ -403,6 +405,10 @@ const LAWS: &[(&str, Law)] = &[
         with_robot(of_keys::commands)
     }),
     #[cfg(feature = "keys")]
+    ("nobody's bytes are in the owner's way", || {
+        with_robot(of_keys::bytes_of_others)
+    }),
+    #[cfg(feature = "keys")]
     (
         "an upload that was taken is not taken again",
         of_keys::counters,
@@ -496,6 +502,37 @@ mod of_keys {
         let nonce = robot.nonce()?;
         let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
         robot.expect(Request::Signed { signature, request }, "Err(Late)")
+    }
+
+    /// Of an upload that somebody else has filled, under the owner's length and checksum.
+    pub(super) fn bytes_of_others(robot: &mut Robot<'_, '_, '_>) -> Result<(), Broken> {
+        let key =
+            (install(&mut robot.wire, &mut Keys::new())).map_err(|error| format!("{error:?}"));
+        key?;
+        let (blob, others) = (junk(20), [0x5a; 20]);
+        let sign = |counter: u64| sign(&access::upload(&counter.to_le_bytes(), &blob));
+        let (first, second) = (sign(1), sign(2));
+        let right = Request::Sign {
+            counter: 1,
+            signature: &first,
+        };
+        let wrong = Request::Sign {
+            counter: 1,
+            signature: &second,
+        };
+        for (data, signed, there) in [
+            (&others[..], "Err(WrongSignature)", 0),
+            (&blob, "Ok(Done)", 20),
+        ] {
+            robot.expect(begin(&blob), &received(0))?;
+            robot.expect(Request::Chunk { offset: 0, data }, &received(20))?;
+            robot.expect(right, signed)?;
+            robot.expect(begin(&blob), &received(there))?;
+            robot.wire.now_us += PAUSE_AFTER_WRONG_US;
+        }
+        // What was signed is in nobody's way.
+        robot.expect(wrong, "Err(WrongSignature)")?;
+        robot.expect(begin(&blob), &received(20))
     }
 
     /// Of counters of uploads.

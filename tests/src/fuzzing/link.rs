@@ -544,30 +544,12 @@ impl Subject<'_, '_, '_> {
                 "{ended:?}"
             );
         }
-        let blob = mission();
-        let mut there = self.ask(begin(), received);
-        while there < blob.len() {
-            let end = blob.len().min(there + MAX_CHUNK);
-            let request = Request::Chunk {
-                offset: there as u32,
-                data: &blob[there..end],
-            };
-            assert_eq!(self.ask(request, received), end);
-            there = end;
-        }
-        if access == Access::Locked {
-            self.sign();
-        }
-        let committed =
-            self.command(
-                access,
-                Request::Commit(Swap::default()),
-                |response| match response {
-                    Response::Committed { mission, .. } => Some(mission),
-                    _ => None,
-                },
-            );
-        let hash = committed.unwrap_or_else(|error| panic!("no commit: {error:?}"));
+        let hash = match self.bring(access) {
+            // What was there already was somebody else's, and is forgotten now.
+            Err(LinkError::WrongSignature | LinkError::WrongChecksum) => self.bring(access),
+            uploaded => uploaded,
+        };
+        let hash = hash.unwrap_or_else(|error| panic!("no upload: {error:?}"));
         let started = self.command(access, Request::Start, done);
         assert_eq!(started, Ok(()));
         self.drives(hash);
@@ -590,8 +572,34 @@ impl Subject<'_, '_, '_> {
         hash
     }
 
+    /// Sends what the robot lacks of the good mission, and lets it take over. Answers its hash.
+    fn bring(&mut self, access: Access) -> Result<u32, LinkError> {
+        let blob = mission();
+        let mut there = self.ask(begin(), received);
+        while there < blob.len() {
+            let end = blob.len().min(there + MAX_CHUNK);
+            let request = Request::Chunk {
+                offset: there as u32,
+                data: &blob[there..end],
+            };
+            assert_eq!(self.ask(request, received), end);
+            there = end;
+        }
+        if access == Access::Locked {
+            self.sign()?;
+        }
+        self.command(
+            access,
+            Request::Commit(Swap::default()),
+            |response| match response {
+                Response::Committed { mission, .. } => Some(mission),
+                _ => None,
+            },
+        )
+    }
+
     /// Signs the mission that was uploaded, as soon as the robot looks at signatures.
-    fn sign(&mut self) {
+    fn sign(&mut self) -> Result<(), LinkError> {
         loop {
             let (_, last) = self.challenge();
             let counter = last + 1;
@@ -603,7 +611,7 @@ impl Subject<'_, '_, '_> {
             };
             match self.try_ask(request, done) {
                 Err(LinkError::TooSoon { ms }) => self.wait_us(u64::from(ms) * 1_000),
-                signed => return assert_eq!(signed, Ok(())),
+                signed => return signed,
             }
         }
     }
@@ -943,6 +951,22 @@ pub fn sessions() -> Vec<Seed> {
                     power,
                     message(1, Request::Start),
                     holding(part::SIGNED, Request::RemoveKey),
+                ]
+                .concat(),
+            ),
+            (
+                "bytes_of_others_under_the_owners_checksum",
+                [
+                    vec![part::KEY, 0, part::BEGIN, 0],
+                    (0..self::mission().len())
+                        .step_by(MAX_CHUNK)
+                        .flat_map(|offset| {
+                            let data = [0x5a; MAX_CHUNK];
+                            let len = MAX_CHUNK.min(self::mission().len() - offset);
+                            let (offset, data) = (offset as u32, &data[..len]);
+                            message(20, Request::Chunk { offset, data })
+                        })
+                        .collect(),
                 ]
                 .concat(),
             ),
