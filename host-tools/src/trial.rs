@@ -217,7 +217,7 @@ pub fn outlast<L: ByteLink>(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use rt_firmware::link::message::ResetReason;
     use rt_firmware::link::trial::{FallBackReason, Trial};
@@ -228,7 +228,8 @@ mod tests {
         assert_eq!(trial_time(2_000_000), Duration::from_secs(40));
     }
 
-    fn status(mission: Option<u32>, steps: u64) -> Status {
+    /// What a robot says that drives with a mission, and to which nothing has happened.
+    pub(crate) fn status(mission: Option<u32>, steps: u64) -> Status {
         Status {
             mode: Mode::Running,
             mission,

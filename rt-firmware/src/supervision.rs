@@ -57,7 +57,7 @@ pub(crate) struct Signs {
     pub(crate) requests: AtomicU32,
     /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone, which looks before each exchange with the body.
     pub(crate) emergency_stop: AtomicBool,
-    /// The emergency stop that is latched may be released, since nobody wanted another one after that was asked for. The link writes it.
+    /// The emergency stop that is latched may be released, since nobody wanted another one after that was asked for. The link sets it, and whoever wants a stop clears it.
     pub(crate) release: AtomicBool,
     /// The button that latches one is pressed; looked at while one is latched.
     pub(crate) stop_pressed: AtomicBool,

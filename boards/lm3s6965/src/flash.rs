@@ -26,11 +26,14 @@ static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 /// Bytes of the flash.
 pub const BYTES: u32 = keep::flash_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
 
-/// Milliseconds that it takes at most to keep a mission: its slot is erased and written; reading it back, checking it and the slots that run meanwhile take as long again.
+/// Milliseconds that it takes at most to keep a mission that is signed: its slot is erased and written, and before it a table of records, three times if it is the first of all; reading it
+/// back, checking it and the slots that run meanwhile take as long again.
 pub const LONGEST_MS: u16 = {
-    let slot_bytes = keep::slot_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
-    let us =
-        slot_bytes / ERASE_BYTES as u32 * ERASE_US + slot_bytes / WRITE_BYTES as u32 * WRITE_US;
+    const fn written_us(bytes: u32) -> u32 {
+        let slot_bytes = keep::slot_bytes(bytes, ERASE_BYTES as u32);
+        slot_bytes / ERASE_BYTES as u32 * ERASE_US + slot_bytes / WRITE_BYTES as u32 * WRITE_US
+    }
+    let us = written_us(settings::BLOB_BYTES as u32) + 3 * written_us(keep::RECORD_BYTES as u32);
     (2 * us / 1_000) as u16
 };
 

@@ -8,7 +8,7 @@ use rt_firmware::link::message::Status;
 
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{Robot, RobotArgs};
+use super::robot::RobotArgs;
 use crate::run::mission::hash_text;
 use crate::run::story;
 
@@ -32,23 +32,33 @@ pub struct ConfirmArgs {
 /// What kept it from ending well.
 pub fn execute(args: &ConfirmArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, _) = args.robot.connect()?;
-    let mission = on_trial(&mut robot)?;
+    let mission = unconfirmed(&robot.status()?)?;
     robot.confirm(mission)?;
     writeln!(console.out(), "confirmed: {} stays", hash_text(mission))?;
     Ok(())
 }
 
+/// Hash of the mission that runs and is not confirmed: on trial, or behind it, where the flash has refused to keep that it is confirmed.
+///
+/// # Errors
+/// There is none.
+fn unconfirmed(status: &Status) -> Result<u32, CommandError> {
+    match (status.mission, &status.kept) {
+        (Some(mission), Some(kept)) if kept.is_on_trial() => Ok(mission),
+        _ => on_trial(status),
+    }
+}
+
 /// Hash of the mission that is on trial.
 ///
 /// # Errors
-/// None is, or the robot does not answer.
-pub(super) fn on_trial(robot: &mut Robot) -> Result<u32, CommandError> {
-    let status = robot.status()?;
+/// None is.
+pub(super) fn on_trial(status: &Status) -> Result<u32, CommandError> {
     match (status.trial, status.mission) {
         (Some(_), Some(mission)) => Ok(mission),
         _ => Err(CommandError::Input(anyhow!(
             "no mission is on trial{}",
-            last_words(&status)
+            last_words(status)
         ))),
     }
 }
@@ -62,4 +72,47 @@ fn last_words(status: &Status) -> String {
             story::fall_back_reason(fell_back.reason)
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use rt_firmware::link::trial::Trial;
+    use rt_firmware::store::SlotState;
+    use rt_firmware::store::keep::{Kept, Source};
+
+    use super::*;
+    use crate::trial::tests::status;
+
+    #[test]
+    fn what_runs_and_is_not_confirmed_can_be() {
+        let trial = Trial {
+            left_ms: 5,
+            before: None,
+        };
+        let kept = |state| Kept {
+            runs: Source::A,
+            slots: [state, SlotState::Spare],
+        };
+        for (mission, trial, kept, expected) in [
+            (Some(7), Some(trial), None, Some(7)),
+            (
+                Some(7),
+                Some(trial),
+                Some(kept(SlotState::OnTrial)),
+                Some(7),
+            ),
+            // The flash has refused.
+            (Some(7), None, Some(kept(SlotState::OnTrial)), Some(7)),
+            (Some(7), None, Some(kept(SlotState::Runs)), None),
+            (Some(7), None, None, None),
+            (None, None, Some(kept(SlotState::OnTrial)), None),
+        ] {
+            let status = Status {
+                trial,
+                kept,
+                ..status(mission, 0)
+            };
+            assert_eq!(unconfirmed(&status).ok(), expected, "{status:?}");
+        }
+    }
 }

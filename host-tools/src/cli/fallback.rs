@@ -30,7 +30,7 @@ pub struct FallbackArgs {
 /// What kept it from ending well.
 pub fn execute(args: &FallbackArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, _) = args.robot.connect()?;
-    let mission = on_trial(&mut robot)?;
+    let mission = on_trial(&robot.status()?)?;
     robot.fall_back(mission)?;
     let given_up = hash_text(mission);
     let now = is_back(&robot.status()?);

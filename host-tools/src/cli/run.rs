@@ -347,6 +347,10 @@ fn link_way(args: &RunArgs) -> LinkWay {
 /// What entered a simulated run, from its recording.
 fn read_entered(path: &Path) -> Result<Entered, CommandError> {
     let recording = read_recording(path)?;
+    recording
+        .check_end()
+        .with_context(|| format!("cannot replay {}", path.display()))
+        .map_err(CommandError::Input)?;
     recording.entered().ok_or_else(|| {
         CommandError::Input(anyhow!(
             "{} is no recording of a whole run of esm run: to have its macro steps again, use esm replay",

@@ -391,7 +391,7 @@ fn install(
                 Err(ClientError::Interrupted { .. }) => {
                     return Err(given_up(robot, committed.mission));
                 }
-                Err(error) => return Err(ended_by(error, mission, &unconfirmed(mission, swap))),
+                Err(error) => return Err(not_confirmed(error, mission, swap)),
                 Ok(outcome) => Some(outcome),
             }
         }
@@ -456,14 +456,22 @@ fn unknown_whether_it_runs(mission: &Mission, swap: Swap) -> String {
     )
 }
 
-/// What is said where a mission on trial could be watched no more.
-fn unconfirmed(mission: &Mission, swap: Swap) -> String {
-    format!(
-        "{} ({}) runs, and was not heard to be confirmed: unless it is, the robot goes back to what it had before by itself when the {} s of its trial are over; `esm status` tells, `esm confirm` keeps it",
-        mission.file.display(),
-        mission.hash_text(),
-        seconds(swap)
-    )
+/// What an error is while a mission on trial is watched, and confirmed.
+fn not_confirmed(error: ClientError, mission: &Mission, swap: Swap) -> CommandError {
+    let runs = format!("{} ({}) runs", mission.file.display(), mission.hash_text());
+    match error.refusal() {
+        Some(refusal) => CommandError::Input(anyhow!(
+            "{runs}, but the robot did not confirm it: {}; unless `esm confirm` succeeds, it goes back to what it had before, when the trial is over or the robot starts again",
+            mission.refusal(refusal)
+        )),
+        None => {
+            let robot_does = format!(
+                "{runs}, and was not heard to be confirmed: unless it is, the robot goes back to what it had before by itself when the {} s of its trial are over; `esm status` tells, `esm confirm` keeps it",
+                seconds(swap)
+            );
+            ended_by(error, mission, &robot_does)
+        }
+    }
 }
 
 /// How long a trial is.

@@ -142,7 +142,7 @@ impl Recording {
     ///
     /// # Errors
     /// [`ReplayError::Damaged`]
-    pub(super) fn check_end(&self) -> Result<(), ReplayError> {
+    pub fn check_end(&self) -> Result<(), ReplayError> {
         match self.end {
             FileEnd::Whole | FileEnd::Cut { .. } => Ok(()),
             FileEnd::Damaged { at } => Err(ReplayError::Damaged { at }),
@@ -151,12 +151,12 @@ impl Recording {
 
     /// What the host board needs to have a simulated run again; `None` if the recording is of a real robot, or of a part of a run.
     pub fn entered(&self) -> Option<Entered> {
-        self.check_end().ok()?;
         let whole = self
             .stretches
             .iter()
             .all(|stretch| stretch.beginning == Beginning::Anew && !stretch.after_gap);
-        let seed = self.head.seed.filter(|_| whole)?;
+        let is_changed = self.check_end().is_err();
+        let seed = self.head.seed.filter(|_| whole && !is_changed)?;
         Some(Entered {
             seed,
             missions: self.stretches.iter().map(|it| it.mission).collect(),

@@ -107,12 +107,14 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
                 Letter::Failed(LinkError::EmergencyStopped)
             }
             Letter::Release => {
+                // Who wanted it may have released it before any slot has looked.
+                let is_latched = self.signs.emergency_stop.load(Ordering::Relaxed);
                 self.signs.emergency_stop.store(false, Ordering::Relaxed);
                 self.signs.stop_pressed.store(false, Ordering::Relaxed);
                 if let Some(kept) = self.kept {
                     kept.set_emergency_stop(false);
                 }
-                if self.mode == Mode::EmergencyStopped {
+                if is_latched || self.mode == Mode::EmergencyStopped {
                     self.set_stopped(Mode::Stopped, board);
                 }
                 Letter::Released

@@ -68,6 +68,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         board.motors_off();
         let is_pressed = is_stop_pressed(board);
         self.signs.stop_pressed.store(is_pressed, Ordering::Relaxed);
+        if is_pressed {
+            // What was sent before does not end this.
+            self.signs.release.store(false, Ordering::Relaxed);
+        }
     }
 }
 

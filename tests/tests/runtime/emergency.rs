@@ -194,6 +194,41 @@ fn a_release_that_was_sent_before_an_emergency_stop_does_not_end_it() {
 }
 
 #[test]
+fn a_release_right_behind_an_emergency_stop_leaves_the_robot_stopped() {
+    with_counting_robot(|robot| {
+        let stop = robot.frame(Request::EmergencyStop);
+        let release = robot.frame(Request::Release);
+        robot.wire.to_robot.extend(stop);
+        robot.wire.to_robot.extend(release);
+        robot.exchange();
+        robot.run_us(5_000);
+        assert_eq!(robot.status().mode, Mode::Stopped);
+        robot.world.said();
+        robot.run_us(50_000);
+        assert_eq!(robot.world.said(), [""; 0]);
+        assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
+    });
+}
+
+#[test]
+fn a_press_ends_a_release_that_is_under_way() {
+    with_counting_robot(|robot| {
+        robot.ask(Request::EmergencyStop).unwrap();
+        robot.run_us(50_000);
+        let release = robot.frame(Request::Release);
+        robot.wire.to_robot.extend(release);
+        assert_eq!(robot.exchange(), []);
+        robot.board.is_pressed = true;
+        robot.timer();
+        robot.board.is_pressed = false;
+        let refused = Err(LinkError::EmergencyStopped);
+        assert_eq!(robot.exchange(), [(robot.last_number(), refused)]);
+        robot.world.said();
+        assert_stands_still(robot);
+    });
+}
+
+#[test]
 fn a_button_that_was_pressed_for_a_moment_latches_and_one_that_is_pressed_is_not_released() {
     with_counting_robot(|robot| {
         robot.board.is_pressed = true;

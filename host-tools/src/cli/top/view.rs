@@ -336,10 +336,11 @@ fn difference(now: &SlotReading, before: &SlotReading) -> SlotReport {
 pub(super) mod tests {
     use super::*;
     use rt_firmware::link::message::{
-        Capacities, Mode, ResetReason, SlotCounters, Status, TaskCounters, Uploads,
+        Capacities, ResetReason, SlotCounters, Status, TaskCounters, Uploads,
     };
 
     use crate::reading::{LineReport, TaskPlan};
+    use crate::trial::tests::status;
 
     pub fn robot() -> RobotInfo {
         RobotInfo {
@@ -407,26 +408,13 @@ pub(super) mod tests {
         };
         Reading {
             status: Status {
-                mode: Mode::Running,
-                mission: Some(0x1234_abcd),
-                steps: u64::from(periods),
                 t_us: u64::from(periods) * 20_000,
                 executed: 2 * periods,
-                missed: 0,
                 overruns: 2 * (periods / 100),
                 max_delay_ns: 93_000,
-                trace_dropped: 0,
                 background_busy: true,
                 stack_bytes: Some(2_640),
-                reset: ResetReason::PowerOn,
-                trial: None,
-                fell_back: None,
-                kept: None,
-                changed_params: 0,
-                record_dropped: 0,
-                record_pending: false,
-                saved_params: 0,
-                stop_pressed: false,
+                ..status(Some(0x1234_abcd), periods.into())
             },
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]

@@ -213,6 +213,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             Letter::Released if self.desk.signs.emergency_stop.load(Ordering::Relaxed) => Ok(()),
             _ => keep_in_mind(letter, port.keeper()),
         };
+        if let Letter::Released = letter {
+            // Pressed again while the flash was written, the button has latched a stop that is to be kept.
+            self.desk.stop_is_kept = false;
+        }
         if let (true, Some((last, _))) = (self.awaited, self.last)
             && asked.is_some_and(|asked| asked.seq == last)
         {

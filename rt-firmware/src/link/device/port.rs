@@ -14,7 +14,7 @@ pub trait LinkPort {
     /// Whether the board keeps what is logged. A host that wants the log of one that does not is refused.
     const KEEPS_LOG: bool = true;
 
-    /// Milliseconds that the board's flash takes at most for what one request has it keep: to erase and write the place of a mission. A host waits so much longer
+    /// Milliseconds that the board's flash takes at most for what one request has it keep: to erase and write the place of a mission, and the records that go with it. A host waits so much longer
     /// for the answer before it asks again.
     const FLASH_MS: u16 = 0;
 
