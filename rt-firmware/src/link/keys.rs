@@ -192,7 +192,7 @@ impl Keys {
         for (place, byte) in record.iter_mut().zip(key.iter().chain(&seed)) {
             *place = *byte;
         }
-        safe.write(KeyRecord::Key, &record)?;
+        self.write(safe, KeyRecord::Key, &record)?;
         self.lock = Lock::Locked { key, seed };
         self.nonce = None;
         Ok(())
@@ -201,7 +201,7 @@ impl Keys {
     /// Forgets the key. The counter stays: an old upload is no newer for it.
     pub(crate) fn remove(&mut self, safe: &mut dyn KeySafe) -> Result<(), LinkError> {
         self.locked()?;
-        safe.write(KeyRecord::Key, &[])?;
+        self.write(safe, KeyRecord::Key, &[])?;
         self.lock = Lock::Open;
         self.nonce = None;
         Ok(())
@@ -213,9 +213,25 @@ impl Keys {
         safe: &mut dyn KeySafe,
         upload: &SignedUpload,
     ) -> Result<(), LinkError> {
-        safe.write(KeyRecord::Counter, &upload.counter.to_le_bytes())?;
+        self.write(safe, KeyRecord::Counter, &upload.counter.to_le_bytes())?;
         self.counter = upload.counter;
         Ok(())
+    }
+
+    /// Keeps a record. Where that is refused it may be kept all the same: then what holds is what will be read at the next start.
+    fn write(
+        &mut self,
+        safe: &mut dyn KeySafe,
+        record: KeyRecord,
+        bytes: &[u8],
+    ) -> Result<(), NotKept> {
+        let written = safe.write(record, bytes);
+        if written.is_err()
+            && let Ok(kept) = read(safe)
+        {
+            (self.lock, self.counter) = kept;
+        }
+        written
     }
 
     fn check(

@@ -162,6 +162,37 @@ fn with_its_key_everything_can_be_done() {
 }
 
 #[test]
+fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
+    fn doubt(robot: &mut Bench<'_, '_, '_>, doubtful: bool) {
+        if let Some(safe) = &mut robot.wire.safe {
+            safe.doubtful = doubtful;
+        }
+    }
+    with_robot(|robot| {
+        robot.wire.safe = Some(Safe::default());
+        doubt(robot, true);
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+        assert_eq!(robot.access(), Access::Locked);
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NeedsKey));
+        doubt(robot, false);
+        let blob = counting(5).blob();
+        robot.send(&blob);
+        let (signed, signature) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(signed, Ok(Answer::Done));
+        let commit = Request::Commit(Swap::default());
+        // The first nonce after a start is one more record.
+        challenge(robot);
+        doubt(robot, true);
+        let committed = ask_signed(robot, &key(1), &signature, commit);
+        assert_eq!(committed, Err(LinkError::NotKept));
+        assert_eq!(challenge(robot).1, 1, "the number is used up");
+        let removed = ask_signed(robot, &key(1), &NO_UPLOAD, Request::RemoveKey);
+        assert_eq!(removed, Err(LinkError::NotKept));
+        assert_eq!(robot.access(), Access::Open);
+    });
+}
+
+#[test]
 fn a_signature_that_was_found_right_is_not_verified_again() {
     with_locked_robot(|robot| {
         let blob = counting(5).blob();

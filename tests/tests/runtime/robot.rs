@@ -341,6 +341,8 @@ pub struct Safe {
     pub now_us: u64,
     /// It cannot be read and written.
     pub broken: bool,
+    /// It takes what is written, and says that it does not.
+    pub doubtful: bool,
     /// Writes so far.
     pub writes: u32,
 }
@@ -362,7 +364,8 @@ impl KeySafe for Safe {
             return Err(NotKept);
         }
         self.writes += 1;
-        self.kept.write(record, bytes)
+        self.kept.write(record, bytes)?;
+        if self.doubtful { Err(NotKept) } else { Ok(()) }
     }
 }
 
