@@ -61,7 +61,7 @@ impl FallBackReason {
 /// All of this is called from the link's context and may take as long as a flash does: slots go on meanwhile, requests wait.
 pub trait MissionKeeper {
     /// A mission was uploaded and checked, and is about to take over: none is on trial any more, and one whose confirmation was not taken is confirmed first. When this has come back, a reset must find the mission whole, on trial; if it comes back with
-    /// an error, the mission does not take over, and the one before must be found as if nothing had been.
+    /// an error, the mission does not take over, and the one before is to be found as if nothing had been, as far as the memory still takes anything.
     ///
     /// # Errors
     /// What the host is to be told.

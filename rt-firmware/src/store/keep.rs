@@ -188,7 +188,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     /// Puts a mission into the slot that does not run, and puts it on trial. It may run when this has come back.
     ///
     /// # Errors
-    /// Why it may not. The mission before runs on, and after the next start, too.
+    /// Why it may not. The mission before runs on, and after the next start, too, unless the flash took the whole mission and then not one word more: then the next start tries it.
     pub fn begin_trial(&mut self, blob: &[u8]) -> Result<(), KeepError> {
         let len = u32::try_from(blob.len()).unwrap_or(u32::MAX);
         let written = self.write(len, blob);

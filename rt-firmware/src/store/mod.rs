@@ -248,7 +248,7 @@ pub enum FinishError {
 pub enum TrialError {
     /// No upload has ended since the start or the last trial.
     NoUpload,
-    /// The flash did not take the word that says so. The mission may not run; whether it does after the next start is open.
+    /// The flash did not take the word that says so. The mission may not run. After the next start it does not either, unless power was lost meanwhile or the flash took no other word.
     NotRecorded,
 }
 
@@ -440,6 +440,8 @@ impl<F: NorFlash> Store<F> {
     pub fn begin_trial(&mut self) -> Result<(), TrialError> {
         let slot = self.ended.take().ok_or(TrialError::NoUpload)?;
         if !planted!(LiveTrialOffTheRecord) && !self.record(slot, TRIED_AT, &TRIED) {
+            // A promotion says that there was a trial, too: so the next start does not run what was refused now.
+            self.note(slot, CONFIRMATIONS..FIRST_ADVANCE);
             return Err(TrialError::NotRecorded);
         }
         self.before = Some(self.running);

@@ -109,13 +109,11 @@ pub(super) struct Geometry {
     pub(super) rewrite: Rewrite,
 }
 
-/// What a write unit went through since it was erased.
-#[derive(Clone, Copy, Default, Hash)]
-struct Unit {
-    is_written: bool,
-    is_torn: bool,
-    is_unreadable: bool,
-}
+/// What a write unit went through since it was erased: some of these.
+type Unit = u8;
+const WRITTEN: Unit = 1;
+const TORN: Unit = 2;
+const UNREADABLE: Unit = 4;
 
 #[derive(Clone)]
 pub(super) struct Nor {
@@ -173,7 +171,7 @@ impl Nor {
             weak_since: vec![0; len],
             weak_tears: Vec::new(),
             any_weak: false,
-            units: vec![Unit::default(); len / geometry.write],
+            units: vec![0; len / geometry.write],
             worn: Vec::new(),
             session: 0,
             random: Random(0x2545_F491),
@@ -196,7 +194,7 @@ impl Nor {
     pub(super) fn fill(&mut self, byte: u8) {
         self.cells.fill(byte);
         for unit in &mut self.units {
-            unit.is_written = true;
+            *unit |= WRITTEN;
         }
     }
 
@@ -206,7 +204,7 @@ impl Nor {
         for unit in &mut self.units
             [at / self.geometry.write..(at + bytes.len()).div_ceil(self.geometry.write)]
         {
-            unit.is_written = true;
+            *unit |= WRITTEN;
         }
     }
 
@@ -224,8 +222,22 @@ impl Nor {
 
     /// What matters for all that follows.
     pub(super) fn fingerprint(&self, hasher: &mut impl Hasher) {
-        self.cells.hash(hasher);
-        self.units.hash(hasher);
+        // Most of it is blank.
+        const PART: usize = 64;
+        let blank = ([0xFF; PART], [0; PART]);
+        for (at, part) in self.cells.chunks(PART).enumerate() {
+            if part != blank.0 {
+                (at, part).hash(hasher);
+            }
+        }
+        for (at, part) in self.units.chunks(PART).enumerate() {
+            if part != blank.1 {
+                (at, part).hash(hasher);
+            }
+        }
+        if !self.any_weak {
+            return;
+        }
         for (at, mask) in self.weak.iter().enumerate().filter(|(_, mask)| **mask != 0) {
             let (since, flicker) = self.weak_tears[usize::from(self.weak_since[at])];
             // What flickers starts anew after two sessions or three.
@@ -264,7 +276,7 @@ impl Nor {
         }
         bytes.copy_from_slice(&self.cells[range.clone()]);
         if self.any_weak {
-            if self.units(&range).iter().any(|unit| unit.is_unreadable) {
+            if self.units(&range).iter().any(|unit| unit & UNREADABLE != 0) {
                 return Err(NorFlashErrorKind::Other);
             }
             for (byte, at) in bytes.iter_mut().zip(range) {
@@ -334,7 +346,9 @@ impl Nor {
         if tear == Tear::Whole && kind == Kind::Erase && self.worn.is_empty() {
             self.cells[range.clone()].fill(0xFF);
             self.weak[range.clone()].fill(0);
-            self.units(&range).fill(Unit::default());
+            self.units(&range).fill(0);
+            self.any_weak &= self.weak.iter().any(|mask| *mask != 0)
+                || self.units.iter().any(|unit| unit & UNREADABLE != 0);
             return;
         }
         let (middle, session) = (range.start + range.len() / 2, self.session);
@@ -399,12 +413,15 @@ impl Nor {
         let is_whole = tear == Tear::Whole;
         self.any_weak |= tear == Tear::Unreadable;
         for unit in self.units(&range) {
-            *unit = Unit {
-                is_written: kind == Kind::Write || !is_whole,
-                is_torn: !is_whole,
-                is_unreadable: tear == Tear::Unreadable
-                    || (unit.is_unreadable && !(is_whole && kind == Kind::Erase)),
-            };
+            let was_unreadable = *unit & UNREADABLE != 0;
+            let is_erased = is_whole && kind == Kind::Erase;
+            *unit = if is_erased { 0 } else { WRITTEN };
+            if !is_whole {
+                *unit |= TORN;
+            }
+            if tear == Tear::Unreadable || was_unreadable && !is_erased {
+                *unit |= UNREADABLE;
+            }
         }
     }
 }
@@ -462,7 +479,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for Chip<WRITE, ERASE> {
         if nor
             .units(&range)
             .iter()
-            .any(|unit| unit.is_written && !unit.is_torn)
+            .any(|unit| unit & (WRITTEN | TORN) == WRITTEN)
         {
             nor.break_rule("a unit was written twice");
         }
@@ -470,7 +487,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for Chip<WRITE, ERASE> {
         if nor
             .units(&range)
             .iter()
-            .any(|unit| unit.is_unreadable || (unit.is_torn && refuses))
+            .any(|unit| unit & UNREADABLE != 0 || (unit & TORN != 0 && refuses))
         {
             return Err(NorFlashErrorKind::Other);
         }
