@@ -488,14 +488,6 @@ fn records_survive_losses_of_power() {
 #[test]
 #[ignore = "a minute with --release"]
 fn records_survive_two_losses_of_power_at_any_two_moments() {
-    if let Err(broken) = laws(4, 1) {
-        panic!("{broken}");
-    }
-}
-
-#[test]
-#[ignore = "long, also with --release"]
-fn records_survive_two_losses_of_power_at_any_two_moments_in_every_way() {
     if let Err(broken) = laws(TEARS.len(), 1) {
         panic!("{broken}");
     }
