@@ -497,6 +497,15 @@ impl<F: NorFlash> Store<F> {
         Ok(())
     }
 
+    /// The place in the order of what a slot holds, if it was confirmed and reads as it was sealed.
+    #[inline(never)]
+    fn whole_rank(&mut self, slot: Slot, head: &Head) -> Option<u32> {
+        let rank = head.confirmed_rank()?;
+        let header = head.header.ok()?;
+        let crc = self.payload_crc(slot, header.len, &mut [])?;
+        (crc == header.crc).then_some(rank)
+    }
+
     /// Begins the upload of a mission of `len` bytes with the CRC-32 (IEEE 802.3) `crc`, and erases the slot that does not run. If this very
     /// upload has begun already, it goes on. Returns the offset of the next byte.
     ///
@@ -564,8 +573,9 @@ impl<F: NorFlash> Store<F> {
         let slot = match running {
             Some(running) if planted!(RunningErased) => running.slot,
             Some(running) => running.slot.other(),
-            // Nothing runs. What stays is what was confirmed, or else what is newest for certain.
-            None => newest([a.confirmed_rank(), b.confirmed_rank()])
+            // Nothing runs. What stays is what was confirmed, the whole before the damaged, or else what is newest for certain.
+            None => newest([self.whole_rank(Slot::A, a), self.whole_rank(Slot::B, b)])
+                .or(newest([a.confirmed_rank(), b.confirmed_rank()]))
                 .or(newest([a.sealed_rank(), b.sealed_rank()]))
                 .or(newest([a.headed_rank(), b.headed_rank()]))
                 .unwrap_or(Slot::B)

@@ -125,6 +125,30 @@ fn a_mission_whose_confirmation_the_flash_refused_is_in_the_way_of_no_other() {
 }
 
 #[test]
+fn an_upload_where_nothing_runs_leaves_the_confirmed_mission_that_is_whole() {
+    for damaged in [&b"first"[..], b"second"] {
+        let flash = with_two();
+        let whole = if damaged == b"first" {
+            &b"second"[..]
+        } else {
+            b"first"
+        };
+        let place = (0..flash_bytes(BLOB_BYTES, ERASE as u32) as usize).find(|at| {
+            (damaged.iter().enumerate())
+                .all(|(place, byte)| flash.borrow().byte(at + place) == *byte)
+        });
+        flash.borrow_mut().flip(place.unwrap(), 0);
+        with_keep(&flash, |keep| {
+            let mut room = [0; BLOB_BYTES as usize];
+            Keep::choose(keep, &mut room, |_| false);
+            keep.trial_begins(b"third").unwrap();
+            assert!(!keep.trial_failed(3));
+        });
+        assert_eq!(started(&flash, &[]).0, Some(whole.to_vec()));
+    }
+}
+
+#[test]
 fn a_mission_that_failed_on_trial_since_the_start_is_not_confirmed_in_passing() {
     let flash = with_two();
     let uploaded = |flash: &Flash, cut| {

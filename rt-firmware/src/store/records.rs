@@ -54,7 +54,7 @@
 //!
 //! # Limits
 //! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has behind its head, whichever is less; a record takes two bytes
-//! more than its value. Where the writing of a table was cut just before its second half began, damage in the head of the new one brings back the one before: that `put` was not
+//! more than its value. Where the writing of a table was cut before it was confirmed, damage of the new one brings back the one before; and so does damage in its head, as long as there is one of it: that `put` was not
 //! acknowledged.
 
 use embedded_storage::nor_flash::NorFlash;
@@ -319,10 +319,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
             };
             let other = chosen.slot.other();
             let state = other.of(slots);
-            let [header, copy] = [chosen.slot, other].map(|slot| self.store.head(slot).header);
-            let (Ok(header), copy) = (header, copy) else {
+            let [header, of_other] = [chosen.slot, other].map(|slot| self.store.head(slot));
+            let Ok(header) = header.header else {
                 continue;
             };
+            let (copy, is_confirmed) = (of_other.header, of_other.confirmed_rank().is_some());
             let is_same = copy.is_ok_and(|copy| (copy.len, copy.crc) == (header.len, header.crc));
             self.is_twice = is_same
                 && state == SlotState::Spare
@@ -333,10 +334,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
             // What was looked at before the one that was chosen is newer.
             let is_newer_damaged = match state {
                 SlotState::OtherFormat | SlotState::TooLong => true,
-                SlotState::BrokenPayload
-                | SlotState::NoRoom { .. }
-                | SlotState::Refused
-                | SlotState::Unreadable => copy.is_ok() && !is_same,
+                // What was not confirmed was not acknowledged either.
+                SlotState::BrokenPayload => is_confirmed && !is_same,
+                SlotState::NoRoom { .. } | SlotState::Refused | SlotState::Unreadable => {
+                    copy.is_ok() && !is_same
+                }
                 _ => false,
             };
             if is_newer_damaged && !planted!(DamageGivesWay) {

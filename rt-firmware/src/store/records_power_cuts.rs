@@ -16,6 +16,7 @@ use std::vec::Vec;
 use super::layout::{BLOCK_BYTES, HEAD_BYTES, Layout};
 use super::nor::{Chip, Cut, Flicker, Geometry, Kind, Nor, Rewrite, Tear};
 use super::records::{Found, Key, MAX_VALUE_BYTES, PutError, Records};
+use super::{Slot, Store};
 
 type Broken = String;
 
@@ -412,17 +413,26 @@ fn is_not_lost(world: &World, is_at_rest: bool) -> Result<(), Broken> {
             ));
         }
     }
+    // What was not confirmed yet may give way.
+    let is_confirmed = [Slot::A, Slot::B].map(|slot| {
+        let nor = Rc::new(RefCell::new(world.nor.clone()));
+        nor.borrow_mut().power_on();
+        let layout = Layout::new(0, AREA_BYTES as u32);
+        Store::new(Chip::<WRITE, ERASE>(nor), layout)
+            .is_ok_and(|mut store| store.head(slot).confirmed_rank().is_some())
+    });
     let used = HEAD_BYTES as usize + 3 * BLOCK_BYTES;
     for at in (0..2 * AREA_BYTES).filter(|at| at % AREA_BYTES < used) {
         let is_blank = world.nor.byte(at) == 0xFF;
-        let is_payload = at % AREA_BYTES >= HEAD_BYTES as usize;
+        let is_acknowledged =
+            at % AREA_BYTES >= HEAD_BYTES as usize && is_confirmed[at / AREA_BYTES];
         // One bit of a byte, not always the same.
         let bit = (at % 8) as u8;
         if at % (if is_blank { 8 } else { 1 } * stride) != 0 {
             continue;
         }
         let (found, nor) = opened(&|nor| nor.flip(at, bit))?;
-        if !judge(&found, &nor, is_payload) {
+        if !judge(&found, &nor, is_acknowledged) {
             return Err(format!(
                 "bit {bit} of byte {at} flipped: {found:?}, due was {due:?}"
             ));
