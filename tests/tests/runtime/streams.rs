@@ -7,7 +7,7 @@ use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
 
 use crate::counting;
 use crate::mission::hash;
-use crate::robot::{Bench, Values, with_robot};
+use crate::robot::{Answer, Bench, Values, with_robot};
 use crate::values::ask_values;
 use crate::warm::listening;
 
@@ -93,6 +93,34 @@ fn an_answer_waits_for_the_rest_of_one_part_at_most_however_full_the_wire() {
             longest > PART_FRAME_BYTES / 2,
             "the wire was too empty to tell: {longest}"
         );
+    });
+}
+
+#[test]
+fn an_answer_that_was_begun_is_sent_to_its_end_before_the_next() {
+    with_robot(|robot| {
+        let blob = listening(1, false);
+        robot.start(&blob);
+        let (len, crc) = (300, 5);
+        robot.ask(Request::Begin { len, crc }).unwrap();
+        let (offset, data) = (0, &[0x5a; 50][..]);
+        let chunk = robot.frame(Request::Chunk { offset, data });
+        let of_chunk = robot.last_number();
+        let start = robot.frame(Request::Start);
+        robot.wire.to_robot.extend(chunk);
+        robot.wire.to_robot.extend(start);
+        // The wire takes some bytes of the first answer when the second is there.
+        robot.wire.room = Some(0);
+        assert_eq!(robot.exchange(), []);
+        robot.wire.room = Some(3);
+        assert_eq!(robot.exchange(), []);
+        robot.run_us(10_000);
+        robot.wire.room = None;
+        let expected = [
+            (of_chunk, Ok(Answer::Received(50))),
+            (robot.last_number(), Ok(Answer::Done)),
+        ];
+        assert_eq!(robot.exchange(), expected);
     });
 }
 

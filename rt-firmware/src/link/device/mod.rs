@@ -182,6 +182,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Passes an answer of the real-time side on.
     fn take_answer(&mut self, port: &mut impl LinkPort) {
+        // An answer that is on its way out, as one about a chunk may be, comes to its end first.
+        if self.reply.is_begun() {
+            return;
+        }
         let Some((asked, letter)) = self.desk.open_letter() else {
             return;
         };
