@@ -491,14 +491,22 @@ class Client:
         """
         self.require("keys")
         seed = new_seed() if seed is None else seed
-        self._key_command("install a key", messages.Done, messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
+        self._change_key("install a key", messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
         self._key = key
-        self.hello()
 
     def remove_key(self) -> None:
         """From now on the robot takes commands from anyone."""
         self.require("keys")
-        self._key_command("remove the key", messages.Done, messages.REMOVE_KEY)
+        self._change_key("remove the key", messages.REMOVE_KEY)
+
+    def _change_key(self, name: str, kind: int, *fields) -> None:
+        """Has the key changed, and asks what holds then: also where the flash is said not to have taken it."""
+        try:
+            self._key_command(name, messages.Done, kind, *fields)
+        except Refused as refused:
+            if refused.error.name == "NotKept":
+                self.hello()
+            raise
         self.hello()
 
     def _is_locked(self) -> bool:

@@ -232,7 +232,7 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NotSigned => {
             "it has a key, whose owner must sign the mission; `--key FILE` names the key".into()
         }
-        LinkError::WrongSignature => "its key has not signed this".into(),
+        LinkError::WrongSignature => "its key has not signed what it has got".into(),
         LinkError::OldCounter { last } => format!(
             "the mission was signed as number {last} or before, and the robot has accepted number {last}: it is an old upload; upload it again"
         ),
@@ -240,7 +240,7 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoKey => "it has no key; `esm key install` gives it one".into(),
         LinkError::NoKeySupport => "its firmware has no room for a key".into(),
         LinkError::NotKept => {
-            "what it keeps of its key cannot be read or written: its memory is damaged".into()
+            "its memory for its key cannot be read, or did not take this; `esm key show --port` tells what holds now".into()
         }
         LinkError::TooSoon { ms } => {
             format!("somebody has sent it a wrong signature; it looks at the next in {ms} ms")

@@ -111,9 +111,7 @@ impl<L: ByteLink> LinkClient<L> {
             seed: &seed,
             signature: &signature,
         };
-        self.ask_to_do("install a key", request)?;
-        self.hello()?;
-        Ok(())
+        self.change_key("install a key", request)
     }
 
     /// From now on the robot has no key.
@@ -121,9 +119,17 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]
     pub fn remove_key(&mut self) -> Result<(), ClientError> {
-        self.ask_to_do("remove the key", Request::RemoveKey)?;
-        self.hello()?;
-        Ok(())
+        self.change_key("remove the key", Request::RemoveKey)
+    }
+
+    /// Has the key changed, and asks what holds then: also where the flash is said not to have taken it.
+    fn change_key(&mut self, name: &'static str, request: Request<'_>) -> Result<(), ClientError> {
+        let changed = self.ask_to_do(name, request);
+        let greeted = match &changed {
+            Err(error) if error.refusal() != Some(LinkError::NotKept) => Ok(()),
+            _ => self.hello().map(drop),
+        };
+        changed.and(greeted)
     }
 
     /// Signs the blob that was uploaded.

@@ -226,10 +226,14 @@ impl Keys {
         bytes: &[u8],
     ) -> Result<(), NotKept> {
         let written = safe.write(record, bytes);
-        if written.is_err()
-            && let Ok(kept) = read(safe)
-        {
-            (self.lock, self.counter) = kept;
+        if written.is_err() {
+            match read(safe) {
+                Ok(kept) => (self.lock, self.counter) = kept,
+                // Whether there is a key now nobody knows.
+                Err(NotKept) if matches!(self.lock, Lock::Open) => self.lock = Lock::Unreadable,
+                Err(NotKept) => {}
+            }
+            self.nonce = None;
         }
         written
     }

@@ -53,6 +53,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     #[cold]
     #[inline(never)]
     pub(super) fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
+        if !self.signs.emergency_stop.load(Ordering::Relaxed) {
+            // It was the button: what was sent before does not end this.
+            self.signs.release.store(false, Ordering::Relaxed);
+        }
         self.signs.emergency_stop.store(true, Ordering::Relaxed);
         if let Some(kept) = self.kept {
             kept.set_emergency_stop(true);

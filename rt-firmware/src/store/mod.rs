@@ -43,7 +43,7 @@
 //! | | erases | blocks written | bytes read |
 //! |---|---|---|---|
 //! | start | 0 | at most 1 | 2048 and the payload, once or twice |
-//! | begin | 1 (a slot) | at most 2 | 3072 |
+//! | begin | 1 (a slot) | at most 2 | 3072; where no mission runs, both payloads, too |
 //! | append | 0 | 1 each 32 bytes | 0 |
 //! | finish | 0 | 3, and what is left of the payload | the payload and 1024 |
 //! | begin a trial | 0 | 1 | 32 |

@@ -55,7 +55,7 @@
 //! # Limits
 //! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has behind its head, whichever is less; a record takes two bytes
 //! more than its value. Where the writing of a table was cut before it was confirmed, damage of the new one brings back the one before; and so does damage in its head, as long as there is one of it: that `put` was not
-//! acknowledged.
+//! acknowledged. One area of which nothing can be read, beside one whose writing was cut, is what a cut first writing leaves: a start takes it for a flash without records.
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -201,7 +201,12 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if planted!(RecordKeptInMemoryOnly) {
             return Err(PutError::Flash);
         }
+        let had_table = self.found == Found::Table;
         self.load();
+        if had_table && self.found == Found::Nothing {
+            // It was there: what cannot be read any more is not what never was.
+            self.found = Found::Damage;
+        }
         // What the flash did not take at once, it may have taken now.
         if self.is_twice && self.get(key).unwrap_or_default() == value {
             return Ok(());
@@ -299,11 +304,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
 
     /// Reads the table that counts, and sees to it that both areas have it. Where its writing was cut it is confirmed before, for it might read well today and not tomorrow.
     fn load(&mut self) {
-        self.len = 0;
-        self.found = Found::Damage;
-        self.is_twice = false;
         // What reads badly is looked at twice. And a table that was never confirmed, and cannot be now, gives way to the other.
         for look in 0..LOOKS {
+            self.len = 0;
+            self.found = Found::Damage;
+            self.is_twice = false;
             let Choice { mission, slots } = self.store.choose(self.room, is_table);
             let Some(chosen) = mission else {
                 if look < LOOKS - 1 {

@@ -544,9 +544,12 @@ impl Subject<'_, '_, '_> {
                 "{ended:?}"
             );
         }
+        let there = self.ask(begin(), received);
         let hash = match self.bring(access) {
             // What was there already was somebody else's, and is forgotten now.
-            Err(LinkError::WrongSignature | LinkError::WrongChecksum) => self.bring(access),
+            Err(LinkError::WrongSignature | LinkError::WrongChecksum) if there > 0 => {
+                self.bring(access)
+            }
             uploaded => uploaded,
         };
         let hash = hash.unwrap_or_else(|error| panic!("no upload: {error:?}"));

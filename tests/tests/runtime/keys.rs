@@ -186,9 +186,36 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         let committed = ask_signed(robot, &key(1), &signature, commit);
         assert_eq!(committed, Err(LinkError::NotKept));
         assert_eq!(challenge(robot).1, 1, "the number is used up");
-        let removed = ask_signed(robot, &key(1), &NO_UPLOAD, Request::RemoveKey);
+        // A new key voids what the one before has signed, also where it is said not to be kept.
+        robot.send(&blob);
+        assert_eq!(sign(robot, &key(1), 2, &blob).0, Ok(Answer::Done));
+        let public = key(2).public().0;
+        let proof = key(2).sign(&access::install(&public, &SEED));
+        let request = Request::InstallKey {
+            key: &public,
+            seed: &SEED,
+            signature: &proof,
+        };
+        let replaced = ask_signed(robot, &key(1), &NO_UPLOAD, request);
+        assert_eq!(replaced, Err(LinkError::NotKept));
+        let committed = ask_signed(robot, &key(2), &NO_UPLOAD, commit);
+        assert_eq!(committed, Err(LinkError::NotSigned));
+        let removed = ask_signed(robot, &key(2), &NO_UPLOAD, Request::RemoveKey);
         assert_eq!(removed, Err(LinkError::NotKept));
         assert_eq!(robot.access(), Access::Open);
+    });
+}
+
+#[test]
+fn a_robot_of_which_nobody_knows_whether_it_has_a_key_is_locked() {
+    with_robot(|robot| {
+        robot.wire.safe = Some(Safe::default());
+        assert_eq!(robot.access(), Access::Open);
+        let safe = robot.wire.safe.as_mut();
+        safe.expect("it is there").broken = true;
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+        assert_eq!(robot.access(), Access::Unreadable);
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
     });
 }
 

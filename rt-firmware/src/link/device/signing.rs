@@ -86,12 +86,12 @@ impl Desk<'_, '_> {
                 seed,
                 signature,
             } => {
-                self.keys.install(safe, key, seed, signature)?;
-                // What another key has signed is not signed.
+                let installed = self.keys.install(safe, key, seed, signature);
+                // What another key has signed is not signed. It may be there although the flash said no.
                 if let Some(upload) = &mut self.upload {
                     upload.signed = None;
                 }
-                Ok(Response::Done)
+                installed.map(|()| Response::Done)
             }
             Request::RemoveKey => {
                 self.keys.remove(safe)?;

@@ -102,7 +102,7 @@ pub enum LinkError {
     NoKey,
     /// The robot's firmware cannot have a key.
     NoKeySupport,
-    /// What belongs to the key cannot be read or written: nothing was changed.
+    /// What belongs to the key cannot be read, or the flash did not take it. Where it took it all the same, that holds.
     NotKept,
     /// After a wrong signature the robot looks at none for some time: send it again then.
     TooSoon {
