@@ -80,6 +80,8 @@ macro_rules! planted {
 #[cfg(test)]
 mod damaged;
 pub mod keep;
+#[cfg(test)]
+mod kept_flash;
 mod layout;
 #[cfg(test)]
 mod nor;

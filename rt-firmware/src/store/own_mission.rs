@@ -5,34 +5,21 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use super::SlotState;
-use super::keep::{Keep, RECORD_BYTES, Source, Start, flash_bytes};
-use super::nor::{Chip, Cut, Geometry, Kind, Nor, Rewrite, Tear};
+use super::keep::{Keep, Source, Start, flash_bytes};
+use super::kept_flash::{self, BLOB_BYTES, ERASE, Flash, WRITE};
+use super::nor::{Chip, Cut, Kind, Rewrite, Tear};
 use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 
-const WRITE: usize = 8;
-const ERASE: usize = 1024;
-const BLOB_BYTES: u32 = 512;
 const OWN: &[u8] = b"the firmware's own";
 
-type Flash = Rc<RefCell<Nor>>;
-
 fn blank() -> Flash {
-    let geometry = Geometry {
-        write: WRITE,
-        rewrite: Rewrite::Refuse,
-    };
-    let bytes = flash_bytes(BLOB_BYTES, ERASE as u32) as usize;
-    Rc::new(RefCell::new(Nor::new(geometry, bytes)))
+    kept_flash::blank(Rewrite::Refuse)
 }
 
 /// Switches on, does this, and switches off.
 fn with_keep<T>(flash: &Flash, act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T) -> T {
-    flash.borrow_mut().power_on();
-    let mut room = [0; RECORD_BYTES];
-    let chip = Chip::<WRITE, ERASE>(flash.clone());
-    let mut keep = Keep::open(chip, BLOB_BYTES, Some(OWN), &mut room).unwrap();
-    act(&mut keep)
+    kept_flash::with_keep(flash, Some(OWN), act)
 }
 
 /// What a robot starts with that refuses these missions, and where it says that it is.

@@ -4,15 +4,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use super::keep::{Keep, RECORD_BYTES, flash_bytes};
-use super::nor::{Chip, Cut, Geometry, Kind, Nor, Rewrite, Tear};
+use super::kept_flash::{blank, with_keep};
+use super::nor::{Cut, Kind, Rewrite, Tear};
 use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
-
-const WRITE: usize = 8;
-const ERASE: usize = 1024;
-const BLOB_BYTES: u32 = 512;
 
 fn saved(mission: u32, values: &[(u16, u32)]) -> SavedParams {
     let mut bytes: Vec<u8> = mission.to_le_bytes().into();
@@ -23,25 +19,8 @@ fn saved(mission: u32, values: &[(u16, u32)]) -> SavedParams {
     SavedParams::from_bytes(&bytes)
 }
 
-/// Switches on, does this, and switches off.
-fn with_keep<T>(
-    nor: &Rc<RefCell<Nor>>,
-    act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T,
-) -> T {
-    nor.borrow_mut().power_on();
-    let mut room = [0; RECORD_BYTES];
-    let chip = Chip::<WRITE, ERASE>(nor.clone());
-    let mut keep = Keep::open(chip, BLOB_BYTES, None, &mut room).unwrap();
-    act(&mut keep)
-}
-
 #[test]
 fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
-    let geometry = Geometry {
-        write: WRITE,
-        rewrite: Rewrite::Refuse,
-    };
-    let bytes = flash_bytes(BLOB_BYTES, ERASE as u32) as usize;
     let full: Vec<_> = (0..8)
         .map(|param| (param * 300, u32::MAX - u32::from(param)))
         .collect();
@@ -52,13 +31,13 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
     ];
     let mut seen = Vec::new();
     for (before, after) in histories {
-        let start = Rc::new(RefCell::new(Nor::new(geometry, bytes)));
-        with_keep(&start, |keep| keep.save_params(&before)).unwrap();
-        with_keep(&start, |keep| assert_eq!(keep.saved_params(), before));
+        let start = blank(Rewrite::Refuse);
+        with_keep(&start, None, |keep| keep.save_params(&before)).unwrap();
+        with_keep(&start, None, |keep| assert_eq!(keep.saved_params(), before));
         let first = start.borrow().operations;
         let whole = Rc::new(RefCell::new(start.borrow().clone()));
-        with_keep(&whole, |keep| keep.save_params(&after)).unwrap();
-        with_keep(&whole, |keep| assert_eq!(keep.saved_params(), after));
+        with_keep(&whole, None, |keep| keep.save_params(&after)).unwrap();
+        with_keep(&whole, None, |keep| assert_eq!(keep.saved_params(), after));
         let last = whole.borrow().operations;
         assert!(last > first);
         for at in first..last {
@@ -70,7 +49,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                     (Tear::Nothing, false),
                 ] {
                     let nor = Rc::new(RefCell::new(start.borrow().clone()));
-                    let answer = with_keep(&nor, |keep| {
+                    let answer = with_keep(&nor, None, |keep| {
                         nor.borrow_mut().cut = Some(Cut {
                             at,
                             kind,
@@ -80,7 +59,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                         keep.save_params(&after)
                     });
                     let is_cut = nor.borrow().fired.is_some();
-                    let found = with_keep(&nor, |keep| keep.saved_params());
+                    let found = with_keep(&nor, None, |keep| keep.saved_params());
                     let what = (at, kind, tear, is_loss);
                     match answer {
                         Ok(()) => assert_eq!(found, after, "{what:?}"),
@@ -91,7 +70,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                             seen.push(found == after);
                         }
                     }
-                    let again = with_keep(&nor, |keep| keep.saved_params());
+                    let again = with_keep(&nor, None, |keep| keep.saved_params());
                     assert_eq!(again, found, "{what:?}: it stays so");
                 }
             }

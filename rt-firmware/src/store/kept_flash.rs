@@ -1,0 +1,35 @@
+//! A small flash that a [`Keep`] keeps things in, for tests of what it promises from one power-on to the next.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use super::keep::{Keep, RECORD_BYTES, flash_bytes};
+use super::nor::{Chip, Geometry, Nor, Rewrite};
+
+pub(super) const WRITE: usize = 8;
+pub(super) const ERASE: usize = 1024;
+pub(super) const BLOB_BYTES: u32 = 512;
+
+pub(super) type Flash = Rc<RefCell<Nor>>;
+
+pub(super) fn blank(rewrite: Rewrite) -> Flash {
+    let geometry = Geometry {
+        write: WRITE,
+        rewrite,
+    };
+    let bytes = flash_bytes(BLOB_BYTES, ERASE as u32) as usize;
+    Rc::new(RefCell::new(Nor::new(geometry, bytes)))
+}
+
+/// Switches a robot on whose firmware has this mission, does this, and switches off.
+pub(super) fn with_keep<T>(
+    flash: &Flash,
+    own: Option<&'static [u8]>,
+    act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T,
+) -> T {
+    flash.borrow_mut().power_on();
+    let mut room = [0; RECORD_BYTES];
+    let chip = Chip::<WRITE, ERASE>(flash.clone());
+    let mut keep = Keep::open(chip, BLOB_BYTES, own, &mut room).unwrap();
+    act(&mut keep)
+}
