@@ -18,14 +18,32 @@ fn key(number: u8) -> SigningKey {
     SigningKey::of(&[number; 32])
 }
 
+/// What brings a key to a robot.
+struct Installation {
+    key: [u8; KEY_BYTES],
+    signature: [u8; SIGNATURE_BYTES],
+}
+
+impl Installation {
+    fn of(key: &SigningKey) -> Self {
+        let public = key.public().0;
+        Installation {
+            key: public,
+            signature: key.sign(&access::install(&public, &SEED)),
+        }
+    }
+
+    fn request(&self) -> Request<'_> {
+        Request::InstallKey {
+            key: &self.key,
+            seed: &SEED,
+            signature: &self.signature,
+        }
+    }
+}
+
 fn install(robot: &mut Bench<'_, '_, '_>, key: &SigningKey) -> Result<Answer, LinkError> {
-    let public = key.public().0;
-    let signature = key.sign(&access::install(&public, &SEED));
-    robot.ask(Request::InstallKey {
-        key: &public,
-        seed: &SEED,
-        signature: &signature,
-    })
+    robot.ask(Installation::of(key).request())
 }
 
 /// A robot that drives a mission, has `key(1)`, and can be asked for everything.
@@ -136,13 +154,8 @@ fn with_its_key_everything_can_be_done() {
         );
         assert_eq!(challenge(robot).1, 1, "it was upload number 1");
         // Another key, which the first one lets in.
-        let public = key(2).public().0;
-        let proof = key(2).sign(&access::install(&public, &SEED));
-        let request = Request::InstallKey {
-            key: &public,
-            seed: &SEED,
-            signature: &proof,
-        };
+        let other = Installation::of(&key(2));
+        let request = other.request();
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, request),
             Ok(Answer::Done)
@@ -189,13 +202,8 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         // A new key voids what the one before has signed, also where it is said not to be kept.
         robot.send(&blob);
         assert_eq!(sign(robot, &key(1), 2, &blob).0, Ok(Answer::Done));
-        let public = key(2).public().0;
-        let proof = key(2).sign(&access::install(&public, &SEED));
-        let request = Request::InstallKey {
-            key: &public,
-            seed: &SEED,
-            signature: &proof,
-        };
+        let other = Installation::of(&key(2));
+        let request = other.request();
         let replaced = ask_signed(robot, &key(1), &NO_UPLOAD, request);
         assert_eq!(replaced, Err(LinkError::NotKept));
         let committed = ask_signed(robot, &key(2), &NO_UPLOAD, commit);

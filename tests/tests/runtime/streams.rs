@@ -136,20 +136,19 @@ fn nothing_of_the_session_before_comes_behind_the_answer_to_hello() {
             robot.run_us(50_000);
             robot.wire.room = Some(begun);
             robot.link.poll(&mut robot.wire);
-            let mut frame = [0; MAX_FRAME_BYTES];
-            let request = Request::Hello;
-            let length = encode(&ToDevice { seq: 200, request }, &mut frame).unwrap();
-            robot.wire.to_robot.extend(&frame[..length]);
+            let hello = robot.frame(Request::Hello);
+            let asked = robot.last_number();
+            robot.wire.to_robot.extend(hello);
             robot.wire.room = None;
             while robot.link.poll(&mut robot.wire) {}
             let sent: Vec<u8> = robot.wire.to_host.drain(..).collect();
             let mut frames: Vec<_> = sent.split_inclusive(|byte| *byte == 0).collect();
-            let last = frames.pop().expect("an answer").to_vec();
+            let mut last = frames.pop().expect("an answer").to_vec();
             assert_eq!(frames.len(), usize::from(begun > 0), "what was begun");
-            assert!(matches!(
-                decode(&mut last.clone()),
-                Ok(FromDevice::Reply { seq: 200, .. })
-            ));
+            let Ok(FromDevice::Reply { seq, .. }) = decode(&mut last) else {
+                panic!("no answer comes last");
+            };
+            assert_eq!(seq, asked);
             want_everything(robot, &blob);
         }
     });
