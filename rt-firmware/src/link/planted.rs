@@ -506,9 +506,7 @@ mod of_keys {
 
     /// Of an upload that somebody else has filled, under the owner's length and checksum.
     pub(super) fn bytes_of_others(robot: &mut Robot<'_, '_, '_>) -> Result<(), Broken> {
-        let key =
-            (install(&mut robot.wire, &mut Keys::new())).map_err(|error| format!("{error:?}"));
-        key?;
+        install(&mut robot.wire, &mut Keys::new()).map_err(|error| format!("{error:?}"))?;
         let (blob, others) = (junk(20), [0x5a; 20]);
         let sign = |counter: u64| sign(&access::upload(&counter.to_le_bytes(), &blob));
         let (first, second) = (sign(1), sign(2));
