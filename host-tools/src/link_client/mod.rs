@@ -198,8 +198,6 @@ pub struct LinkClient<L> {
     signing: Signing,
 }
 
-const READ_BLOB: &str = "read the mission";
-
 /// Whether the bytes of a blob are those that it ends with the checksum of.
 fn has_its_checksum(blob: &[u8]) -> bool {
     blob.split_last_chunk()
@@ -557,25 +555,26 @@ impl<L: ByteLink> LinkClient<L> {
         const READS: u32 = 5;
         let mut read = self.read_running_blob();
         for _ in 1..READS {
-            match &read {
-                Ok(blob) if has_its_checksum(blob) || planted!(MixedBlobTaken) => break,
-                Ok(_) | Err(ClientError::BadAnswer { .. }) => read = self.read_running_blob(),
-                Err(_) => break,
+            if !matches!(read, Err(ClientError::BadAnswer { .. })) {
+                break;
             }
+            read = self.read_running_blob();
         }
-        match read {
-            Ok(blob) if !has_its_checksum(&blob) && !planted!(MixedBlobTaken) => {
-                Err(ClientError::BadAnswer { request: READ_BLOB })
-            }
-            read => read,
-        }
+        read
     }
 
+    /// The same, read once.
     fn read_running_blob(&mut self) -> Result<Vec<u8>, ClientError> {
-        self.read_all(READ_BLOB, |offset| {
+        const NAME: &str = "read the mission";
+        let blob = self.read_all(NAME, |offset| {
             let offset = u32::try_from(offset).ok()?;
             Some(Request::ReadBlob { offset })
-        })
+        })?;
+        if has_its_checksum(&blob) || planted!(MixedBlobTaken) {
+            Ok(blob)
+        } else {
+            Err(ClientError::BadAnswer { request: NAME })
+        }
     }
 
     /// The current states of the mission that runs, all of one macro step where the robot's pace allows that.
