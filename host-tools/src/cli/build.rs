@@ -69,7 +69,7 @@ struct Built<'c> {
 /// # Errors
 /// If the mission cannot be compiled or the blob cannot be written.
 pub fn execute(args: &BuildArgs, console: &mut Console) -> Result<(), CommandError> {
-    file::keep_sources(&args.output, &[&args.file])?;
+    file::keep_sources(&args.output, [args.file.as_path()])?;
     let audience = if args.json {
         Audience::Program
     } else {

@@ -51,7 +51,7 @@ pub struct DrawArgs {
 /// # Errors
 /// If the file cannot be read or has errors, if what it says is too large for a picture, or if the picture cannot be written.
 pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandError> {
-    file::keep_sources(&args.output, &[&args.file])?;
+    file::keep_sources(&args.output, [args.file.as_path()])?;
     let checked = mission::read(&args.file)?;
     mission::tell(&checked, Audience::Person, console)?;
     let Some(model) = &checked.model else {

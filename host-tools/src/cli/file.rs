@@ -61,7 +61,10 @@ const SOURCES: [&str; 3] = ["esm", "scenario", "world"];
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.
-pub fn keep_sources(output: &Path, inputs: &[&Path]) -> Result<(), CommandError> {
+pub fn keep_sources<'i>(
+    output: &Path,
+    inputs: impl IntoIterator<Item = &'i Path>,
+) -> Result<(), CommandError> {
     // What is not there or is no file cannot be lost.
     let Ok(target) = fs::canonicalize(output) else {
         return Ok(());
@@ -69,11 +72,11 @@ pub fn keep_sources(output: &Path, inputs: &[&Path]) -> Result<(), CommandError>
     if !target.is_file() {
         return Ok(());
     }
-    let is_input = |input: &&Path| fs::canonicalize(input).is_ok_and(|input| input == target);
+    let is_input = |input: &Path| fs::canonicalize(input).is_ok_and(|input| input == target);
     let is_source = target
         .extension()
         .is_some_and(|ending| SOURCES.iter().any(|source| ending == *source));
-    if is_source || inputs.iter().any(is_input) {
+    if is_source || inputs.into_iter().any(is_input) {
         return Err(CommandError::Usage(anyhow!(
             "{} would be overwritten, and it is no output: name another file",
             output.display()
@@ -367,11 +370,11 @@ mod tests {
             ("new.esm", false),
             ("", false),
         ] {
-            let found = keep_sources(&at(output), &[&at("read.esm"), &at("mission")]);
+            let found = keep_sources(&at(output), [&*at("read.esm"), &at("mission")]);
             assert_eq!(found.is_err(), is_kept, "{output}");
         }
         let null = Path::new("/dev/null");
-        assert!(keep_sources(null, &[null]).is_ok());
+        assert!(keep_sources(null, [null]).is_ok());
     }
 
     #[test]

@@ -66,9 +66,8 @@ pub struct LogArgs {
 pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(output) = &args.record {
         let key = keys::path(args.robot.key.as_deref()).ok();
-        let inputs = [&args.firmware, &key];
-        let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
-        file::keep_sources(output, &inputs)?;
+        let inputs = [args.firmware.as_deref(), key.as_deref()];
+        file::keep_sources(output, inputs.into_iter().flatten())?;
     }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;

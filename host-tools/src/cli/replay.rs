@@ -100,8 +100,7 @@ struct MissionReport {
 pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(output) = &args.trace {
         let inputs = [Some(args.recording.as_path()), args.expect.as_deref()];
-        let inputs: Vec<&Path> = inputs.into_iter().flatten().collect();
-        file::keep_sources(output, &inputs)?;
+        file::keep_sources(output, inputs.into_iter().flatten())?;
     }
     let recording = read_recording(&args.recording)?;
     if args.step {

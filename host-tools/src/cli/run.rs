@@ -246,11 +246,8 @@ fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
     let key = keys::path(args.key.as_deref()).ok();
     let mut inputs = vec![args.file.as_path()];
     inputs.extend(args.then.iter().map(|then| then.file.as_path()));
-    inputs.extend(
-        [&args.replay, &args.world, &args.flash, &key, &args.firmware]
-            .into_iter()
-            .filter_map(|path| path.as_deref()),
-    );
+    let named = [&args.replay, &args.world, &args.flash, &key, &args.firmware];
+    inputs.extend(named.into_iter().flatten().map(PathBuf::as_path));
     let in_folder = |folder: &PathBuf| IN_FOLDER.map(|name| folder.join(name));
     let pictures = args.out.as_ref().map(in_folder);
     let mut outputs: Vec<&Path> = named_trace(args)
@@ -259,7 +256,7 @@ fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
         .collect();
     outputs.extend(pictures.iter().flatten().map(PathBuf::as_path));
     for output in &outputs {
-        file::keep_sources(output, &inputs)?;
+        file::keep_sources(output, inputs.iter().copied())?;
     }
     // A flash that is not there yet is made.
     outputs.extend(args.flash.as_deref());

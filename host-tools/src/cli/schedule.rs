@@ -74,14 +74,10 @@ pub struct ScheduleArgs {
 /// # Errors
 /// If the file has errors, no schedule exists or was found, or the picture cannot be written.
 pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), CommandError> {
-    let outputs = [&args.svg, &args.perfetto];
-    let outputs: Vec<&Path> = outputs
-        .into_iter()
-        .flatten()
-        .map(PathBuf::as_path)
-        .collect();
+    let outputs = [args.svg.as_deref(), args.perfetto.as_deref()];
+    let outputs: Vec<&Path> = outputs.into_iter().flatten().collect();
     for output in &outputs {
-        file::keep_sources(output, &[&args.file])?;
+        file::keep_sources(output, [args.file.as_path()])?;
     }
     file::keep_apart(&outputs)?;
     let mut checked = mission::read(&args.file)?;

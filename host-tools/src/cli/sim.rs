@@ -53,7 +53,7 @@ pub struct SimArgs {
 /// If the mission or the scenario has errors, an expectation fails, the machine faults, or the trace cannot be written.
 pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(path) = &args.trace {
-        file::keep_sources(path, &[&args.file, &args.scenario])?;
+        file::keep_sources(path, [args.file.as_path(), &args.scenario])?;
     }
     let verified = mission::compiled(&args.file, None, NameTable::Kept, Audience::Person, console)?;
     let directory = Arc::new(mission::names(&verified)?);

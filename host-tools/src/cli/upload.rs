@@ -1,7 +1,7 @@
 //! `esm upload`: a new mission for a robot that is on.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -224,8 +224,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     if let Some(output) = &args.record {
         let key = keys::path(args.robot.key.as_deref()).ok();
         let inputs = [Some(args.file.as_path()), key.as_deref()];
-        let inputs: Vec<&Path> = inputs.into_iter().flatten().collect();
-        file::keep_sources(output, &inputs)?;
+        file::keep_sources(output, inputs.into_iter().flatten())?;
     }
     let mut staged = stage::mission(&args.file, console)?;
     if args.record.is_some() {
