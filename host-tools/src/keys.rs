@@ -10,7 +10,8 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
-use rt_firmware::link::access::{KEY_BYTES, SEED_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::proof::Secret;
 use thiserror::Error;
 use zeroize::Zeroizing;
 
@@ -211,6 +212,14 @@ impl SigningKey {
     pub fn sign(&self, message: &[&[u8]]) -> [u8; SIGNATURE_BYTES] {
         *self.pair.sk.sign(message.concat(), None)
     }
+
+    /// What its owner shares with the robot of this salt.
+    pub fn secret(&self, salt: &[u8; SALT_BYTES]) -> Secret {
+        let mut private = self.pair.sk.seed();
+        let secret = Secret::of_owner(private.as_ref(), salt);
+        private.wipe_mut();
+        secret
+    }
 }
 
 /// The private part in the text of a key's file. Lines that do not begin with the mark are its owner's words.
@@ -233,14 +242,15 @@ fn private_of(text: &[u8]) -> Option<Zeroizing<[u8; PRIVATE_BYTES]>> {
     Some(private)
 }
 
-/// Bytes that nobody can guess, for a robot to make its nonces from.
+/// Random bytes: a salt or a nonce.
 ///
 /// # Errors
 /// [`KeyError::NoRandomness`]
-pub fn seed() -> Result<[u8; SEED_BYTES], KeyError> {
-    let mut seed = [0; SEED_BYTES];
-    getrandom::fill(&mut seed).map_err(KeyError::NoRandomness)?;
-    Ok(seed)
+pub fn random() -> Result<[u8; NONCE_BYTES], KeyError> {
+    const { assert!(NONCE_BYTES == SALT_BYTES) };
+    let mut bytes = [0; NONCE_BYTES];
+    getrandom::fill(&mut bytes).map_err(KeyError::NoRandomness)?;
+    Ok(bytes)
 }
 
 /// The file that was named, or the one of those who name none.

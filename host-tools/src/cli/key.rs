@@ -150,11 +150,11 @@ fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
         Some(port) => {
             let (mut robot, info) = robot::connect(port, args.line)?;
             match info.access {
-                Access::Locked => {
-                    let challenge = robot.challenge()?;
+                Access::Locked | Access::Recovering => {
+                    let identity = robot.identity()?;
                     Shown {
-                        uploads: Some(challenge.counter),
-                        ..Shown::of_key(&challenge.key)
+                        uploads: Some(identity.counter),
+                        ..Shown::of_key(&identity.key)
                     }
                 }
                 Access::Unreadable => Shown::UNREADABLE,
@@ -219,7 +219,7 @@ fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError
             robot.use_key(Box::new(move || SigningKey::read(&present)));
         }
         (Access::Locked, None) => {
-            if robot.challenge()?.key == key.public() {
+            if robot.identity()?.key == key.public() {
                 writeln!(
                     console.out(),
                     "the robot has the key {} already",
@@ -230,6 +230,11 @@ fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError
             return Err(CommandError::Input(anyhow!(
                 "the robot has another key already; `--present FILE` names it, and only its owner may replace it"
             )));
+        }
+        // Its records begin anew with a key that the owner from before the damage has signed.
+        (Access::Recovering, present) => {
+            let present = keys::path(present.as_deref().or(args.robot.key.as_deref()))?;
+            robot.use_key(Box::new(move || SigningKey::read(&present)));
         }
         (Access::Unsupported, _) => {
             return Err(ClientError::NotBuiltIn {

@@ -80,9 +80,27 @@ impl RobotArgs {
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect(&self) -> Result<(Robot, RobotInfo), CommandError> {
-        let (robot, info) = self.connect_quietly()?;
+        let (mut robot, info) = self.connect_quietly()?;
         warn(info.access);
+        if is_named(self.key.as_deref()) {
+            robot.insist_on_key();
+        }
         Ok((robot, info))
+    }
+
+    /// Opens the line and lets a stop be the first that the robot hears, whatever else is the matter with it.
+    ///
+    /// # Errors
+    /// What is wrong with the port, or with the robot behind it.
+    pub fn connect_to_stop(&self, is_emergency: bool) -> Result<Robot, CommandError> {
+        let link = open_line(&self.port, self.line)?;
+        let (mut robot, info) = LinkClient::connect_to_stop(link, is_emergency)?;
+        warn(info.access);
+        robot.use_key(key_at(self.key.as_deref()));
+        if is_named(self.key.as_deref()) {
+            robot.insist_on_key();
+        }
+        Ok(robot)
     }
 
     /// The same, without a word on who may command this robot.
@@ -120,12 +138,15 @@ pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), Comman
 }
 
 fn open(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
+    Ok(LinkClient::connect(open_line(port, line)?)?)
+}
+
+fn open_line(port: &Port, line: LineArgs) -> Result<Box<dyn ByteLink>, CommandError> {
     let link = serial::open(port, line.baud).map_err(|error| CommandError::World(error.into()))?;
-    let link = match line.line_noise {
+    Ok(match line.line_noise {
         Some(noise) => Box::new(Noisy::new(link, noise, NOISE_SEED)),
         None => link,
-    };
-    Ok(LinkClient::connect(link)?)
+    })
 }
 
 /// Tells who may command a robot, where that is not as it should be.
@@ -144,6 +165,9 @@ fn warning(access: Access) -> Option<&'static str> {
         }
         Access::Open => Some("this robot takes commands from anyone: `esm key install`"),
         Access::Locked => None,
+        Access::Recovering => Some(
+            "this robot takes no commands but `esm stop`: its memory is damaged; `esm key install` by its owner begins it anew",
+        ),
         Access::Unreadable => Some(
             "this robot takes no commands but `esm stop`: its key cannot be read, its memory is damaged",
         ),

@@ -2,7 +2,9 @@
 
 use std::io::Write;
 
+use anyhow::anyhow;
 use clap::Args;
+use rt_firmware::link::message::Mode;
 
 use super::console::Console;
 use super::exit::CommandError;
@@ -29,13 +31,32 @@ pub struct StopArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StopArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
-    let told = if args.emergency {
+    let mut robot = args.robot.connect_to_stop(args.emergency)?;
+    if args.emergency {
         robot.emergency_stop()?;
-        "emergency stop, latched: the motors are off, whatever comes, until `esm start --release`"
     } else {
         robot.stop()?;
-        "stopped: the motors are off, and stay off until `esm start`"
+    }
+    // What it answered is one thing, how it is another: somebody else may have started it again.
+    let told = match (robot.status()?.mode, args.emergency) {
+        (Mode::EmergencyStopped, _) => {
+            "emergency stop, latched: the motors are off, whatever comes, until `esm start --release`"
+        }
+        (Mode::Stopped, false) => "stopped: the motors are off, and stay off until `esm start`",
+        (Mode::Empty, false) => "stopped: the robot has no mission, and its motors are off",
+        (Mode::Safe(_), false) => {
+            "stopped: the robot is in its safe state, and its motors are off until `esm start`"
+        }
+        (Mode::Running, _) => {
+            return Err(CommandError::World(anyhow!(
+                "the robot took the stop, but it runs again: somebody else commands it. Switch it off by hand; `esm stop --emergency` holds until `esm start --release`"
+            )));
+        }
+        (Mode::Stopped | Mode::Empty | Mode::Safe(_), true) => {
+            return Err(CommandError::World(anyhow!(
+                "the robot's motors are off, but the emergency stop is not latched any more: somebody else has released it. Switch it off by hand"
+            )));
+        }
     };
     writeln!(console.out(), "{told}")?;
     Ok(())

@@ -92,6 +92,19 @@ pub enum ClientError {
         /// This session's.
         ours: PublicKey,
     },
+    /// A key was named, and the robot says that it has none.
+    #[error(
+        "a key was named, and the robot says that it has none: its memory was erased, or somebody answers in its place; `esm key install` gives it a key again"
+    )]
+    NotLocked,
+    /// Answers came, and none with the proof that it is the robot's own.
+    #[error(
+        "answers to `{request}` came, but none is proven to be the robot's own: somebody answers in its place, or the robot has lost what it shares with its owner"
+    )]
+    Unproven {
+        /// What was asked.
+        request: &'static str,
+    },
     /// The upload does not come to an end.
     #[error("the upload failed again and again: {}", reason(*error))]
     UploadStuck {
@@ -242,6 +255,12 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NotKept => {
             "its memory for its key cannot be read, or did not take this; `esm key show --port` tells what holds now".into()
         }
+        LinkError::NoSession => "it takes this from its owner's session alone; `--key FILE` names the key".into(),
+        LinkError::WrongProof => "the key does not fit to what it keeps of its owner".into(),
+        LinkError::CounterTooFar { last } => format!(
+            "the number of the upload is too far from {last}, the last one that it has accepted; upload it again"
+        ),
+        LinkError::DeadlineTooFar => "the command was to be good for too long; try again".into(),
         LinkError::TooSoon { ms } => {
             format!("somebody has sent it a wrong signature; it looks at the next in {ms} ms")
         }

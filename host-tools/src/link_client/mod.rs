@@ -24,6 +24,7 @@ pub mod log_lines;
 mod loss;
 #[cfg(test)]
 mod planted;
+mod session;
 mod signing;
 mod streams;
 mod timing;
@@ -33,20 +34,23 @@ use std::time::{Duration, Instant};
 
 use rt_firmware::black_box::{RECORD_BYTES, Record};
 use rt_firmware::features::{Feature, Features};
-use rt_firmware::link::access::{Access, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, needs};
-use rt_firmware::link::frame::{self, DELIMITER, FrameError, FrameReader, MAX_FRAME_BYTES};
+use rt_firmware::link::access::{
+    Access, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, may_be_proven, needs,
+};
+use rt_firmware::link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
 use rt_firmware::link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION, Request,
-    ResetReason, Response, SlotCounters, Status, Swap, TaskCounters, ToDevice, Uploads,
-    version_in_hello,
+    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION,
+    PROVEN_HEAD_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
+    ToDevice, Uploads, version_in_hello,
 };
 
 use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
 
 pub use error::ClientError;
+use session::{Answer, Expected, innermost_kind};
 use signing::Signing;
-pub use signing::{Challenge, KeyLoader};
+pub use signing::{KeyLoader, RobotIdentity};
 use streams::Assembler;
 pub use streams::StreamEvent;
 use timing::{Patience, REQUEST_DEADLINE, ReplyTime};
@@ -68,6 +72,10 @@ const STOP_LOOK: Duration = Duration::from_millis(100);
 
 /// A robot hears of a host that looks after it as often as this at least. A mission that watches for that warns after half a second where it says nothing else.
 pub const CALL_INTERVAL: Duration = Duration::from_millis(200);
+
+/// What stops a robot, and its name.
+const STOP: (&str, Request<'static>) = ("stop", Request::Stop);
+const EMERGENCY_STOP: (&str, Request<'static>) = ("emergency stop", Request::EmergencyStop);
 
 /// Bytes taken from the line at once.
 const READ_BYTES: usize = 1024;
@@ -196,6 +204,22 @@ pub struct LinkClient<L> {
     /// Whether whoever waits for an answer has had enough.
     stop: Option<Box<dyn Fn() -> bool + Send>>,
     signing: Signing,
+    /// What lets the robot hear that somebody is here, until it is answered.
+    calling: Option<Frame>,
+}
+
+/// A request as it goes over the line, behind a delimiter, and what its answer must be.
+struct Frame {
+    seq: u8,
+    wire: [u8; MAX_FRAME_BYTES + 1],
+    length: usize,
+    expected: Expected,
+}
+
+impl Frame {
+    fn wire(&self) -> &[u8] {
+        self.wire.get(..self.length).unwrap_or_default()
+    }
 }
 
 /// Whether the bytes of a blob are those that it ends with the checksum of.
@@ -210,8 +234,27 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
     pub fn connect(link: L) -> Result<(Self, RobotInfo), ClientError> {
+        let mut client = Self::new(link);
+        let info = client.hello()?;
+        Ok((client, info))
+    }
+
+    /// Begins a session with a stop, which does not wait for any answer, or with an emergency stop. Whether the robot has stopped is to be asked.
+    ///
+    /// # Errors
+    /// [`ClientError`], as of [`LinkClient::connect`]
+    pub fn connect_to_stop(link: L, is_emergency: bool) -> Result<(Self, RobotInfo), ClientError> {
+        let mut client = Self::new(link);
+        let (name, request) = if is_emergency { EMERGENCY_STOP } else { STOP };
+        let stop = client.frame(name, request, Expected::Plain)?;
+        client.send_wire(stop.wire())?;
+        let info = client.hello()?;
+        Ok((client, info))
+    }
+
+    fn new(link: L) -> Self {
         let clock = link.clock();
-        let mut client = LinkClient {
+        LinkClient {
             link,
             incoming: Incoming::new(),
             // Not the number that the client before began with: its answers may still be on the line. A simulated one has but this client.
@@ -232,9 +275,8 @@ impl<L: ByteLink> LinkClient<L> {
             built_in: None,
             stop: None,
             signing: Signing::default(),
-        };
-        let info = client.hello()?;
-        Ok((client, info))
+            calling: None,
+        }
     }
 
     /// Asks the robot who it is. Ends its streams, as at the beginning of a session, and forgets what they brought.
@@ -253,7 +295,7 @@ impl<L: ByteLink> LinkClient<L> {
         self.uploads = info.uploads;
         // It may have another firmware than before.
         self.built_in = None;
-        self.signing.access = info.access;
+        self.signing.told(info.access);
         Ok(info)
     }
 
@@ -336,7 +378,7 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]
     pub fn stop(&mut self) -> Result<(), ClientError> {
-        self.ask_to_do("stop", Request::Stop)
+        self.ask_to_do(STOP.0, STOP.1)
     }
 
     /// Emergency stop: motors off, latched over missions and resets until [`LinkClient::release`].
@@ -344,7 +386,7 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]; with the refusal [`LinkError::StopNotKept`] the motors are off all the same.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
-        self.ask_to_do("emergency stop", Request::EmergencyStop)
+        self.ask_to_do(EMERGENCY_STOP.0, EMERGENCY_STOP.1)
     }
 
     /// Ends an emergency stop. The robot stands still until [`LinkClient::start`].
@@ -743,7 +785,13 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError::Line`]
     pub fn listen(&mut self, timeout: Duration) -> Result<(), ClientError> {
-        self.incoming.receive(&mut self.link, timeout, |_, _| ())?;
+        let calling = &mut self.calling;
+        self.incoming.receive(&mut self.link, timeout, |answer| {
+            let is_to_it = |call: &Frame| call.seq == answer.seq && call.expected.accepts(answer);
+            if calling.as_ref().is_some_and(is_to_it) {
+                *calling = None;
+            }
+        })?;
         Ok(())
     }
 
@@ -765,8 +813,14 @@ impl<L: ByteLink> LinkClient<L> {
         if self.clock.since(self.sent) < CALL_INTERVAL {
             return Ok(());
         }
-        let (_, wire, length) = self.next_frame("clock", Request::Clock)?;
-        self.send_wire(wire.get(..length).unwrap_or_default())
+        // The same as long as it is not answered: who keeps requests back has one of them at most.
+        let call = match self.calling.take() {
+            Some(call) => call,
+            None => self.next_frame("clock", Request::Clock)?,
+        };
+        self.send_wire(call.wire())?;
+        self.calling = Some(call);
+        Ok(())
     }
 
     /// What the streams brought since the last call.
@@ -837,12 +891,13 @@ impl<L: ByteLink> LinkClient<L> {
         request: Request<'_>,
         mut read: impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<T, ClientError> {
+        let mut patience = Patience::new(self.clock.now());
+        self.open_session_for(&request, &mut patience)?;
         let longer = if is_kept(&request) && !planted!(FlashForgotten) {
             self.built_in()?.flash_time
         } else {
             Duration::ZERO
         };
-        let mut patience = Patience::new(self.clock.now());
         let mut is_misunderstood = false;
         loop {
             let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
@@ -859,6 +914,12 @@ impl<L: ByteLink> LinkClient<L> {
                 Err(LinkError::Malformed) if !is_misunderstood => {
                     is_misunderstood = true;
                     self.pause(BUSY_WAIT, &mut patience);
+                }
+                // The robot has started anew, or another session of its owner was begun: this one ends here.
+                Err(LinkError::NoSession) if self.signing.session.is_some() && patience.lasts() => {
+                    self.signing.session = None;
+                    self.pause(BUSY_WAIT, &mut patience);
+                    self.open_session_for(&request, &mut patience)?;
                 }
                 // The robot has its hands full, or came to it too late to do it: the request is as good as new.
                 Err(LinkError::Busy | LinkError::NoAnswer) if patience.lasts() => {
@@ -933,8 +994,25 @@ impl<L: ByteLink> LinkClient<L> {
         patience: &mut Patience,
         read: &mut impl FnMut(Response<'_>) -> Option<T>,
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
-        let (seq, wire, length) = self.next_frame(name, request)?;
-        let wire = wire.get(..length).unwrap_or_default();
+        let frame = self.next_frame(name, request)?;
+        self.exchange_frame(name, request, &frame, longer, patience, read)
+    }
+
+    /// Sends a frame that holds a request until the answer is there.
+    fn exchange_frame<T>(
+        &mut self,
+        name: &'static str,
+        request: Request<'_>,
+        frame: &Frame,
+        longer: Duration,
+        patience: &mut Patience,
+        read: &mut impl FnMut(Response<'_>) -> Option<T>,
+    ) -> Result<Result<Option<T>, LinkError>, ClientError> {
+        let wire = frame.wire();
+        let kind = innermost_kind(&request);
+        // Answers came that are not the robot's own, as far as anybody knows.
+        let mut unproven = false;
+        self.calling = None;
         self.incoming.other_version = None;
         self.incoming.has_asked_for_streams |= asks_for_streams(&request);
         let mut is_first = true;
@@ -965,18 +1043,23 @@ impl<L: ByteLink> LinkClient<L> {
                 self.check_stop(name)?;
                 let bad_before = self.incoming.bad_frames;
                 let wait = (deadline - now).min(STOP_LOOK);
-                let heard = self
-                    .incoming
-                    .receive(&mut self.link, wait, |number, result| {
-                        // With the number that a session happens to begin with, an answer of the session before may still be on its way.
-                        let is_old = request == Request::Hello
-                            && !matches!(result, Ok(Response::Hello(_)))
-                            && !planted!(OldHelloTaken);
-                        let is_its_own = number == seq || planted!(StaleAnswerTaken);
-                        if is_its_own && !is_old && answer.is_none() {
-                            answer = Some(result.map(&mut *read));
-                        }
-                    })?;
+                let heard = self.incoming.receive(&mut self.link, wait, |received| {
+                    // With the number that a session happens to begin with, an answer of the session before may still be on its way.
+                    let is_old = request == Request::Hello
+                        && !matches!(received.result, Ok(Response::Hello(_)))
+                        && !planted!(OldHelloTaken);
+                    let is_its_own = received.seq == frame.seq || planted!(StaleAnswerTaken);
+                    if !is_its_own || is_old || answer.is_some() || !received.is_of(kind) {
+                        return;
+                    }
+                    if frame.expected.accepts(received) {
+                        answer = Some(received.result.map(&mut *read));
+                    } else if frame.expected.is_ended_by(received) {
+                        answer = Some(Err(LinkError::NoSession));
+                    } else {
+                        unproven = true;
+                    }
+                })?;
                 if let (Request::Hello, Some(robot)) = (request, self.incoming.other_version) {
                     return Err(ClientError::OtherVersion { robot });
                 }
@@ -1005,7 +1088,13 @@ impl<L: ByteLink> LinkClient<L> {
                 }
                 return Ok(answer);
             }
-            patience.check(name)?;
+            if let Err(error) = patience.check(name) {
+                return Err(if unproven {
+                    ClientError::Unproven { request: name }
+                } else {
+                    error
+                });
+            }
             is_first = false;
             self.counts.retries += 1;
             if planted!(Renumbered) {
@@ -1014,24 +1103,47 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// The bytes of a request under a new number: the number, the bytes, and how many of them there are.
+    /// A request under a new number, in the owner's session where there is one.
     fn next_frame(
         &mut self,
         name: &'static str,
         request: Request<'_>,
-    ) -> Result<(u8, [u8; MAX_FRAME_BYTES + 1], usize), ClientError> {
+    ) -> Result<Frame, ClientError> {
+        let Some(session) = self
+            .signing
+            .session
+            .as_mut()
+            .filter(|_| may_be_proven(&request))
+        else {
+            return self.frame(name, request, Expected::Plain);
+        };
+        let mut room = [0; MAX_PROVEN_BYTES];
+        let Some((proven, expected)) = session.prove(&request, &mut room) else {
+            return Err(too_long(name));
+        };
+        self.frame(name, proven, expected)
+    }
+
+    /// A request under a new number, as it is.
+    fn frame(
+        &mut self,
+        name: &'static str,
+        request: Request<'_>,
+        expected: Expected,
+    ) -> Result<Frame, ClientError> {
         self.seq = self.seq.wrapping_add(1);
         let seq = self.seq;
         let mut wire = [0; MAX_FRAME_BYTES + 1];
         // Ends whatever noise came before.
         wire[0] = DELIMITER;
-        let length = frame::encode(&ToDevice { seq, request }, &mut wire[1..]).map_err(|_| {
-            ClientError::Refused {
-                request: name,
-                error: LinkError::TooLong,
-            }
-        })?;
-        Ok((seq, wire, 1 + length))
+        let length = frame::encode(&ToDevice { seq, request }, &mut wire[1..])
+            .map_err(|_| too_long(name))?;
+        Ok(Frame {
+            seq,
+            wire,
+            length: 1 + length,
+            expected,
+        })
     }
 
     fn send_wire(&mut self, wire: &[u8]) -> Result<(), ClientError> {
@@ -1039,6 +1151,13 @@ impl<L: ByteLink> LinkClient<L> {
         self.sent = self.clock.now();
         self.counts.bytes_sent += wire.len() as u64;
         Ok(())
+    }
+}
+
+fn too_long(request: &'static str) -> ClientError {
+    ClientError::Refused {
+        request,
+        error: LinkError::TooLong,
     }
 }
 
@@ -1146,7 +1265,7 @@ impl Incoming {
         &mut self,
         link: &mut impl ByteLink,
         timeout: Duration,
-        mut on_reply: impl FnMut(u8, Result<Response<'_>, LinkError>),
+        mut on_reply: impl FnMut(&Answer<'_>),
     ) -> std::io::Result<bool> {
         let mut heard = false;
         let mut bytes = [0; READ_BYTES];
@@ -1155,8 +1274,28 @@ impl Incoming {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
-            match frame::decode(frame) {
-                Ok(FromDevice::Reply { seq, result }) => on_reply(seq, result),
+            let Ok(message) = frame::unpack(frame) else {
+                self.bad_frames += 1;
+                continue;
+            };
+            match frame::parse(message) {
+                Ok(FromDevice::Reply { seq, result, of }) => on_reply(&Answer {
+                    seq,
+                    of,
+                    result,
+                    proof: None,
+                }),
+                Ok(FromDevice::Proven {
+                    seq,
+                    proof,
+                    result,
+                    of,
+                }) => on_reply(&Answer {
+                    seq,
+                    of,
+                    result,
+                    proof: Some((proof, message.get(PROVEN_HEAD_BYTES..).unwrap_or_default())),
+                }),
                 Ok(_) if !self.has_asked_for_streams => {}
                 Ok(FromDevice::News(news)) => self.events.push(StreamEvent::News(news)),
                 Ok(FromDevice::Stream(part)) => match part.channel {
@@ -1165,12 +1304,8 @@ impl Incoming {
                     Channel::Record => self.record.take(&part, &mut self.events),
                     Channel::Values => self.values.take(&part, &mut self.events),
                 },
-                Err(FrameError::NotAMessage) => {
-                    self.other_version = version_in_hello(frame);
-                    self.bad_frames += 1;
-                    continue;
-                }
-                Err(FrameError::TooLong | FrameError::NotCobs | FrameError::WrongChecksum) => {
+                Err(_) => {
+                    self.other_version = version_in_hello(message);
                     self.bad_frames += 1;
                     continue;
                 }

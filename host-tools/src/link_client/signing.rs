@@ -1,12 +1,16 @@
 //! A robot with a key: requests that change something are signed, each one for itself.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use rt_firmware::link::access::{
-    self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, Needs, SIGNATURE_BYTES, needs,
+    self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, Needs, SALT_BYTES, SIGNATURE_BYTES,
+    may_be_proven, needs,
 };
-use rt_firmware::link::message::{LinkError, Request, Response};
+use rt_firmware::link::message::{Identity, LinkError, Request, Response};
+use rt_firmware::link::proof::{is_same, mask};
 
+use super::session::{Expected, OwnerSession};
 use super::timing::Patience;
 use super::{ClientError, LinkClient};
 use crate::keys::{self, KeyError, PublicKey, SigningKey};
@@ -17,11 +21,17 @@ pub type KeyLoader = Box<dyn FnMut() -> Result<SigningKey, KeyError> + Send>;
 
 /// What a session knows of the robot's key.
 pub(super) struct Signing {
-    /// Whether the robot has one.
+    /// Whether the robot has one, as it says.
     pub(super) access: Access,
     signer: Signer,
+    /// A robot without this session's key is another one.
+    insists: bool,
     /// Of the last upload that was signed.
     pub(super) upload: [u8; SIGNATURE_BYTES],
+    /// The owner's session, once it is open.
+    pub(super) session: Option<OwnerSession>,
+    /// There is none to be had: this client only reads.
+    only_reads: bool,
 }
 
 impl Default for Signing {
@@ -29,7 +39,10 @@ impl Default for Signing {
         Signing {
             access: Access::default(),
             signer: Signer::Nobody,
+            insists: false,
             upload: NO_UPLOAD,
+            session: None,
+            only_reads: false,
         }
     }
 }
@@ -37,7 +50,24 @@ impl Default for Signing {
 impl Signing {
     /// Whether the robot takes a request signed only.
     pub(super) fn is_for(&self, request: &Request<'_>) -> bool {
-        self.access == Access::Locked && needs(request) == Needs::Key
+        self.has_owner() && needs(request) == Needs::Key
+    }
+
+    /// Whether the robot has an owner: in a session it has shown that it does, whatever is said outside.
+    pub(super) fn has_owner(&self) -> bool {
+        self.session.is_some() || matches!(self.access, Access::Locked | Access::Recovering)
+    }
+
+    /// What the robot says of its access, outside of a session, where anybody may answer in its place.
+    pub(super) fn told(&mut self, access: Access) {
+        self.access = access;
+        self.only_reads = false;
+    }
+
+    /// The session has ended.
+    pub(super) fn end_session(&mut self) {
+        self.session = None;
+        self.upload = NO_UPLOAD;
     }
 }
 
@@ -47,53 +77,186 @@ enum Signer {
     Nobody,
     /// It has not been asked for.
     Unread(KeyLoader),
-    Key(SigningKey),
+    Key(Arc<SigningKey>),
 }
 
 impl Signer {
-    fn key(&mut self) -> Result<&SigningKey, ClientError> {
+    fn key(&mut self) -> Result<Arc<SigningKey>, ClientError> {
         if let Signer::Unread(load) = self {
-            *self = Signer::Key(load()?);
+            *self = Signer::Key(Arc::new(load()?));
         }
         match self {
-            Signer::Key(key) => Ok(key),
+            Signer::Key(key) => Ok(Arc::clone(key)),
             Signer::Nobody | Signer::Unread(_) => Err(ClientError::NoKey),
         }
     }
 }
 
-/// What a robot says when it is asked for a nonce.
+/// Who a robot says that it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Challenge {
-    /// Good for one signed request.
-    pub nonce: [u8; NONCE_BYTES],
-    /// Counter of the last upload that the robot accepted.
-    pub counter: u64,
+pub struct RobotIdentity {
     /// The robot's key.
     pub key: PublicKey,
+    /// Counter of the last upload that the robot accepted.
+    pub counter: u64,
 }
 
 impl<L: ByteLink> LinkClient<L> {
     /// The key for this session, in case the robot asks for one.
     pub fn use_key(&mut self, load: KeyLoader) {
         self.signing.signer = Signer::Unread(load);
+        self.signing.only_reads = false;
     }
 
-    /// Asks for a nonce, which is good for one signed request. Says also what the robot's key is.
+    /// A robot that says that it has no key is refused: somebody may answer in its place.
+    pub fn insist_on_key(&mut self) {
+        self.signing.insists = true;
+    }
+
+    /// Which key the robot says that it has. Anybody may answer in its place: in a session with the owner of that key it has shown it.
     ///
     /// # Errors
     /// [`ClientError`]; refused with [`LinkError::NoKey`] where the robot has none.
-    pub fn challenge(&mut self) -> Result<Challenge, ClientError> {
-        self.ask("challenge", Request::Challenge, |response| match response {
-            Response::Challenge {
-                nonce,
-                counter,
-                key,
-            } => Some(Challenge {
-                nonce,
-                counter,
+    pub fn identity(&mut self) -> Result<RobotIdentity, ClientError> {
+        let nonce = keys::random()?;
+        let request = Request::Identify { nonce };
+        self.ask("identify", request, |response| match response {
+            Response::Identity(Identity { key, counter, .. }) => Some(RobotIdentity {
                 key: PublicKey(key),
+                counter,
             }),
+            _ => None,
+        })
+    }
+
+    /// Opens a session with the robot's owner, if a request is for one and there is none yet. Who has no key may read.
+    pub(super) fn open_session_for(
+        &mut self,
+        request: &Request<'_>,
+        patience: &mut Patience,
+    ) -> Result<(), ClientError> {
+        let signing = &mut self.signing;
+        if !may_be_proven(request) || signing.session.is_some() {
+            return Ok(());
+        }
+        if !signing.has_owner() {
+            return if signing.insists {
+                Err(ClientError::NotLocked)
+            } else {
+                Ok(())
+            };
+        }
+        let only_reads = needs(request) == Needs::Nothing && !signing.insists;
+        if signing.only_reads && only_reads {
+            return Ok(());
+        }
+        match self.open_session(patience) {
+            // A stop needs no key, nor does who reads.
+            Err(ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. })
+                if only_reads || request.is_stop() =>
+            {
+                self.signing.only_reads = true;
+                Ok(())
+            }
+            opened => opened,
+        }
+    }
+
+    /// Opens a session: the robot shows that it has the key's secret, and so does this side.
+    fn open_session(&mut self, patience: &mut Patience) -> Result<(), ClientError> {
+        const NAME: &str = "open a session";
+        // Not before it is known that there is a key to go on with.
+        self.signing.signer.key()?;
+        loop {
+            let client = keys::random()?;
+            let identity = self.identify(client, patience)?;
+            let key = self.signing.signer.key()?;
+            let session = key.secret(&identity.salt).session(&client, &identity.nonce);
+            let request = Request::OpenSession {
+                client,
+                robot: identity.nonce,
+                proof: session.opening(),
+            };
+            let frame = self.frame(NAME, request, Expected::Proven { session, number: 0 })?;
+            let mut read = |response: Response<'_>| match response {
+                Response::Done => Some(()),
+                _ => None,
+            };
+            match self.exchange_frame(NAME, request, &frame, Duration::ZERO, patience, &mut read)? {
+                Ok(Some(())) => {
+                    self.signing.session = Some(OwnerSession::new(session, identity.salt));
+                    return Ok(());
+                }
+                // It took too long, or another session was opened meanwhile.
+                Err(LinkError::NoChallenge | LinkError::NoSession) if patience.lasts() => {
+                    self.pause(super::BUSY_WAIT, patience);
+                }
+                Ok(None) => return Err(ClientError::BadAnswer { request: NAME }),
+                Err(error) => {
+                    return Err(ClientError::Refused {
+                        request: NAME,
+                        error,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Lets the robot show that it has the secret of this session's key.
+    fn identify(
+        &mut self,
+        client: [u8; NONCE_BYTES],
+        patience: &mut Patience,
+    ) -> Result<Identity, ClientError> {
+        const NAME: &str = "identify";
+        let request = Request::Identify { nonce: client };
+        loop {
+            let frame = self.frame(NAME, request, Expected::Plain)?;
+            let key = self.signing.signer.key()?;
+            let ours = key.public();
+            // Each salt has a secret of its own.
+            let mut read = |response: Response<'_>| {
+                let Response::Identity(identity) = response else {
+                    return None;
+                };
+                let Identity {
+                    key: robot,
+                    salt,
+                    nonce,
+                    counter,
+                    proof,
+                } = &identity;
+                let expected = key
+                    .secret(salt)
+                    .of_identity(&client, robot, salt, nonce, *counter);
+                let is_shown = is_same(proof, &expected) || planted!(IdentityBelieved);
+                Some((identity, is_shown))
+            };
+            match self.exchange_frame(NAME, request, &frame, Duration::ZERO, patience, &mut read)? {
+                Ok(Some((identity, true))) => return Ok(identity),
+                Ok(Some((identity, false))) if PublicKey(identity.key) != ours => {
+                    return Err(ClientError::OtherKey {
+                        robot: PublicKey(identity.key),
+                        ours,
+                    });
+                }
+                // Somebody has answered in its place.
+                Ok(_) if patience.lasts() => self.pause(super::BUSY_WAIT, patience),
+                Ok(_) => return Err(ClientError::Unproven { request: NAME }),
+                Err(error) => {
+                    return Err(ClientError::Refused {
+                        request: NAME,
+                        error,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Asks for a nonce, which is good for one signed request, and for the counter of the last upload.
+    fn challenge(&mut self) -> Result<([u8; NONCE_BYTES], u64), ClientError> {
+        self.ask("challenge", Request::Challenge, |response| match response {
+            Response::Challenge { nonce, counter } => Some((nonce, counter)),
             _ => None,
         })
     }
@@ -103,15 +266,29 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]
     pub fn install_key(&mut self, key: &SigningKey) -> Result<(), ClientError> {
+        const NAME: &str = "install a key";
         let public = key.public().0;
-        let seed = keys::seed()?;
-        let signature = key.sign(&access::install(&public, &seed));
+        let salt: [u8; SALT_BYTES] = keys::random()?;
+        let mut secret = key.secret(&salt);
+        let first = Request::InstallKey {
+            key: &public,
+            salt: &salt,
+            secret: &[],
+            signature: &[],
+        };
+        self.open_session_for(&first, &mut Patience::new(self.clock.now()))?;
+        if let Some(open) = &self.signing.session {
+            // Who listens does not learn it.
+            secret = mask(secret, &open.session, &salt);
+        }
+        let signature = key.sign(&access::install(&public, &salt, &secret.0));
         let request = Request::InstallKey {
             key: &public,
-            seed: &seed,
+            salt: &salt,
+            secret: &secret.0,
             signature: &signature,
         };
-        self.change_key("install a key", request)
+        self.change_key(NAME, request)
     }
 
     /// From now on the robot has no key.
@@ -127,25 +304,24 @@ impl<L: ByteLink> LinkClient<L> {
         let changed = self.ask_to_do(name, request);
         let greeted = match &changed {
             Err(error) if error.refusal() != Some(LinkError::NotKept) => Ok(()),
-            _ => self.hello().map(drop),
+            _ => {
+                self.signing.end_session();
+                self.hello().map(drop)
+            }
         };
         changed.and(greeted)
     }
 
     /// Signs the blob that was uploaded.
     pub(super) fn sign_upload(&mut self, blob: &[u8]) -> Result<(), ClientError> {
-        let challenge = self.challenge()?;
-        let counter = challenge
-            .counter
-            .checked_add(1)
-            .ok_or(ClientError::Refused {
-                request: "sign",
-                error: LinkError::OldCounter {
-                    last: challenge.counter,
-                },
-            })?;
-        let key = self.key_of(&challenge)?;
-        let signature = key.sign(&access::upload(&counter.to_le_bytes(), blob));
+        let (_, counter) = self.challenge()?;
+        let counter = counter.checked_add(1).ok_or(ClientError::Refused {
+            request: "sign",
+            error: LinkError::OldCounter { last: counter },
+        })?;
+        let salt = self.salt()?;
+        let key = self.signing.signer.key()?;
+        let signature = key.sign(&access::upload(&salt, &counter.to_le_bytes(), blob));
         self.ask_to_do(
             "sign",
             Request::Sign {
@@ -155,6 +331,14 @@ impl<L: ByteLink> LinkClient<L> {
         )?;
         self.signing.upload = signature;
         Ok(())
+    }
+
+    /// The salt of the robot's secret.
+    fn salt(&self) -> Result<[u8; SALT_BYTES], ClientError> {
+        let session = self.signing.session.as_ref();
+        session
+            .map(|open| open.salt)
+            .ok_or(ClientError::Unproven { request: "sign" })
     }
 
     /// Has a request signed, with the signature of the upload that it is about or [`NO_UPLOAD`], and sends it until its answer is there.
@@ -172,26 +356,13 @@ impl<L: ByteLink> LinkClient<L> {
             request: name,
             error: LinkError::TooLong,
         })?;
-        let challenge = self.challenge()?;
-        let key = self.key_of(&challenge)?;
-        let signature = key.sign(&access::command(&challenge.nonce, &upload, bytes));
+        let (nonce, _) = self.challenge()?;
+        let key = self.signing.signer.key()?;
+        let signature = key.sign(&access::command(&nonce, &upload, bytes));
         let signed = Request::Signed {
             signature: &signature,
             request: bytes,
         };
         self.exchange(name, signed, longer, patience, read)
-    }
-
-    /// The session's key, if it is the robot's.
-    fn key_of(&mut self, challenge: &Challenge) -> Result<&SigningKey, ClientError> {
-        let key = self.signing.signer.key()?;
-        if key.public() == challenge.key {
-            Ok(key)
-        } else {
-            Err(ClientError::OtherKey {
-                robot: challenge.key,
-                ours: key.public(),
-            })
-        }
     }
 }

@@ -9,11 +9,11 @@
 
 use std::time::{Duration, Instant};
 
-use rt_firmware::link::access::Access;
 use rt_firmware::link::frame;
 use rt_firmware::link::message::{LinkError, Request, Response, Uploads};
 
 use super::loss::{Loss, OVERHEAD};
+use super::session::{Answer, Expected};
 use super::timing::{Patience, ReplyTime};
 use super::{ClientError, LinkClient, STOP_LOOK};
 use crate::serial::ByteLink;
@@ -29,14 +29,23 @@ const BEGIN_LIMIT: u32 = 20;
 
 const NAME: &str = "upload";
 
+/// The kind of a chunk.
+const CHUNK_KIND: u8 = Request::Chunk {
+    offset: 0,
+    data: &[],
+}
+.kind();
+
 /// A chunk that was sent and not answered.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 struct Sent {
     seq: u8,
     /// Its first byte, and the one behind its last.
     from: usize,
     to: usize,
     at: Instant,
+    /// What its answer must be.
+    expected: Expected,
     /// Its answer was waited for in vain.
     given_up: bool,
 }
@@ -48,7 +57,6 @@ impl Sent {
 }
 
 /// Where an upload stands.
-#[derive(Debug)]
 struct Standing {
     /// Length of the blob.
     len: usize,
@@ -144,7 +152,7 @@ impl Standing {
         best
     }
 
-    fn chunk_sent(&mut self, seq: u8, (from, to): (usize, usize), at: Instant) {
+    fn chunk_sent(&mut self, seq: u8, (from, to): (usize, usize), at: Instant, expected: Expected) {
         if self.sent.len() >= MAX_CHUNKS {
             self.sent.remove(0);
         }
@@ -154,8 +162,21 @@ impl Standing {
             from,
             to,
             at,
+            expected,
             given_up: false,
         });
+    }
+
+    /// Whether an answer is the robot's own, and to a chunk. Anybody may say that there is no session.
+    fn accepts(&mut self, answer: &Answer<'_>) -> bool {
+        let chunk = (self.sent.iter()).rfind(|chunk| chunk.seq == answer.seq);
+        let Some(chunk) = chunk.filter(|_| answer.is_of(CHUNK_KIND)) else {
+            return planted!(StaleChunkAnswerTaken);
+        };
+        if chunk.expected.is_ended_by(answer) {
+            self.forgotten = true;
+        }
+        chunk.expected.accepts(answer)
     }
 
     /// Takes the answer to the request of this number, and lets it tell how bad the line is. Answers when the chunk was sent, if it was one.
@@ -254,7 +275,7 @@ impl<L: ByteLink> LinkClient<L> {
             if !self.send_from(blob, there, &mut loss, progress)? {
                 continue;
             }
-            if self.signing.access != Access::Locked {
+            if !self.signing.has_owner() {
                 return Ok(());
             }
             match self.sign_upload(blob) {
@@ -314,9 +335,10 @@ impl<L: ByteLink> LinkClient<L> {
             let wait = match standing.next_chunk(loss) {
                 Some((from, to)) => {
                     self.counts.retries += u64::from(from < standing.unsent);
-                    let seq = self.send_chunk(from, blob.get(from..to).unwrap_or_default())?;
+                    let chunk = blob.get(from..to).unwrap_or_default();
+                    let (seq, expected) = self.send_chunk(from, chunk)?;
                     last_sign = self.clock.now();
-                    standing.chunk_sent(seq, (from, to), last_sign);
+                    standing.chunk_sent(seq, (from, to), last_sign, expected);
                     None
                 }
                 None if chunk_time.is_known() => Some(chunk_time.wait(attempt, 0)),
@@ -329,8 +351,11 @@ impl<L: ByteLink> LinkClient<L> {
             self.check_stop(NAME)?;
             let bad_before = self.incoming.bad_frames;
             let mut answered = None;
-            let heard = self.incoming.receive(&mut self.link, left, |seq, result| {
-                answered = standing.take(seq, result, loss).or(answered);
+            let heard = self.incoming.receive(&mut self.link, left, |answer| {
+                if standing.accepts(answer) {
+                    let taken = standing.take(answer.seq, answer.result, loss);
+                    answered = taken.or(answered);
+                }
             })?;
             let now = self.clock.now();
             patience.look(now);
@@ -369,13 +394,13 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(true)
     }
 
-    /// Sends a chunk and waits for nothing. Answers its number.
-    fn send_chunk(&mut self, offset: usize, data: &[u8]) -> Result<u8, ClientError> {
+    /// Sends a chunk and waits for nothing. Answers its number, and what its answer must be.
+    fn send_chunk(&mut self, offset: usize, data: &[u8]) -> Result<(u8, Expected), ClientError> {
         // `begin` has seen that the blob's length fits.
         let offset = offset as u32;
-        let (seq, wire, length) = self.next_frame(NAME, Request::Chunk { offset, data })?;
-        self.send_wire(wire.get(..length).unwrap_or_default())?;
-        Ok(seq)
+        let frame = self.next_frame(NAME, Request::Chunk { offset, data })?;
+        self.send_wire(frame.wire())?;
+        Ok((frame.seq, frame.expected))
     }
 }
 
@@ -422,7 +447,12 @@ mod tests {
     fn sent(standing: &mut Standing, loss: &Loss, first: u8) -> Vec<(usize, usize)> {
         let mut sent = Vec::new();
         while let Some(chunk) = standing.next_chunk(loss) {
-            standing.chunk_sent(first + sent.len() as u8, chunk, Instant::now());
+            standing.chunk_sent(
+                first + sent.len() as u8,
+                chunk,
+                Instant::now(),
+                Expected::Plain,
+            );
             sent.push(chunk);
         }
         sent
@@ -472,7 +502,7 @@ mod tests {
         assert!(loss.rate() > before);
         assert_eq!(standing.next_chunk(&loss).unwrap().0, 100);
         let again = standing.next_chunk(&loss).unwrap();
-        standing.chunk_sent(9, again, Instant::now());
+        standing.chunk_sent(9, again, Instant::now(), Expected::Plain);
         let worse = loss.rate();
         for seq in [4, 5] {
             standing.take(seq, gap(100), &mut loss);
@@ -485,7 +515,7 @@ mod tests {
     fn answers_of_other_requests_say_nothing() {
         let mut loss = Loss::UNKNOWN;
         let mut standing = Standing::new(1000, 0, UPLOADS);
-        standing.chunk_sent(0, (0, 100), Instant::now());
+        standing.chunk_sent(0, (0, 100), Instant::now(), Expected::Plain);
         for seq in [255, 1] {
             assert_eq!(standing.take(seq, received(900), &mut loss), None);
         }
@@ -498,7 +528,7 @@ mod tests {
     fn a_chunk_that_arrived_after_all_is_not_sent_a_third_time() {
         let mut loss = Loss::UNKNOWN;
         let mut standing = Standing::new(1000, 0, UPLOADS);
-        standing.chunk_sent(1, (0, 100), Instant::now());
+        standing.chunk_sent(1, (0, 100), Instant::now(), Expected::Plain);
         standing.give_up_what_was_sent(&mut loss);
         assert_eq!(standing.next_chunk(&loss).unwrap().0, 0);
         standing.take(1, received(100), &mut loss);

@@ -13,21 +13,34 @@ pub const KEY_BYTES: usize = 32;
 pub const SIGNATURE_BYTES: usize = 64;
 /// Bytes of the number that a robot gives out for one signed request.
 pub const NONCE_BYTES: usize = 16;
-/// Bytes of what a robot's nonces are made from, which is brought with its key.
-pub const SEED_BYTES: usize = 16;
-/// Greatest number of bytes of a request that is signed, as it is serialized: what a message has room for beside the signature.
-pub const MAX_SIGNED_BYTES: usize = 120;
+/// Bytes of the random number that names a robot's secret.
+pub const SALT_BYTES: usize = 16;
+/// Bytes of what robot and owner know alone.
+pub const SECRET_BYTES: usize = 16;
+/// Bytes of a proof: a message authentication code, cut to this length.
+pub const PROOF_BYTES: usize = 16;
+/// Greatest number of bytes of a request that is signed, as it is serialized: the longest is
+/// [`Request::InstallKey`] within a time.
+pub const MAX_SIGNED_BYTES: usize = 148;
+/// Greatest number of bytes of a request in the owner's session, as it is serialized: the longest
+/// is [`Request::Signed`].
+pub const MAX_PROVEN_BYTES: usize = 4 + SIGNATURE_BYTES + MAX_SIGNED_BYTES;
+/// How far the counter of an upload may be from the one before: an owner who was told a wrong
+/// one cannot use them all up.
+pub const MAX_COUNTER_STEP: u64 = 1 << 16;
+/// How long a nonce is good for, in microseconds of the robot's clock.
+pub const NONCE_LIFE_US: u64 = 10_000_000;
+/// How far ahead a [deadline](Request::Within) may be, in microseconds of the robot's clock.
+pub const MAX_DEADLINE_US: u64 = 30_000_000;
 
 /// What a signed message begins with, so that a signature for one thing is none for another.
 const CONTEXT_BYTES: usize = 16;
 /// Context of a request.
 const COMMAND: [u8; CONTEXT_BYTES] = *b"esm command v1\0\0";
 /// Context of a mission's blob.
-const UPLOAD: [u8; CONTEXT_BYTES] = *b"esm upload v1\0\0\0";
+const UPLOAD: [u8; CONTEXT_BYTES] = *b"esm upload v2\0\0\0";
 /// Context of a key that is installed.
-const INSTALL: [u8; CONTEXT_BYTES] = *b"esm install v1\0\0";
-/// Context of what nonces are made from. Nothing is signed under it.
-pub const NONCE_CONTEXT: [u8; CONTEXT_BYTES] = *b"esm nonce v1\0\0\0\0";
+const INSTALL: [u8; CONTEXT_BYTES] = *b"esm install v2\0\0";
 
 /// Stands for the signature of an upload where a request has nothing to do with one.
 pub const NO_UPLOAD: [u8; SIGNATURE_BYTES] = [0; SIGNATURE_BYTES];
@@ -44,6 +57,9 @@ pub enum Access {
     Locked,
     /// What it keeps of its key cannot be read. It takes nothing that needs a key.
     Unreadable,
+    /// Its records cannot be read, but it remembers the key that it had. It takes nothing but a key
+    /// that this one has signed: that begins its records anew.
+    Recovering,
 }
 
 /// What a robot with a key asks for.
@@ -51,8 +67,21 @@ pub enum Access {
 pub enum Needs {
     /// Nothing: everyone may.
     Nothing,
+    /// The owner's [session](Request::OpenSession): it costs the robot time, or what the owner uploads.
+    Session,
     /// The key's signature.
     Key,
+}
+
+/// What a request in the owner's session is, by its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Recurrence {
+    /// The next one.
+    New,
+    /// The last one, once more.
+    Again,
+    /// One from before the last: what somebody has kept.
+    Old,
 }
 
 /// What a request needs. Each one is named, so that none is forgotten.
@@ -73,14 +102,19 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Param { .. }
         | Request::Clock
         | Request::Features
-        | Request::Values { .. }
-        | Request::Challenge => Needs::Nothing,
+        | Request::Values { .. } => Needs::Nothing,
+        // They bring a proof, which is looked at, or ask for one.
+        Request::Identify { .. } | Request::OpenSession { .. } | Request::Proven { .. } => {
+            Needs::Nothing
+        }
         // What it holds is looked at in its place.
         Request::Within { .. } => Needs::Nothing,
-        // They fill a buffer that nothing runs from.
-        Request::Begin { .. } | Request::Chunk { .. } | Request::Abort => Needs::Nothing,
-        // They bring a signature, which is looked at.
-        Request::Sign { .. } | Request::Signed { .. } => Needs::Nothing,
+        // There is one buffer for the next mission, and one nonce.
+        Request::Begin { .. } | Request::Chunk { .. } | Request::Abort | Request::Challenge => {
+            Needs::Session
+        }
+        // They bring a signature, and verifying takes time.
+        Request::Sign { .. } | Request::Signed { .. } => Needs::Session,
         // Standing still is safe.
         Request::Stop | Request::EmergencyStop => Needs::Nothing,
         Request::Commit(_)
@@ -96,11 +130,29 @@ pub fn needs(request: &Request<'_>) -> Needs {
 }
 
 /// Whether a request may be brought [within a time](Request::Within). A session's beginning and the parts of an upload may come at any time, and what holds another
-/// request is held by none but [`Request::Signed`].
+/// request is held by none but [`Request::Signed`] and [`Request::Proven`].
 pub fn may_have_deadline(request: &Request<'_>) -> bool {
     !matches!(
         request,
-        Request::Hello | Request::Chunk { .. } | Request::Signed { .. } | Request::Within { .. }
+        Request::Hello
+            | Request::Chunk { .. }
+            | Request::Signed { .. }
+            | Request::Within { .. }
+            | Request::Identify { .. }
+            | Request::OpenSession { .. }
+            | Request::Proven { .. }
+    )
+}
+
+/// Whether a request may be part of the owner's session. Its beginning cannot, and there is one in
+/// another nowhere.
+pub fn may_be_proven(request: &Request<'_>) -> bool {
+    !matches!(
+        request,
+        Request::Hello
+            | Request::Identify { .. }
+            | Request::OpenSession { .. }
+            | Request::Proven { .. }
     )
 }
 
@@ -114,12 +166,21 @@ pub fn command<'a>(
     [&COMMAND, nonce, upload, request]
 }
 
-/// What is signed for an upload: its counter, as eight bytes, little endian, and its blob.
-pub fn upload<'a>(counter: &'a [u8; 8], blob: &'a [u8]) -> [&'a [u8]; 3] {
-    [&UPLOAD, counter, blob]
+/// What is signed for an upload: the robot's salt, so that it is for one installation of one key,
+/// its counter, as eight bytes, little endian, and its blob.
+pub fn upload<'a>(
+    salt: &'a [u8; SALT_BYTES],
+    counter: &'a [u8; 8],
+    blob: &'a [u8],
+) -> [&'a [u8]; 4] {
+    [&UPLOAD, salt, counter, blob]
 }
 
-/// What a key signs itself to be installed.
-pub fn install<'a>(key: &'a [u8; KEY_BYTES], seed: &'a [u8; SEED_BYTES]) -> [&'a [u8]; 3] {
-    [&INSTALL, key, seed]
+/// What a key signs itself to be installed, with salt and secret as they are sent.
+pub fn install<'a>(
+    key: &'a [u8; KEY_BYTES],
+    salt: &'a [u8; SALT_BYTES],
+    secret: &'a [u8; SECRET_BYTES],
+) -> [&'a [u8]; 4] {
+    [&INSTALL, key, salt, secret]
 }

@@ -5,10 +5,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Greatest number of bytes of a serialized message: that of a chunk of an upload, and some more.
-pub const MAX_MESSAGE_BYTES: usize = 188;
+use super::access::{MAX_PROVEN_BYTES, PROOF_BYTES};
+
+/// Greatest number of bytes of a serialized message: that of the longest request in an owner's session.
+pub const MAX_MESSAGE_BYTES: usize = 9 + PROOF_BYTES + MAX_PROVEN_BYTES;
 /// Greatest number of bytes of a serialized message from a robot. It has no room for more than it says.
-pub const MAX_REPLY_BYTES: usize = 152;
+pub const MAX_REPLY_BYTES: usize = 176;
 /// Bytes of a message's checksum.
 pub const CRC_BYTES: usize = 4;
 /// Greatest number of bytes of a frame, delimiter included. COBS adds one byte to each begun 254.
@@ -42,10 +44,23 @@ pub enum FrameError {
 /// # Errors
 /// [`FrameError::TooLong`]
 pub fn encode(message: &impl Serialize, frame: &mut [u8]) -> Result<usize, FrameError> {
+    encode_with(message, frame, |_| ())
+}
+
+/// The same, of a message that is `completed` where it lies, serialized: with a proof of its own bytes.
+///
+/// # Errors
+/// [`FrameError::TooLong`]
+pub fn encode_with(
+    message: &impl Serialize,
+    frame: &mut [u8],
+    complete: impl FnOnce(&mut [u8]),
+) -> Result<usize, FrameError> {
     let (first, rest) = frame.split_first_mut().ok_or(FrameError::TooLong)?;
     let room = rest.len().min(MAX_MESSAGE_BYTES);
     let room = rest.get_mut(..room).ok_or(FrameError::TooLong)?;
     let message = postcard::to_slice(message, room).map_err(|_| FrameError::TooLong)?;
+    complete(message);
     let crc = checksum(message).to_le_bytes();
     let len = message.len();
     let end = rest.get_mut(len..).ok_or(FrameError::TooLong)?;
@@ -75,12 +90,20 @@ pub fn encode(message: &impl Serialize, frame: &mut [u8]) -> Result<usize, Frame
 /// # Errors
 /// See [`FrameError`].
 pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameError> {
+    parse(unpack(frame)?)
+}
+
+/// The bytes of the message of a frame, decoded in place. The frame's delimiter may be left out.
+///
+/// # Errors
+/// [`FrameError::NotCobs`], [`FrameError::WrongChecksum`]
+pub fn unpack(frame: &mut [u8]) -> Result<&[u8], FrameError> {
     let frame = match frame {
         [frame @ .., DELIMITER] => frame,
         frame => frame,
     };
     let len = cobs::decode_in_place(frame).map_err(|_| FrameError::NotCobs)?;
-    let frame: &'a [u8] = frame;
+    let frame: &[u8] = frame;
     let (message, crc) = frame
         .get(..len)
         .and_then(<[u8]>::split_last_chunk::<CRC_BYTES>)
@@ -89,6 +112,14 @@ pub fn decode<'a, M: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<M, FrameErr
     if checksum(message) != u32::from_le_bytes(*crc) && !planted!(FrameUnchecked) {
         return Err(FrameError::WrongChecksum);
     }
+    Ok(message)
+}
+
+/// Reads a message of exactly these bytes.
+///
+/// # Errors
+/// [`FrameError::NotAMessage`]
+pub fn parse<'a, M: Deserialize<'a>>(message: &'a [u8]) -> Result<M, FrameError> {
     match postcard::take_from_bytes(message) {
         Ok((message, [])) => Ok(message),
         _ => Err(FrameError::NotAMessage),

@@ -1,15 +1,15 @@
 //! Where a board keeps what belongs to the robot's key.
 
-use super::access::{KEY_BYTES, SEED_BYTES};
+use super::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES};
 use super::message::LinkError;
 
 /// Bytes of [`KeyRecord::Key`].
-pub const KEY_RECORD_BYTES: usize = KEY_BYTES + SEED_BYTES;
+pub const KEY_RECORD_BYTES: usize = KEY_BYTES + SALT_BYTES + SECRET_BYTES;
 
 /// What is kept through resets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeyRecord {
-    /// The public key, and what nonces are made from: 48 bytes. None where there is no key.
+    /// The public key, the salt and the secret: [`KEY_RECORD_BYTES`]. None where there is no key.
     Key,
     /// The counter of the last upload that was accepted: 8 bytes, little endian.
     Counter,

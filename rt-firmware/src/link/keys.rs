@@ -1,18 +1,22 @@
 //! The robot's key: what is kept of it, and what it is asked to allow.
 //!
 //! What an attacker in the line can do at most is to keep requests from arriving. To that end each thing that is signed holds what makes it good for once:
-//! a request the robot's nonce, which is used up by the first try; an upload a counter, which only goes up, and which is kept before the mission runs.
+//! a request the robot's nonce, which is used up by the first try and lives for [`NONCE_LIFE_US`]; an upload a counter, which only goes up, and which is kept
+//! before the mission runs.
 //!
-//! A signature takes a tenth of a second to verify. Everything that costs nothing is looked at before, and after a wrong one the robot looks at none for
-//! [`PAUSE_AFTER_WRONG_US`]: who sends wrong ones takes a tenth of the time that slots leave.
+//! A signature takes a tenth of a second to verify. So it is looked at in the owner's session only, which strangers have no
+//! part in: its requests have a [proof](super::proof), which takes next to no time. After a wrong signature the robot looks at none for [`PAUSE_AFTER_WRONG_US`].
 
-use ed25519_compact::{PublicKey, Signature, VerifyingState, sha512};
+use ed25519_compact::{PublicKey, Signature, VerifyingState};
 
 use super::access::{
-    self, Access, KEY_BYTES, NO_UPLOAD, NONCE_BYTES, NONCE_CONTEXT, SEED_BYTES, SIGNATURE_BYTES,
+    self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Recurrence,
+    SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
 use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept};
-use super::message::LinkError;
+use super::message::{Identity, LinkError};
+pub(crate) use super::proof::Session;
+use super::proof::{Proof, Secret, is_same, mask};
 
 /// How long no signature is looked at after a wrong one, in microseconds.
 pub const PAUSE_AFTER_WRONG_US: u64 = 1_000_000;
@@ -38,12 +42,39 @@ pub(crate) struct Keys {
     counter: u64,
     /// Which start of the robot this is, once it has been counted.
     start: Option<u64>,
-    /// Nonces given out since the start.
+    session: Option<OpenSession>,
+    /// Nonces given out for signed requests since the start.
     challenges: u64,
-    /// Good for one request.
-    nonce: Option<[u8; NONCE_BYTES]>,
+    /// Good for one signed request.
+    nonce: Option<Nonce>,
     /// No signature is looked at before.
     closed_until_us: u64,
+}
+
+/// What robot and owner agreed upon when the key was installed.
+#[derive(Clone, Copy)]
+struct Owner {
+    key: [u8; KEY_BYTES],
+    salt: [u8; SALT_BYTES],
+    secret: Secret,
+}
+
+/// The owner's session.
+struct OpenSession {
+    session: Session,
+    client: [u8; NONCE_BYTES],
+    robot: [u8; NONCE_BYTES],
+    /// Number of the last request.
+    number: u32,
+    /// The key was changed or removed in it: nothing follows but what was lost.
+    is_over: bool,
+}
+
+/// A number that is good for one signed request, for some time.
+#[derive(Clone, Copy)]
+struct Nonce {
+    bytes: [u8; NONCE_BYTES],
+    until_us: u64,
 }
 
 #[derive(Clone, Copy)]
@@ -51,11 +82,10 @@ enum Lock {
     /// Nobody has looked yet.
     Unread,
     Open,
-    Locked {
-        key: [u8; KEY_BYTES],
-        seed: [u8; SEED_BYTES],
-    },
+    Locked(Owner),
     Unreadable,
+    /// The records are damaged, and this is the owner from before that.
+    Recovering(Owner),
 }
 
 impl Keys {
@@ -64,6 +94,7 @@ impl Keys {
             lock: Lock::Unread,
             counter: 0,
             start: None,
+            session: None,
             challenges: 0,
             nonce: None,
             closed_until_us: 0,
@@ -75,57 +106,173 @@ impl Keys {
         let Some(safe) = safe else {
             return Access::Unsupported;
         };
-        if matches!(self.lock, Lock::Unread) {
-            (self.lock, self.counter) = match read(safe) {
-                Ok(kept) => kept,
-                // Where nobody knows whether there is a key, nobody may.
-                Err(NotKept) => (Lock::Unreadable, u64::MAX),
-            };
-        }
+        self.look(safe);
         match self.lock {
             Lock::Open => Access::Open,
-            Lock::Locked { .. } => Access::Locked,
+            Lock::Locked(_) => Access::Locked,
             Lock::Unread | Lock::Unreadable => Access::Unreadable,
+            Lock::Recovering(_) => Access::Recovering,
         }
     }
 
-    fn locked(&self) -> Result<([u8; KEY_BYTES], [u8; SEED_BYTES]), LinkError> {
+    /// Reads what is kept, if nobody has yet.
+    fn look(&mut self, safe: &mut dyn KeySafe) {
+        if matches!(self.lock, Lock::Unread) {
+            (self.lock, self.counter) = read(safe);
+        }
+    }
+
+    fn owner(&mut self, safe: &mut dyn KeySafe) -> Result<Owner, LinkError> {
+        self.look(safe);
         match self.lock {
-            Lock::Locked { key, seed } => Ok((key, seed)),
+            Lock::Locked(owner) | Lock::Recovering(owner) => Ok(owner),
             Lock::Open | Lock::Unread => Err(LinkError::NoKey),
             Lock::Unreadable => Err(LinkError::NotKept),
         }
     }
 
-    /// A nonce for the next signed request; the one before is void. With the counter of the last upload and the key.
+    /// The number of this start, which no other one has.
+    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, NotKept> {
+        if let Some(start) = self.start {
+            return Ok(start);
+        }
+        // Nothing can be written beside damage, and what its owner has to say is said in one session.
+        let start = match self.lock {
+            Lock::Recovering(_) => 0,
+            _ => {
+                let start = number(safe, KeyRecord::Starts)?.wrapping_add(1);
+                safe.write(KeyRecord::Starts, &start.to_le_bytes())?;
+                start
+            }
+        };
+        Ok(*self.start.insert(start))
+    }
+
+    /// Which key the robot has, with a nonce for a session. Nothing is kept of it, so that
+    /// who asks again and again takes nothing from the owner.
+    // Not inlined: what it needs of the stack is needed for no other request.
+    #[inline(never)]
+    pub(crate) fn identify(
+        &mut self,
+        safe: &mut dyn KeySafe,
+        client: &[u8; NONCE_BYTES],
+    ) -> Result<Identity, LinkError> {
+        let Owner { key, salt, secret } = self.owner(safe)?;
+        let start = self.start(safe)?;
+        let nonce = session_nonce(&secret, start, safe.now_us(), client);
+        let counter = self.counter;
+        Ok(Identity {
+            key,
+            salt,
+            nonce,
+            counter,
+            proof: secret.of_identity(client, &key, &salt, &nonce, counter),
+        })
+    }
+
+    /// Begins a session, in place of the one before. Its first answer has the number 0.
+    #[inline(never)]
+    pub(crate) fn open_session(
+        &mut self,
+        safe: &mut dyn KeySafe,
+        client: &[u8; NONCE_BYTES],
+        robot: &[u8; NONCE_BYTES],
+        proof: &Proof,
+    ) -> Result<(), LinkError> {
+        let Owner { secret, .. } = self.owner(safe)?;
+        let start = self.start(safe)?;
+        let at_us = given_at_us(robot);
+        let age_us = safe.now_us().checked_sub(at_us);
+        let is_young = age_us.is_some_and(|age_us| age_us <= NONCE_LIFE_US);
+        if !is_young && !planted!(OldSessionOpened) {
+            return Err(LinkError::NoChallenge);
+        }
+        let session = secret.session(client, robot);
+        let is_ours = is_same(robot, &session_nonce(&secret, start, at_us, client))
+            && is_same(proof, &session.opening());
+        if !is_ours && !planted!(SessionUnproven) {
+            return Err(LinkError::WrongProof);
+        }
+        match &self.session {
+            // The answer to it was lost.
+            Some(open) if (open.client, open.robot) == (*client, *robot) => return Ok(()),
+            // One that somebody has kept.
+            Some(open) if given_at_us(&open.robot) >= at_us && !planted!(SessionReplayed) => {
+                return Err(LinkError::NoChallenge);
+            }
+            _ => {}
+        }
+        self.session = Some(OpenSession {
+            session,
+            client: *client,
+            robot: *robot,
+            number: 0,
+            is_over: false,
+        });
+        self.nonce = None;
+        Ok(())
+    }
+
+    /// Whether a request is of the owner's session, and whether it is a new one.
+    #[inline(never)]
+    pub(crate) fn check_proven(
+        &mut self,
+        number: u32,
+        proof: &Proof,
+        request: &[u8],
+    ) -> Result<Recurrence, LinkError> {
+        let open = self.session.as_mut().ok_or(LinkError::NoSession)?;
+        if !is_same(proof, &open.session.of_request(number, request)) && !planted!(ProofUnchecked) {
+            return Err(LinkError::WrongProof);
+        }
+        if number > open.number || planted!(NumberRepeated) {
+            if open.is_over {
+                return Err(LinkError::NoSession);
+            }
+            open.number = number;
+            Ok(Recurrence::New)
+        } else if number == open.number {
+            Ok(Recurrence::Again)
+        } else {
+            Ok(Recurrence::Old)
+        }
+    }
+
+    /// The owner's session, to prove answers with.
+    pub(crate) fn session(&self) -> Option<Session> {
+        self.session.as_ref().map(|open| open.session)
+    }
+
+    /// Ends the session behind the answer that is made now.
+    fn end_session(&mut self) {
+        self.nonce = None;
+        if let Some(open) = &mut self.session {
+            open.is_over = true;
+        }
+    }
+
+    /// A nonce for the next signed request; the one before is void. With the counter of the last
+    /// upload.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
     pub(crate) fn challenge(
         &mut self,
         safe: &mut dyn KeySafe,
-    ) -> Result<([u8; NONCE_BYTES], u64, [u8; KEY_BYTES]), LinkError> {
-        let (key, seed) = self.locked()?;
-        let start = match self.start {
-            Some(start) => start,
-            None => {
-                let start = number(safe, KeyRecord::Starts)?.wrapping_add(1);
-                safe.write(KeyRecord::Starts, &start.to_le_bytes())?;
-                *self.start.insert(start)
-            }
-        };
+    ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
+        let Owner { secret, .. } = self.owner(safe)?;
+        let start = self.start(safe)?;
         self.challenges = self.challenges.wrapping_add(1);
-        let mut hash = sha512::Hash::new();
-        hash.update(NONCE_CONTEXT);
-        hash.update(seed);
-        hash.update(start.to_le_bytes());
-        hash.update(self.challenges.to_le_bytes());
-        hash.update(safe.now_us().to_le_bytes());
-        let mut nonce = [0; NONCE_BYTES];
-        for (place, byte) in nonce.iter_mut().zip(hash.finalize()) {
-            *place = byte;
-        }
-        self.nonce = Some(nonce);
-        Ok((nonce, self.counter, key))
+        let now_us = safe.now_us();
+        let bytes = secret.nonce(&[
+            &start.to_le_bytes(),
+            &self.challenges.to_le_bytes(),
+            &now_us.to_le_bytes(),
+        ]);
+        self.nonce = Some(Nonce {
+            bytes,
+            until_us: now_us.saturating_add(NONCE_LIFE_US),
+        });
+        Ok((bytes, self.counter))
     }
 
     /// Whether the key has signed an upload, which must be newer than the last one.
@@ -136,7 +283,7 @@ impl Keys {
         signature: &[u8],
         blob: &[u8],
     ) -> Result<SignedUpload, LinkError> {
-        let (key, _) = self.locked()?;
+        let Owner { key, salt, .. } = self.owner(safe)?;
         let signature = signature_of(signature)?;
         let is_old = if planted!(CounterRepeated) {
             counter < self.counter
@@ -146,29 +293,36 @@ impl Keys {
         if is_old {
             return Err(LinkError::OldCounter { last: self.counter });
         }
+        if counter - self.counter > MAX_COUNTER_STEP && !planted!(CounterUnlimited) {
+            return Err(LinkError::CounterTooFar { last: self.counter });
+        }
         let counter_bytes = counter.to_le_bytes();
-        let message = access::upload(&counter_bytes, blob);
+        let message = access::upload(&salt, &counter_bytes, blob);
         self.check(safe, &key, &signature, &message)?;
         Ok(SignedUpload { counter, signature })
     }
 
-    /// Whether the key has signed a request, with the nonce that was given out last. That is used up, whatever comes of it.
+    /// Whether the key has signed a request, with the nonce that was given out last. That is used up, whatever comes of it. Answers when the nonce's life ends.
     pub(crate) fn check_command(
         &mut self,
         safe: &mut dyn KeySafe,
         signature: &[u8],
         upload: Option<&SignedUpload>,
         request: &[u8],
-    ) -> Result<(), LinkError> {
-        let (key, _) = self.locked()?;
+    ) -> Result<u64, LinkError> {
+        let Owner { key, .. } = self.owner(safe)?;
         let signature = signature_of(signature)?;
         let nonce = self.nonce.take().ok_or(LinkError::NoChallenge)?;
         if planted!(NonceKept) {
             self.nonce = Some(nonce);
         }
+        if safe.now_us() > nonce.until_us && !planted!(NonceForEver) {
+            return Err(LinkError::NoChallenge);
+        }
         let upload = upload.map_or(&NO_UPLOAD, |upload| &upload.signature);
-        let message = access::command(&nonce, upload, request);
-        self.check(safe, &key, &signature, &message)
+        let message = access::command(&nonce.bytes, upload, request);
+        self.check(safe, &key, &signature, &message)?;
+        Ok(nonce.until_us)
     }
 
     /// Takes over a key, which must have signed itself. Who may do that was asked before.
@@ -176,34 +330,39 @@ impl Keys {
         &mut self,
         safe: &mut dyn KeySafe,
         key: &[u8],
-        seed: &[u8],
+        salt: &[u8],
+        secret: &[u8],
         signature: &[u8],
     ) -> Result<(), LinkError> {
         let key: [u8; KEY_BYTES] = key.try_into().map_err(|_| LinkError::Malformed)?;
-        let seed: [u8; SEED_BYTES] = seed.try_into().map_err(|_| LinkError::Malformed)?;
+        let salt: [u8; SALT_BYTES] = salt.try_into().map_err(|_| LinkError::Malformed)?;
+        let secret: [u8; SECRET_BYTES] = secret.try_into().map_err(|_| LinkError::Malformed)?;
         let signature = signature_of(signature)?;
-        self.check(safe, &key, &signature, &access::install(&key, &seed))?;
-        // Who listens now does not know what the seed was before.
-        let seed = match self.lock {
-            Lock::Locked { seed: before, .. } => mixed(&before, &seed),
-            _ => seed,
+        let message = access::install(&key, &salt, &secret);
+        self.check(safe, &key, &signature, &message)?;
+        let sent = Secret(secret);
+        let secret = match (self.lock, &self.session) {
+            // Who listens does not learn it.
+            (Lock::Locked(_) | Lock::Recovering(_), Some(open)) => mask(sent, &open.session, &salt),
+            _ => sent,
         };
         let mut record = [0; KEY_RECORD_BYTES];
-        for (place, byte) in record.iter_mut().zip(key.iter().chain(&seed)) {
+        let bytes = key.iter().chain(&salt).chain(&secret.0);
+        for (place, byte) in record.iter_mut().zip(bytes) {
             *place = *byte;
         }
         self.write(safe, KeyRecord::Key, &record)?;
-        self.lock = Lock::Locked { key, seed };
-        self.nonce = None;
+        self.lock = Lock::Locked(Owner { key, salt, secret });
+        self.end_session();
         Ok(())
     }
 
     /// Forgets the key. The counter stays: an old upload is no newer for it.
     pub(crate) fn remove(&mut self, safe: &mut dyn KeySafe) -> Result<(), LinkError> {
-        self.locked()?;
+        self.owner(safe)?;
         self.write(safe, KeyRecord::Key, &[])?;
         self.lock = Lock::Open;
-        self.nonce = None;
+        self.end_session();
         Ok(())
     }
 
@@ -228,10 +387,9 @@ impl Keys {
         let written = safe.write(record, bytes);
         if written.is_err() {
             match read(safe) {
-                Ok(kept) => (self.lock, self.counter) = kept,
-                // Whether there is a key now nobody knows.
-                Err(NotKept) if matches!(self.lock, Lock::Open) => self.lock = Lock::Unreadable,
-                Err(NotKept) => {}
+                // Where nobody knows whether there is a key now, the one before stays.
+                (Lock::Unreadable, _) if matches!(self.lock, Lock::Locked(_)) => {}
+                kept => (self.lock, self.counter) = kept,
             }
             self.nonce = None;
         }
@@ -307,17 +465,31 @@ fn signature_of(bytes: &[u8]) -> Result<[u8; SIGNATURE_BYTES], LinkError> {
     bytes.try_into().map_err(|_| LinkError::Malformed)
 }
 
-#[inline(never)]
-fn mixed(before: &[u8; SEED_BYTES], with: &[u8; SEED_BYTES]) -> [u8; SEED_BYTES] {
-    let mut hash = sha512::Hash::new();
-    hash.update(NONCE_CONTEXT);
-    hash.update(before);
-    hash.update(with);
-    let mut seed = [0; SEED_BYTES];
-    for (place, byte) in seed.iter_mut().zip(hash.finalize()) {
-        *place = byte;
+/// A nonce for a session: the time at which it is given out, and what only this robot makes of
+/// that, of its start and of the client's nonce. So it need not be kept to be known again.
+fn session_nonce(
+    secret: &Secret,
+    start: u64,
+    at_us: u64,
+    client: &[u8; NONCE_BYTES],
+) -> [u8; NONCE_BYTES] {
+    let at_us = at_us.to_le_bytes();
+    let tag: [u8; TIME_BYTES] = secret.nonce(&[&start.to_le_bytes(), &at_us, client]);
+    let mut nonce = [0; NONCE_BYTES];
+    for (place, byte) in nonce.iter_mut().zip(at_us.iter().chain(&tag)) {
+        *place = *byte;
     }
-    seed
+    nonce
+}
+
+/// Bytes of a time in a nonce.
+const TIME_BYTES: usize = size_of::<u64>();
+
+/// When a session's nonce was given out.
+fn given_at_us(nonce: &[u8; NONCE_BYTES]) -> u64 {
+    nonce
+        .first_chunk()
+        .map_or(0, |bytes| u64::from_le_bytes(*bytes))
 }
 
 /// A record that is a number; 0 where there is none.
@@ -331,18 +503,30 @@ fn number(safe: &mut dyn KeySafe, record: KeyRecord) -> Result<u64, NotKept> {
 }
 
 /// The lock and the counter, as they are kept.
-fn read(safe: &mut dyn KeySafe) -> Result<(Lock, u64), NotKept> {
+fn read(safe: &mut dyn KeySafe) -> (Lock, u64) {
+    match read_records(safe) {
+        Ok(kept) => kept,
+        // Where nobody knows whether there is a key, nobody may.
+        Err(NotKept) => (Lock::Unreadable, u64::MAX),
+    }
+}
+
+fn read_records(safe: &mut dyn KeySafe) -> Result<(Lock, u64), NotKept> {
     let mut bytes = [0; KEY_RECORD_BYTES];
     let lock = match safe.read(KeyRecord::Key, &mut bytes)? {
         0 => Lock::Open,
-        KEY_RECORD_BYTES => {
-            let (key, seed) = bytes.split_first_chunk().ok_or(NotKept)?;
-            Lock::Locked {
-                key: *key,
-                seed: seed.try_into().map_err(|_| NotKept)?,
-            }
-        }
+        KEY_RECORD_BYTES => Lock::Locked(owner_of(&bytes)?),
         _ => return Err(NotKept),
     };
     Ok((lock, number(safe, KeyRecord::Counter)?))
+}
+
+fn owner_of(record: &[u8; KEY_RECORD_BYTES]) -> Result<Owner, NotKept> {
+    let (key, rest) = record.split_first_chunk().ok_or(NotKept)?;
+    let (salt, secret) = rest.split_first_chunk().ok_or(NotKept)?;
+    Ok(Owner {
+        key: *key,
+        salt: *salt,
+        secret: Secret(secret.try_into().map_err(|_| NotKept)?),
+    })
 }

@@ -32,6 +32,8 @@ pub mod message;
 pub mod news;
 #[cfg(test)]
 pub(crate) mod planted;
+#[cfg(feature = "keys")]
+pub mod proof;
 pub mod record;
 pub mod telemetry;
 pub mod trace;

@@ -1,8 +1,8 @@
 //! Takes the place of `keys` in a firmware that is built without: the robot has no key and says so.
 
-use super::access::{Access, KEY_BYTES, NONCE_BYTES};
+use super::access::{Access, NONCE_BYTES, PROOF_BYTES, Recurrence};
 use super::key_safe::KeySafe;
-use super::message::LinkError;
+use super::message::{Identity, LinkError};
 
 /// There is none.
 #[derive(Clone, Copy)]
@@ -10,6 +10,16 @@ pub(crate) enum SignedUpload {}
 
 impl SignedUpload {
     pub(crate) fn is(&self, _: u64, _: &[u8]) -> bool {
+        match *self {}
+    }
+}
+
+/// There is none.
+#[derive(Clone, Copy)]
+pub(crate) enum Session {}
+
+impl Session {
+    pub(crate) fn of_answer(&self, _: u32, _: &[u8]) -> [u8; PROOF_BYTES] {
         match *self {}
     }
 }
@@ -26,10 +36,41 @@ impl Keys {
         Access::Unsupported
     }
 
+    pub(crate) fn identify(
+        &mut self,
+        _: &mut dyn KeySafe,
+        _: &[u8; NONCE_BYTES],
+    ) -> Result<Identity, LinkError> {
+        Err(LinkError::NoKeySupport)
+    }
+
+    pub(crate) fn open_session(
+        &mut self,
+        _: &mut dyn KeySafe,
+        _: &[u8; NONCE_BYTES],
+        _: &[u8; NONCE_BYTES],
+        _: &[u8; PROOF_BYTES],
+    ) -> Result<(), LinkError> {
+        Err(LinkError::NoKeySupport)
+    }
+
+    pub(crate) fn check_proven(
+        &mut self,
+        _: u32,
+        _: &[u8; PROOF_BYTES],
+        _: &[u8],
+    ) -> Result<Recurrence, LinkError> {
+        Err(LinkError::NoKeySupport)
+    }
+
+    pub(crate) fn session(&self) -> Option<Session> {
+        None
+    }
+
     pub(crate) fn challenge(
         &mut self,
         _: &mut dyn KeySafe,
-    ) -> Result<([u8; NONCE_BYTES], u64, [u8; KEY_BYTES]), LinkError> {
+    ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
         Err(LinkError::NoKeySupport)
     }
 
@@ -49,13 +90,14 @@ impl Keys {
         _: &[u8],
         _: Option<&SignedUpload>,
         _: &[u8],
-    ) -> Result<(), LinkError> {
+    ) -> Result<u64, LinkError> {
         Err(LinkError::NoKeySupport)
     }
 
     pub(crate) fn install(
         &mut self,
         _: &mut dyn KeySafe,
+        _: &[u8],
         _: &[u8],
         _: &[u8],
         _: &[u8],

@@ -7,10 +7,13 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::BlobBuffer;
 use heapless::spsc::{Consumer, Producer};
 
+use super::conversation::Sender;
 use super::port::LinkPort;
 use super::upload::Upload;
 use crate::features::{NEWS, PARAMS, TELEMETRY};
-use crate::link::access::{Access, Needs, may_have_deadline, needs};
+use crate::link::access::{
+    Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
+};
 use crate::link::keys::Keys;
 use crate::link::message::{Capacities, LinkError, Request, Response};
 use crate::link::news::Watch;
@@ -65,6 +68,10 @@ pub(crate) struct Desk<'q, 'm> {
 #[derive(Clone, Copy)]
 pub(crate) struct Ticket {
     pub(super) seq: u8,
+    /// Who sent it.
+    pub(super) sender: Sender,
+    /// Its kind.
+    pub(super) of: u8,
     /// When it is too late for it, on the board's clock in microseconds.
     pub(super) by_us: u64,
 }
@@ -78,44 +85,138 @@ pub(super) enum Reaction<'a> {
 }
 
 impl Desk<'_, '_> {
-    /// Carries a request out, if whoever sent it may.
+    /// Who sent a request. Takes it out of what proves that. Nobody, where it is one that the owner has sent before
+    /// another.
+    pub(super) fn sender<'a>(
+        &mut self,
+        request: &Request<'a>,
+        port: &mut impl LinkPort,
+    ) -> Result<Option<(Sender, Request<'a>)>, LinkError> {
+        let Request::Proven {
+            number,
+            ref proof,
+            request: bytes,
+        } = *request
+        else {
+            // Where there is an owner, nobody else counts as the host.
+            if self.keys.access(port.key_safe()) != Access::Locked || planted!(StrangerHeard) {
+                self.hear();
+            }
+            return Ok(Some((Sender::Anyone, *request)));
+        };
+        let is_new = match self.keys.check_proven(number, proof, bytes)? {
+            Recurrence::New => true,
+            Recurrence::Again => false,
+            Recurrence::Old => return Ok(None),
+        };
+        let request = deserialized(bytes)?;
+        if !may_be_proven(&request) {
+            return Err(LinkError::Malformed);
+        }
+        if is_new {
+            self.hear();
+        }
+        Ok(Some((Sender::Owner { number }, request)))
+    }
+
+    /// Counts a request of the host's, for a mission that looks after that.
+    fn hear(&self) {
+        // Only this side counts them, so load and store suffice.
+        let requests = &self.signs.requests;
+        requests.store(
+            requests.load(Ordering::Relaxed).wrapping_add(1),
+            Ordering::Relaxed,
+        );
+    }
+
+    /// Begins a session, if it is the owner's.
+    pub(super) fn open_session(
+        &mut self,
+        request: &Request<'_>,
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
+        let Request::OpenSession {
+            client,
+            robot,
+            proof,
+        } = request
+        else {
+            return Err(LinkError::Malformed);
+        };
+        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
+        self.keys.open_session(safe, client, robot, proof)
+    }
+
+    /// Carries a request out, if whoever sent it may. Answers its kind besides, or that of what it holds.
     pub(super) fn react<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
+        sender: Sender,
         request: &Request<'_>,
         port: &mut P,
-    ) -> Reaction<'a> {
+    ) -> (u8, Reaction<'a>) {
         let mut request = *request;
-        match self.allowed(&mut request, port) {
+        let allowed = self.allowed(sender, &mut request, port);
+        let of = request.kind();
+        let reaction = match allowed {
             Ok(by_us) => {
-                self.ticket = Some(Ticket { seq, by_us });
+                self.ticket = Some(Ticket {
+                    seq,
+                    sender,
+                    of,
+                    by_us,
+                });
                 self.carry_out(&request, port)
             }
             Err(error) => Reaction::Answer(Err(error)),
-        }
+        };
+        (of, reaction)
     }
 
     /// Whether who sent a request may, and it is not too late for it. Takes it out of what it is in, and answers its deadline.
     fn allowed(
         &mut self,
+        sender: Sender,
         request: &mut Request<'_>,
         port: &mut impl LinkPort,
     ) -> Result<u64, LinkError> {
+        let access = self.keys.access(port.key_safe());
+        let is_owner = sender != Sender::Anyone || planted!(StrangerIsOwner);
         let signed = match *request {
             Request::Signed { signature, request } => Some((signature, request)),
             _ => None,
         };
         if let Some((_, bytes)) = signed {
+            // Verifying takes time, which strangers are not to have.
+            if !is_owner && matches!(access, Access::Locked | Access::Recovering) {
+                return Err(LinkError::NoSession);
+            }
             *request = deserialized(bytes)?;
         }
-        let by_us = take_out(request)?;
+        let mut by_us = take_out(request)?;
+        let latest_us = port.now_us().saturating_add(MAX_DEADLINE_US);
+        if by_us != NO_DEADLINE && by_us > latest_us && !planted!(DeadlineUnlimited) {
+            return Err(LinkError::DeadlineTooFar);
+        }
+        // Beside damaged records nothing is kept but a key of the same owner, which begins them anew.
+        if access == Access::Recovering
+            && needs(request) != Needs::Nothing
+            && !matches!(request, Request::Challenge | Request::InstallKey { .. })
+        {
+            return Err(LinkError::NotKept);
+        }
         match signed {
-            Some((signature, bytes)) => self.check_signed(request, signature, bytes, port)?,
-            None => match (needs(request), self.keys.access(port.key_safe())) {
-                (Needs::Nothing, _) | (Needs::Key, Access::Unsupported | Access::Open) => {}
-                (Needs::Key, Access::Locked) if planted!(KeyForgotten) => {}
-                (Needs::Key, Access::Locked) => return Err(LinkError::NeedsKey),
-                (Needs::Key, Access::Unreadable) => return Err(LinkError::NotKept),
+            Some((signature, bytes)) => {
+                let until_us = self.check_signed(request, signature, bytes, port)?;
+                by_us = by_us.min(until_us);
+            }
+            None => match (needs(request), access) {
+                (Needs::Nothing, _) | (_, Access::Unsupported | Access::Open) => {}
+                (_, Access::Unreadable) => return Err(LinkError::NotKept),
+                (Needs::Session, _) if is_owner => {}
+                (Needs::Session, _) => return Err(LinkError::NoSession),
+                (Needs::Key, _) if planted!(KeyForgotten) => {}
+                (Needs::Key, _) => return Err(LinkError::NeedsKey),
             },
         }
         let forgotten = match signed {
@@ -214,7 +315,8 @@ impl Desk<'_, '_> {
                 self.log_wanted = log;
                 Reaction::Answer(Ok(Response::Done))
             }
-            Request::Challenge
+            Request::Identify { .. }
+            | Request::Challenge
             | Request::Sign { .. }
             | Request::InstallKey { .. }
             | Request::RemoveKey => Reaction::Answer(match port.key_safe() {
@@ -235,10 +337,11 @@ impl Desk<'_, '_> {
                 let ask = Bytes::first_of(ask);
                 self.ask(Letter::AskValues { number, ask })
             }
-            // They hold a plain one: `allowed` gives nothing else out.
-            Request::Signed { .. } | Request::Within { .. } => {
-                Reaction::Answer(Err(LinkError::Malformed))
-            }
+            // They hold a plain one, or were looked at before: `allowed` gives nothing else out.
+            Request::Signed { .. }
+            | Request::Within { .. }
+            | Request::Proven { .. }
+            | Request::OpenSession { .. } => Reaction::Answer(Err(LinkError::Malformed)),
         }
     }
 }

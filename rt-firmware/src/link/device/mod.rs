@@ -4,9 +4,12 @@
 //! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what this side knows, others take the `letter` to the real-time side. An upload is a transaction,
 //! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `emergency` the stop that waits for no letter.
 //!
-//! *Invariant:* one request is carried out at a time, and one that comes again under its number is not carried out again: its answer is sent again.
+//! Whoever sends requests has a `conversation` of its own: anyone, or the owner in a session.
+//!
+//! *Invariant:* a request that comes again is not carried out again: its answer is sent again.
 
 mod answers;
+mod conversation;
 mod desk;
 mod emergency;
 mod kept_mission;
@@ -23,27 +26,29 @@ pub use port::LinkPort;
 
 use core::sync::atomic::Ordering;
 
-use crate::features::PARAMS;
-use crate::link::frame::{FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode};
-use crate::link::message::{Channel, FromDevice, LinkError, MAX_STREAM_BYTES, Request, ToDevice};
+use crate::features::{KEYS, PARAMS};
+use crate::link::frame::{FrameReader, MAX_REPLY_FRAME_BYTES, parse, unpack};
+use crate::link::message::{
+    Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
+};
 use crate::mail::{Letter, NO_DEADLINE};
+use conversation::{Answered, Before, Conversation, Sender};
 use desk::{Reaction, Ticket};
 use kept_mission::keep_in_mind;
 use letter::answer_of;
 use outgoing::Outgoing;
 use streams::{CHANNELS, STREAM_OVERHEAD};
 
+/// Conversations of a robot: anyone's, and that of the owner of its key where it can have one.
+const CONVERSATIONS: usize = if KEYS { 2 } else { 1 };
+const ANYONE: usize = 0;
+const OWNER: usize = CONVERSATIONS - 1;
+
 /// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
     reader: FrameReader,
-    reply: Outgoing<MAX_REPLY_FRAME_BYTES>,
-    /// The reply says how far an upload has come, and no more: a later one speaks for it.
-    acknowledges: bool,
+    conversations: [Conversation; CONVERSATIONS],
     stream: Outgoing<{ MAX_STREAM_BYTES + STREAM_OVERHEAD }>,
-    /// Number and checksum of the last request.
-    last: Option<(u8, u32)>,
-    /// The last request's answer is still to come.
-    awaited: bool,
     stream_seq: [u8; CHANNELS],
     /// Whose turn it is to send.
     next_channel: Channel,
@@ -56,11 +61,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     pub(crate) fn new(desk: Desk<'q, 'm>) -> Self {
         LinkSide {
             reader: FrameReader::new(),
-            reply: Outgoing::NOTHING,
-            acknowledges: false,
+            conversations: [const { Conversation::NEW }; CONVERSATIONS],
             stream: Outgoing::NOTHING,
-            last: None,
-            awaited: false,
             stream_seq: [0; CHANNELS],
             next_channel: Channel::Trace,
             spoiled_frames: 0,
@@ -97,10 +99,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             if self.stream.is_begun() && !self.stream.send(port) {
                 return true;
             }
-            if self.reply.is_done() {
+            let Some(reply) = self.next_reply() else {
                 break;
-            }
-            if !self.reply.send(port) {
+            };
+            if !reply.send(port) {
                 return true;
             }
             // The answer is out: there may be another request behind it.
@@ -118,72 +120,110 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         self.desk.asked.is_some()
     }
 
+    /// The answer that is to be sent next: one that was begun, then the owner's.
+    fn next_reply(&mut self) -> Option<&mut Outgoing<MAX_REPLY_FRAME_BYTES>> {
+        let replies = self.conversations.iter().map(|one| &one.reply);
+        let begun = replies.clone().position(Outgoing::is_begun);
+        let next = begun.or_else(|| replies.clone().rposition(|reply| !reply.is_done()))?;
+        self.conversations.get_mut(next).map(|one| &mut one.reply)
+    }
+
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
-        // Chunks come one behind the other: none of them waits for the wire to take the answer to the one before.
-        while self.reply.is_done() || (self.acknowledges && self.reply.sent == 0) {
+        while self.conversations.iter().all(Conversation::has_room) {
             let Some(byte) = port.receive() else { return };
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
-            // The checksum of the encoded bytes tells requests apart before they are decoded in place.
-            let crc = checksum(frame);
-            let message = match decode::<ToDevice<'_>>(frame) {
-                Ok(message) => message,
-                Err(FrameError::NotAMessage) => {
-                    // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
-                    let seq = frame.first().copied().unwrap_or_default();
-                    self.last = None;
-                    self.acknowledges = false;
-                    self.reply.set(&FromDevice::Reply {
-                        seq,
-                        result: Err(LinkError::Malformed),
-                    });
-                    continue;
-                }
-                Err(_) => {
-                    self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+            let Ok(message) = unpack(frame) else {
+                self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+                continue;
+            };
+            let [anyone, ..] = &mut self.conversations;
+            let Ok(ToDevice { seq, request }) = parse(message) else {
+                // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
+                anyone.answer(&[], false);
+                let seq = message.first().copied().unwrap_or_default();
+                anyone.set_reply(
+                    Answered { seq, of: UNKNOWN },
+                    Err(LinkError::Malformed),
+                    None,
+                );
+                continue;
+            };
+            let (sender, request) = match self.desk.sender(&request, port) {
+                Ok(Some(found)) => found,
+                // One that somebody has kept.
+                Ok(None) => continue,
+                Err(error) => {
+                    anyone.answer(&[], false);
+                    let of = request.kind();
+                    anyone.set_reply(Answered { seq, of }, Err(error), None);
                     continue;
                 }
             };
-            // Only this side counts them, so load and store suffice.
-            let requests = &self.desk.signs.requests;
-            requests.store(
-                requests.load(Ordering::Relaxed).wrapping_add(1),
-                Ordering::Relaxed,
-            );
-            let seq = message.seq;
-            if message.request == Request::Hello {
+            let place = match sender {
+                Sender::Anyone => ANYONE,
+                Sender::Owner { .. } => OWNER,
+            };
+            let Some(conversation) = self.conversations.get_mut(place) else {
+                continue;
+            };
+            if request == Request::Hello {
                 self.stream_seq = [0; CHANNELS];
                 // What was to be sent is of the session before.
                 if !self.stream.is_begun() {
                     self.stream = Outgoing::NOTHING;
                 }
-            } else if self.last == Some((seq, crc)) && !planted!(CarriedOutTwice) {
-                // Asked again: the answer was lost, or is still to come.
-                if !self.awaited {
-                    self.reply.sent = 0;
+                conversation.begin();
+            }
+            match conversation.before(message) {
+                // The answer is still to come.
+                Before::UnderWay => continue,
+                // The answer was lost.
+                Before::Answered if !request.is_stop() && !planted!(CarriedOutTwice) => {
+                    conversation.answer_again();
+                    continue;
                 }
+                _ => {}
+            }
+            self.desk.streams_are_sent = self.stream.is_done();
+            let is_chunk = matches!(request, Request::Chunk { .. });
+            let session = self.desk.keys.session();
+            if let Request::OpenSession { .. } = request {
+                let opened = self.desk.open_session(&request, port);
+                let owner = Sender::Owner { number: 0 };
+                let session = self.desk.keys.session().filter(|_| opened.is_ok());
+                conversation.answer(message, false);
+                let of = request.kind();
+                let result = opened.map(|()| Response::Done);
+                conversation.set_reply(Answered { seq, of }, result, owner.proof(session));
                 continue;
             }
-            self.last = Some((seq, crc));
-            self.desk.streams_are_sent = self.stream.is_done();
-            let is_chunk = matches!(message.request, Request::Chunk { .. });
-            match self.desk.react(seq, &message.request, port) {
-                Reaction::Answer(result) => {
-                    self.awaited = false;
-                    self.acknowledges = is_chunk;
-                    self.reply.set(&FromDevice::Reply { seq, result });
+            match self.desk.react(seq, sender, &request, port) {
+                (of, Reaction::Answer(result)) => {
+                    conversation.answer(message, is_chunk);
+                    conversation.set_reply(Answered { seq, of }, result, sender.proof(session));
                 }
-                Reaction::Later => self.awaited = true,
+                (_, Reaction::Later) => conversation.ask(message),
             }
         }
     }
 
     /// Passes an answer of the real-time side on.
     fn take_answer(&mut self, port: &mut impl LinkPort) {
-        // An answer that is on its way out, as one about a chunk may be, comes to its end first.
-        if self.reply.is_begun() {
+        let place = match &self.desk.asked {
+            Some(Ticket {
+                sender: Sender::Owner { .. },
+                ..
+            }) => OWNER,
+            _ => ANYONE,
+        };
+        let Some(conversation) = self.conversations.get_mut(place) else {
+            return;
+        };
+        // An answer that is on its way out comes to its end first.
+        if !conversation.has_room() {
             return;
         }
         let Some((asked, letter)) = self.desk.open_letter() else {
@@ -221,18 +261,16 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             // Pressed again while the flash was written, the button has latched a stop that is to be kept.
             self.desk.stop_is_kept = false;
         }
-        if let (true, Some((last, _))) = (self.awaited, self.last)
-            && asked.is_some_and(|asked| asked.seq == last)
+        if let Some(asked) = asked
+            && conversation.take_asked()
         {
-            self.awaited = false;
-            self.acknowledges = false;
             if let Letter::ValuesWanted { number, mission } = *letter {
                 self.desk.values.begin(number, mission);
             }
-            self.reply.set(&FromDevice::Reply {
-                seq: last,
-                result: kept.and_then(|()| answer_of(letter)),
-            });
+            let (seq, of) = (asked.seq, asked.of);
+            let proof = asked.sender.proof(self.desk.keys.session());
+            let result = kept.and_then(|()| answer_of(letter));
+            conversation.set_reply(Answered { seq, of }, result, proof);
         }
         self.desk.put_away(letter);
     }

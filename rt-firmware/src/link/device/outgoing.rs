@@ -4,14 +4,15 @@
 
 use super::port::LinkPort;
 use crate::features::{KEYS, NEWS, PARAMS};
-use crate::link::frame::encode;
-use crate::link::message::{FromDevice, Response};
+use crate::link::frame::encode_with;
+use crate::link::keys::Session;
+use crate::link::message::{FromDevice, PROVEN_HEAD_BYTES, Response};
 
 /// A frame on its way out.
 pub(super) struct Outgoing<const N: usize> {
     frame: [u8; N],
     len: u8,
-    pub(super) sent: u8,
+    sent: u8,
 }
 
 impl<const N: usize> Outgoing<N> {
@@ -30,9 +31,24 @@ impl<const N: usize> Outgoing<N> {
     }
 
     pub(super) fn set(&mut self, message: &FromDevice<'_>) {
+        self.set_proven(message, None);
+    }
+
+    /// The same, with the proof of an answer in the owner's session, if it is one.
+    pub(super) fn set_proven(&mut self, message: &FromDevice<'_>, proof: Option<&ProofOf>) {
         const { assert!(N <= u8::MAX as usize) };
-        self.len = write(message, &mut self.frame);
+        self.len = write(message, proof, &mut self.frame);
         self.sent = 0;
+    }
+
+    /// The frame is to be sent once more.
+    pub(super) fn again(&mut self) {
+        self.sent = 0;
+    }
+
+    /// None of it has been sent yet, if there is one.
+    pub(super) fn is_unsent(&self) -> bool {
+        self.sent == 0
     }
 
     /// Sends what the port takes. Returns whether the frame is gone.
@@ -50,15 +66,33 @@ impl<const N: usize> Outgoing<N> {
     }
 }
 
+/// What the proof of an answer is made with.
+pub(super) struct ProofOf {
+    pub(super) session: Session,
+    /// The number of the request.
+    pub(super) number: u32,
+}
+
 /// Writes a message as a frame; returns its length.
 #[inline(never)]
-fn write(message: &FromDevice<'_>, frame: &mut [u8]) -> u8 {
+fn write(message: &FromDevice<'_>, proof: Option<&ProofOf>, frame: &mut [u8]) -> u8 {
     // What the firmware was built without it never says, and need not be able to write.
     if !is_said(message) {
         return 0;
     }
+    let prove = |message: &mut [u8]| {
+        let Some(ProofOf { session, number }) = proof else {
+            return;
+        };
+        let Some((head, answer)) = message.split_at_mut_checked(PROVEN_HEAD_BYTES) else {
+            return;
+        };
+        if let Some(place) = head.last_chunk_mut() {
+            *place = session.of_answer(*number, answer);
+        }
+    };
     // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
-    encode(message, frame).unwrap_or(0) as u8
+    encode_with(message, frame, prove).unwrap_or(0) as u8
 }
 
 /// Whether this firmware has what a message is about.
@@ -74,8 +108,9 @@ fn is_said(message: &FromDevice<'_>) -> bool {
                 ),
             ..
         } => PARAMS,
-        FromDevice::Reply {
-            result: Ok(Response::Challenge { .. }),
+        FromDevice::Proven { .. }
+        | FromDevice::Reply {
+            result: Ok(Response::Challenge { .. } | Response::Identity(_)),
             ..
         } => KEYS,
         _ => true,

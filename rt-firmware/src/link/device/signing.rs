@@ -9,14 +9,14 @@ use crate::link::keys::SignedUpload;
 use crate::link::message::{LinkError, Request, Response};
 
 impl Desk<'_, '_> {
-    /// Whether the key has signed this request, which `bytes` are.
+    /// Whether the key has signed this request, which `bytes` are. Answers until when that is good.
     pub(super) fn check_signed(
         &mut self,
         request: &Request<'_>,
         signature: &[u8],
         bytes: &[u8],
         port: &mut impl LinkPort,
-    ) -> Result<(), LinkError> {
+    ) -> Result<u64, LinkError> {
         let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
         if needs(request) != Needs::Key {
             return Err(LinkError::Malformed);
@@ -46,13 +46,12 @@ impl Desk<'_, '_> {
         safe: &mut dyn KeySafe,
     ) -> Result<Response<'_>, LinkError> {
         match *request {
+            Request::Identify { ref nonce } => {
+                Ok(Response::Identity(self.keys.identify(safe, nonce)?))
+            }
             Request::Challenge => {
-                let (nonce, counter, key) = self.keys.challenge(safe)?;
-                Ok(Response::Challenge {
-                    nonce,
-                    counter,
-                    key,
-                })
+                let (nonce, counter) = self.keys.challenge(safe)?;
+                Ok(Response::Challenge { nonce, counter })
             }
             Request::Sign { counter, signature } => {
                 let upload = self.upload.as_mut().ok_or(LinkError::NoUpload)?;
@@ -81,10 +80,11 @@ impl Desk<'_, '_> {
             }
             Request::InstallKey {
                 key,
-                seed,
+                salt,
+                secret,
                 signature,
             } => {
-                let installed = self.keys.install(safe, key, seed, signature);
+                let installed = self.keys.install(safe, key, salt, secret, signature);
                 // What another key has signed is not signed. It may be there although the flash said no.
                 if let Some(upload) = &mut self.upload {
                     upload.signed = None;

@@ -137,4 +137,15 @@ pub enum LinkError {
     StopNotKept,
     /// The robot came to a request [after the time](Request::Within) that it was to be done by: it was not done.
     Late,
+    /// There is no session, or another one: send [`Request::Identify`] and [`Request::OpenSession`].
+    NoSession,
+    /// The proof is not that of the robot's secret, or not of this session.
+    WrongProof,
+    /// The counter of an upload is further from the last one than it may be.
+    CounterTooFar {
+        /// The last one that was accepted.
+        last: u64,
+    },
+    /// The [deadline](Request::Within) is further ahead than it may be: ask for the clock.
+    DeadlineTooFar,
 }

@@ -18,17 +18,18 @@ pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
 pub use error::LinkError;
 pub use last_words::{CoreFault, LastWords, ResetReason};
 pub use request::{Request, Swap};
-pub use response::{NO_STATE, Response};
+pub use response::{Identity, NO_STATE, Response};
 pub use status::{Mode, SafeReason, Status};
 pub use stream::{Channel, Stream};
 
 use serde::{Deserialize, Serialize};
 
+use crate::link::access::PROOF_BYTES;
 use crate::link::news::News;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
-pub const PROTOCOL_VERSION: u16 = 3;
+pub const PROTOCOL_VERSION: u16 = 4;
 /// Greatest number of bytes in [`Request::Chunk`].
 pub const MAX_CHUNK: usize = 176;
 /// Greatest number of bytes in [`Response::Blob`], [`Response::TaskText`] and [`Response::States`].
@@ -56,12 +57,33 @@ pub enum FromDevice<'a> {
         /// What came of it.
         #[serde(borrow)]
         result: Result<Response<'a>, LinkError>,
+        /// The [kind](Request::kind) of the request, of the innermost where one holds another; [`UNKNOWN`]
+        /// of a message that is no request.
+        of: u8,
     },
     /// A part of a stream.
     Stream(#[serde(borrow)] Stream<'a>),
     /// What the host wanted to be told.
     News(News),
+    /// The answer to a request of the owner's session, [`Request::Proven`] or [`Request::OpenSession`].
+    Proven {
+        /// The message's number, as in [`FromDevice::Reply`].
+        seq: u8,
+        /// [`of_answer`](super::proof::Session::of_answer), over the bytes of the fields that follow.
+        proof: [u8; PROOF_BYTES],
+        /// As in [`FromDevice::Reply`].
+        #[serde(borrow)]
+        result: Result<Response<'a>, LinkError>,
+        /// As in [`FromDevice::Reply`].
+        of: u8,
+    },
 }
+
+/// Stands for the kind of a request that is none.
+pub const UNKNOWN: u8 = u8::MAX;
+
+/// Bytes of a [`FromDevice::Proven`] before those that its proof is of.
+pub const PROVEN_HEAD_BYTES: usize = 2 + PROOF_BYTES;
 
 /// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of any version. This much of it never changes.
 pub fn version_in_hello(message: &[u8]) -> Option<u16> {

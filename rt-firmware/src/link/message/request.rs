@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::link::access::{NONCE_BYTES, PROOF_BYTES};
+
 #[cfg(doc)]
 use super::{DeviceInfo, LinkError, MAX_CHUNK, Mode, Response, Uploads};
 #[cfg(doc)]
@@ -91,9 +93,10 @@ pub enum Request<'a> {
         /// Sequence number of the first one wanted, or the oldest that there is. Those that are gone are passed over.
         from: Option<u32>,
     },
-    /// A number for the next [`Request::Signed`]; the one before is void. Answer: [`Response::Challenge`].
+    /// A nonce for the next [`Request::Signed`]; the one before is void. Within a [session](Request::OpenSession)
+    /// only. Answer: [`Response::Challenge`].
     Challenge,
-    /// A request that the robot's key has signed. Answer: that request's.
+    /// A request that the robot's key has signed, within a session. Answer: that request's.
     Signed {
         /// The signature of [`command`](super::super::access::command): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
         signature: &'a [u8],
@@ -102,7 +105,7 @@ pub enum Request<'a> {
     },
     /// The signature of the blob that was uploaded, which a robot with a key wants before [`Request::Commit`]. Answer: [`Response::Done`].
     Sign {
-        /// Greater than that of any upload before.
+        /// Greater than that of any upload before, by [`MAX_COUNTER_STEP`](super::super::access::MAX_COUNTER_STEP) at most.
         counter: u64,
         /// The signature of [`upload`](super::super::access::upload): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
         signature: &'a [u8],
@@ -111,8 +114,11 @@ pub enum Request<'a> {
     InstallKey {
         /// The public key: [`KEY_BYTES`] bytes.
         key: &'a [u8],
-        /// [`SEED_BYTES`](super::super::access::SEED_BYTES) bytes that nobody can guess, for the robot to make nonces from.
-        seed: &'a [u8],
+        /// Names the robot's secret: [`SALT_BYTES`](super::super::access::SALT_BYTES) random bytes, new with each installation.
+        salt: &'a [u8],
+        /// What robot and owner know alone: [`SECRET_BYTES`](super::super::access::SECRET_BYTES) bytes. Within a session they are
+        /// [masked](super::super::proof::mask).
+        secret: &'a [u8],
         /// The key's own signature of [`install`](super::super::access::install): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
         signature: &'a [u8],
     },
@@ -169,6 +175,78 @@ pub enum Request<'a> {
         /// Which: see [`Ask`](super::super::telemetry::Ask). Nothing: no values from now on.
         ask: &'a [u8],
     },
+    /// Which key do you have? The first step of a session. Answer: [`Response::Identity`].
+    Identify {
+        /// Random bytes, so that the answer is of now.
+        nonce: [u8; NONCE_BYTES],
+    },
+    /// Begins a session with the owner of the key, in place of the one before. Answer: [`Response::Done`], with a proof for the number 0.
+    OpenSession {
+        /// The nonce of [`Request::Identify`].
+        client: [u8; NONCE_BYTES],
+        /// The nonce of [`Response::Identity`].
+        robot: [u8; NONCE_BYTES],
+        /// [`opening`](super::super::proof::Session::opening)
+        proof: [u8; PROOF_BYTES],
+    },
+    /// A request of the owner's session. Answer: that request's, [with a proof](super::FromDevice::Proven).
+    Proven {
+        /// Greater than that of the one before in this session.
+        number: u32,
+        /// [`of_request`](super::super::proof::Session::of_request)
+        proof: [u8; PROOF_BYTES],
+        /// The request as it is serialized, without a number.
+        request: &'a [u8],
+    },
+}
+
+impl Request<'_> {
+    /// The number of its kind in a message: an answer repeats it.
+    pub const fn kind(&self) -> u8 {
+        match self {
+            Request::Hello => 0,
+            Request::Begin { .. } => 1,
+            Request::Chunk { .. } => 2,
+            Request::Commit(_) => 3,
+            Request::Abort => 4,
+            Request::Status => 5,
+            Request::Stop => 6,
+            Request::Start => 7,
+            Request::Task { .. } => 8,
+            Request::ReadBlob { .. } => 9,
+            Request::States { .. } => 10,
+            Request::SlotCounters { .. } => 11,
+            Request::Subscribe { .. } => 12,
+            Request::TaskCounters { .. } => 13,
+            Request::Confirm { .. } => 14,
+            Request::FallBack { .. } => 15,
+            Request::LastWords => 16,
+            Request::BlackBox { .. } => 17,
+            Request::Challenge => 18,
+            Request::Signed { .. } => 19,
+            Request::Sign { .. } => 20,
+            Request::InstallKey { .. } => 21,
+            Request::RemoveKey => 22,
+            Request::Param { .. } => 23,
+            Request::SetParam { .. } => 24,
+            Request::Watch { .. } => 25,
+            Request::SaveParams { .. } => 26,
+            Request::EmergencyStop => 27,
+            Request::Release => 28,
+            Request::Clock => 29,
+            Request::Within { .. } => 30,
+            Request::Features => 31,
+            Request::Values { .. } => 32,
+            Request::Identify { .. } => 33,
+            Request::OpenSession { .. } => 34,
+            Request::Proven { .. } => 35,
+        }
+    }
+
+    /// Whether it stops the robot: it is carried out whenever it comes, also if it came before.
+    pub fn is_stop(&self) -> bool {
+        matches!(self, Request::Stop | Request::EmergencyStop)
+    }
 }
 
 /// How a mission takes over.

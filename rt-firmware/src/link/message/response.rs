@@ -7,7 +7,7 @@ use super::device_info::DeviceInfo;
 use super::last_words::LastWords;
 use super::status::Status;
 use crate::features::Features;
-use crate::link::access::{KEY_BYTES, NONCE_BYTES};
+use crate::link::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 
 #[cfg(doc)]
 use super::Request;
@@ -82,12 +82,10 @@ pub enum Response<'a> {
     },
     /// To [`Request::Challenge`].
     Challenge {
-        /// Good for one [`Request::Signed`].
+        /// Good for one [`Request::Signed`] within [`NONCE_LIFE_US`](crate::link::access::NONCE_LIFE_US).
         nonce: [u8; NONCE_BYTES],
         /// Of the last upload that was accepted.
         counter: u64,
-        /// The robot's public key.
-        key: [u8; KEY_BYTES],
     },
     /// To [`Request::Param`].
     Param {
@@ -120,4 +118,21 @@ pub enum Response<'a> {
         /// Milliseconds that a request may take longer than others because its flash is written; 0 where nothing is.
         flash_ms: u16,
     },
+    /// To [`Request::Identify`].
+    Identity(Identity),
+}
+
+/// Which key a robot has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The robot's public key.
+    pub key: [u8; KEY_BYTES],
+    /// From which the owner of the key [derives](crate::link::proof::Secret::of_owner) the robot's secret.
+    pub salt: [u8; SALT_BYTES],
+    /// Good for one [`Request::OpenSession`] within [`NONCE_LIFE_US`](crate::link::access::NONCE_LIFE_US).
+    pub nonce: [u8; NONCE_BYTES],
+    /// Of the last upload that was accepted.
+    pub counter: u64,
+    /// [`of_identity`](crate::link::proof::Secret::of_identity)
+    pub proof: [u8; PROOF_BYTES],
 }

@@ -1,0 +1,170 @@
+//! Who talks with the robot: anyone, or the owner in a session.
+//!
+//! Each has requests and answers of its own, so that what strangers send takes neither place nor answer from the owner.
+//!
+//! *Invariant:* a request that comes again is told by all of its bytes, and is not carried out again: its answer is
+//! sent again. A stop is carried out whenever it comes.
+
+use super::outgoing::{Outgoing, ProofOf};
+use crate::link::access::PROOF_BYTES;
+use crate::link::frame::{MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES};
+use crate::link::keys::Session;
+use crate::link::message::{FromDevice, LinkError, Response};
+
+/// Who sent a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sender {
+    /// Nobody knows.
+    Anyone,
+    /// The owner, in a session, with a request of this number.
+    Owner {
+        /// The number.
+        number: u32,
+    },
+}
+
+/// What an answer says of the request that it is to.
+#[derive(Clone, Copy)]
+pub(super) struct Answered {
+    /// The message's number.
+    pub(super) seq: u8,
+    /// The request's kind.
+    pub(super) of: u8,
+}
+
+/// The bytes of a message.
+struct Taken {
+    bytes: [u8; MAX_MESSAGE_BYTES],
+    len: u8,
+}
+
+impl Taken {
+    const NOTHING: Taken = Taken {
+        bytes: [0; MAX_MESSAGE_BYTES],
+        len: 0,
+    };
+
+    fn is(&self, message: &[u8]) -> bool {
+        let taken = self.bytes.get(..usize::from(self.len));
+        self.len > 0 && taken == Some(message)
+    }
+
+    fn set(&mut self, message: &[u8]) {
+        const { assert!(MAX_MESSAGE_BYTES <= u8::MAX as usize) };
+        self.len = 0;
+        // A message that arrived has room: it is no longer than any.
+        if let Some(place) = self.bytes.get_mut(..message.len()) {
+            place.copy_from_slice(message);
+            self.len = message.len() as u8;
+        }
+    }
+}
+
+/// What has become of a message that comes again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Before {
+    /// It has not come before.
+    New,
+    /// It has its answer.
+    Answered,
+    /// The real-time side has it.
+    UnderWay,
+}
+
+/// Requests and answers of one side.
+pub(super) struct Conversation {
+    /// The message whose answer the reply is.
+    answered: Taken,
+    /// The message whose answer the real-time side will bring.
+    asked: Taken,
+    pub(super) reply: Outgoing<MAX_REPLY_FRAME_BYTES>,
+    /// The reply says how far an upload has come, and no more: a later one speaks for it.
+    acknowledges: bool,
+}
+
+impl Conversation {
+    pub(super) const NEW: Conversation = Conversation {
+        answered: Taken::NOTHING,
+        asked: Taken::NOTHING,
+        reply: Outgoing::NOTHING,
+        acknowledges: false,
+    };
+
+    /// Whether there is room for an answer. One to a chunk gives way to the next: chunks come one behind the other, and
+    /// none of them waits for the wire to take the answer to the one before.
+    pub(super) fn has_room(&self) -> bool {
+        self.reply.is_done() || self.acknowledges && self.reply.is_unsent()
+    }
+
+    /// Whether this message has come before.
+    pub(super) fn before(&self, message: &[u8]) -> Before {
+        if self.asked.is(message) {
+            Before::UnderWay
+        } else if self.answered.is(message) {
+            Before::Answered
+        } else {
+            Before::New
+        }
+    }
+
+    /// The answer is sent once more.
+    pub(super) fn answer_again(&mut self) {
+        self.reply.again();
+    }
+
+    /// What was before is forgotten, and what the real-time side still has is not answered.
+    pub(super) fn begin(&mut self) {
+        self.answered.set(&[]);
+        self.asked.set(&[]);
+    }
+
+    /// The real-time side has this message now.
+    pub(super) fn ask(&mut self, message: &[u8]) {
+        self.asked.set(message);
+    }
+
+    /// The real-time side has answered what it had, if that is still to be told.
+    pub(super) fn take_asked(&mut self) -> bool {
+        if self.asked.len == 0 {
+            return false;
+        }
+        core::mem::swap(&mut self.answered, &mut self.asked);
+        self.asked.set(&[]);
+        true
+    }
+
+    /// This is a message's answer.
+    pub(super) fn answer(&mut self, message: &[u8], acknowledges: bool) {
+        self.answered.set(message);
+        self.acknowledges = acknowledges;
+    }
+
+    /// Makes the frame of an answer, with its proof where it is in the owner's session.
+    pub(super) fn set_reply(
+        &mut self,
+        Answered { seq, of }: Answered,
+        result: Result<Response<'_>, LinkError>,
+        proof: Option<ProofOf>,
+    ) {
+        let message = match proof {
+            Some(_) => FromDevice::Proven {
+                seq,
+                proof: [0; PROOF_BYTES],
+                result,
+                of,
+            },
+            None => FromDevice::Reply { seq, result, of },
+        };
+        self.reply.set_proven(&message, proof.as_ref());
+    }
+}
+
+impl Sender {
+    /// What its answer is proven with.
+    pub(super) fn proof(self, session: Option<Session>) -> Option<ProofOf> {
+        match self {
+            Sender::Anyone => None,
+            Sender::Owner { number } => session.map(|session| ProofOf { session, number }),
+        }
+    }
+}
