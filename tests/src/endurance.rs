@@ -284,8 +284,12 @@ impl Robot<'_, '_, '_> {
                     continue;
                 };
                 let message = decode(frame).map_err(|error| format!("{request:?}: {error:?}"))?;
-                if let FromDevice::Reply { seq: of, result } = message
-                    && of == seq
+                if let FromDevice::Reply {
+                    seq: answered,
+                    result,
+                    ..
+                } = message
+                    && answered == seq
                 {
                     let response = result.map_err(|error| format!("{request:?}: {error:?}"))?;
                     return take(response).ok_or_else(|| format!("{request:?}: {response:?}"));

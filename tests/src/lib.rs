@@ -18,6 +18,7 @@ pub mod fuzzing;
 pub mod huge;
 pub mod instructions;
 pub mod occasions;
+pub mod owner;
 pub mod random;
 pub mod random_machine;
 pub mod random_nets;

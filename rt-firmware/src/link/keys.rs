@@ -88,6 +88,15 @@ enum Lock {
     Recovering(Owner),
 }
 
+impl Lock {
+    fn secret(&self) -> Option<Secret> {
+        match self {
+            Lock::Locked(owner) | Lock::Recovering(owner) => Some(owner.secret),
+            Lock::Unread | Lock::Open | Lock::Unreadable => None,
+        }
+    }
+}
+
 impl Keys {
     pub(crate) const fn new() -> Self {
         Keys {
@@ -196,8 +205,12 @@ impl Keys {
         match &self.session {
             // The answer to it was lost.
             Some(open) if (open.client, open.robot) == (*client, *robot) => return Ok(()),
-            // One that somebody has kept.
-            Some(open) if given_at_us(&open.robot) >= at_us && !planted!(SessionReplayed) => {
+            // One that somebody has kept. With the key before it went what follows from its secret.
+            Some(open)
+                if !open.is_over
+                    && given_at_us(&open.robot) >= at_us
+                    && !planted!(SessionReplayed) =>
+            {
                 return Err(LinkError::NoChallenge);
             }
             _ => {}
@@ -386,10 +399,14 @@ impl Keys {
     ) -> Result<(), NotKept> {
         let written = safe.write(record, bytes);
         if written.is_err() {
+            let before = self.lock.secret();
             match read(safe) {
                 // Where nobody knows whether there is a key now, the one before stays.
                 (Lock::Unreadable, _) if matches!(self.lock, Lock::Locked(_)) => {}
                 kept => (self.lock, self.counter) = kept,
+            }
+            if self.lock.secret() != before {
+                self.end_session();
             }
             self.nonce = None;
         }

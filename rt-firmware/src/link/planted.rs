@@ -9,6 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::string::String;
 use std::vec::Vec;
 
+use super::access::MAX_DEADLINE_US;
 use super::device::{LinkPort, LinkSide};
 use super::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
@@ -31,6 +32,8 @@ bugs! {
     OutOfStep: "the reader of frames does not find the beginning of the next one after garbage",
     OverlongTaken: "a frame that is longer than any is cut off and taken",
     CarriedOutTwice: "a request that comes twice is carried out twice",
+    ToldByNumber: "a request is told from the one before by its number alone",
+    StopSuppressed: "a stop that comes a second time is answered and not done",
     CarriedOutLate: "a request is carried out that comes after its time",
     SignedCarriedOutLate: "a signed request is carried out that comes after its time",
     DeadlineForgotten: "a request that waits for its turn is carried out after its time",
@@ -50,6 +53,16 @@ bugs! {
     OthersBytesKept: "an upload stays whose bytes are not those that were signed",
     ValuesUnlimited: "more nets are asked for than a sample can tell of",
     PauseForgotten: "signatures are looked at right after a wrong one",
+    StrangerIsOwner: "what is for the owner's session is taken from anyone",
+    StrangerHeard: "a mission that looks after its owner takes anyone for him",
+    SessionUnproven: "a session is opened for who does not know the secret",
+    SessionReplayed: "a session is opened a second time after another one",
+    OldSessionOpened: "a session is opened with a nonce that is too old",
+    ProofUnchecked: "the proof of a request is not looked at",
+    NumberRepeated: "a request of the owner's is carried out a second time",
+    NonceForEver: "a signature is taken however old its nonce is",
+    CounterUnlimited: "the counter of an upload may be as great as it likes",
+    DeadlineUnlimited: "a deadline may be as far ahead as it likes",
 }
 
 thread_local! {
@@ -70,6 +83,15 @@ const OF_KEYS: &[Bug] = &[
     Bug::NonceKept,
     Bug::OthersBytesKept,
     Bug::PauseForgotten,
+    Bug::StrangerIsOwner,
+    Bug::StrangerHeard,
+    Bug::SessionUnproven,
+    Bug::SessionReplayed,
+    Bug::OldSessionOpened,
+    Bug::ProofUnchecked,
+    Bug::NumberRepeated,
+    Bug::NonceForEver,
+    Bug::CounterUnlimited,
 ];
 
 /// A law that was broken, and how.
@@ -173,10 +195,17 @@ impl Robot<'_, '_, '_> {
         let mut reader = FrameReader::new();
         let mut answers = Vec::new();
         for byte in core::mem::take(&mut self.wire.to_host) {
-            if let Some(frame) = reader.push(byte)
-                && let Ok(FromDevice::Reply { seq, result }) = decode(frame)
-            {
-                answers.push(format!("{seq}: {result:?}"));
+            if let Some(frame) = reader.push(byte) {
+                match decode(frame) {
+                    Ok(FromDevice::Reply { seq, result, .. }) => {
+                        answers.push(format!("{seq}: {result:?}"));
+                    }
+                    // Whether the proof is right, clients look at.
+                    Ok(FromDevice::Proven { seq, result, .. }) => {
+                        answers.push(format!("{seq}: proven {result:?}"));
+                    }
+                    _ => {}
+                }
             }
         }
         answers
@@ -289,6 +318,21 @@ const LAWS: &[(&str, Law)] = &[
             for _ in 0..2 {
                 expect(&robot.answers(&framed(77, COMMIT)), &[&answer])?;
             }
+            // Another one under the same number is another one.
+            let clock = "77: Ok(Clock { now_us: 0 })";
+            expect(&robot.answers(&framed(77, Request::Clock)), &[clock])
+        })
+    }),
+    ("a stop is done, whatever came before it", || {
+        with_robot(|robot| {
+            // All requests of two bytes without a zero have one checksum, together with their own.
+            let before = [Request::Abort, Request::Stop, Request::Stop];
+            expect(&robot.answers(&framed(77, before[0])), &["77: Ok(Done)"])?;
+            for (stop, at_us) in before[1..].iter().zip([1_000, 2_000]) {
+                expect(&robot.answers(&framed(77, *stop)), &[])?;
+                robot.real_time.on_timer(&mut Timer(at_us));
+                expect(&robot.answers(&[]), &["77: Ok(Done)"])?;
+            }
             Ok(())
         })
     }),
@@ -314,6 +358,18 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect_at(3_000, stop_by(2_999), "Err(Late)")?;
             robot.expect(Request::Clock, "Ok(Clock { now_us: 3000 })")?;
             robot.expect_at(4_000, stop_by(4_000), "Ok(Done)")
+        })
+    }),
+    ("nobody asks for something far ahead of its time", || {
+        with_robot(|robot| {
+            let begin = &serialized(begin(&junk(20)))[..];
+            let begin_by = |by_us| Request::Within {
+                by_us,
+                request: begin,
+            };
+            robot.wire.now_us = 1_000;
+            robot.expect(begin_by(1_001 + MAX_DEADLINE_US), "Err(DeadlineTooFar)")?;
+            robot.expect(begin_by(1_000 + MAX_DEADLINE_US), &received(0))
         })
     }),
     ("chunks come in order and as long as was said", || {
@@ -405,6 +461,8 @@ const LAWS: &[(&str, Law)] = &[
         with_robot(of_keys::commands)
     }),
     #[cfg(feature = "keys")]
+    ("a session is its owner's", || with_robot(of_keys::sessions)),
+    #[cfg(feature = "keys")]
     ("nobody's bytes are in the owner's way", || {
         with_robot(of_keys::bytes_of_others)
     }),
@@ -419,10 +477,17 @@ const LAWS: &[(&str, Law)] = &[
 mod of_keys {
     use ed25519_compact::{KeyPair, Seed};
 
-    use super::super::access::{self, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES};
+    use super::super::access::{
+        self, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, SALT_BYTES, SECRET_BYTES,
+        SIGNATURE_BYTES,
+    };
     use super::super::keys::{Keys, PAUSE_AFTER_WRONG_US};
-    use super::super::message::LinkError;
+    use super::super::message::{Identity, LinkError, Response};
+    use super::super::proof::{Secret, Session};
     use super::*;
+
+    const SALT: [u8; SALT_BYTES] = [4; SALT_BYTES];
+    const SECRET: [u8; SECRET_BYTES] = [5; SECRET_BYTES];
 
     fn pair() -> KeyPair {
         KeyPair::from_seed(Seed::new([9; 32]))
@@ -432,30 +497,137 @@ mod of_keys {
         *pair().sk.sign(message.concat(), None)
     }
 
+    fn sign_upload(counter: u64, blob: &[u8]) -> [u8; SIGNATURE_BYTES] {
+        sign(&access::upload(&SALT, &counter.to_le_bytes(), blob))
+    }
+
     fn install(safe: &mut dyn KeySafe, keys: &mut Keys) -> Result<(), LinkError> {
-        let (key, seed) = (*pair().pk, [4; SEED_BYTES]);
+        let key = *pair().pk;
         keys.access(Some(&mut *safe));
-        keys.install(safe, &key, &seed, &sign(&access::install(&key, &seed)))
+        let signature = sign(&access::install(&key, &SALT, &SECRET));
+        keys.install(safe, &key, &SALT, &SECRET, &signature)
+    }
+
+    /// The owner's end of a session.
+    struct Owner {
+        session: Session,
+        number: u32,
+    }
+
+    impl Owner {
+        /// The frame of the next request, under this number of a message.
+        fn framed(&mut self, seq: u8, request: Request<'_>) -> Vec<u8> {
+            self.number += 1;
+            let request = &serialized(request)[..];
+            framed(
+                seq,
+                Request::Proven {
+                    number: self.number,
+                    proof: self.session.of_request(self.number, request),
+                    request,
+                },
+            )
+        }
+    }
+
+    /// What the robot gives out for a session, and the session that follows from it.
+    fn identify(
+        robot: &mut Robot<'_, '_, '_>,
+        client: [u8; NONCE_BYTES],
+    ) -> Result<([u8; NONCE_BYTES], Session), Broken> {
+        let Identity { nonce, .. } = robot.told(
+            Request::Identify { nonce: client },
+            |response| match response {
+                Response::Identity(identity) => Some(identity),
+                _ => None,
+            },
+        )?;
+        Ok((nonce, Secret(SECRET).session(&client, &nonce)))
+    }
+
+    fn open(client: [u8; NONCE_BYTES], nonce: [u8; NONCE_BYTES], session: &Session) -> Request<'_> {
+        Request::OpenSession {
+            client,
+            robot: nonce,
+            proof: session.opening(),
+        }
     }
 
     impl Robot<'_, '_, '_> {
-        /// The nonce that the robot gives out, as whoever knows all of it can find it out, too.
-        fn nonce(&mut self) -> Result<[u8; NONCE_BYTES], Broken> {
+        /// What the robot answers, as whoever knows all of it can find it out, too.
+        fn told<T>(
+            &mut self,
+            request: Request<'_>,
+            read: impl Fn(Response<'_>) -> Option<T>,
+        ) -> Result<T, Broken> {
             self.seq += 1;
-            self.wire
-                .to_robot
-                .extend(framed(self.seq, Request::Challenge));
+            let frame = framed(self.seq, request);
+            self.told_by(&frame, read)
+        }
+
+        fn told_by<T>(
+            &mut self,
+            frame: &[u8],
+            read: impl Fn(Response<'_>) -> Option<T>,
+        ) -> Result<T, Broken> {
+            self.wire.to_robot.extend(frame);
             while self.link.poll(&mut self.wire) {}
             let mut reader = FrameReader::new();
             for byte in core::mem::take(&mut self.wire.to_host) {
                 if let Some(frame) = reader.push(byte)
-                    && let Ok(FromDevice::Reply { result, .. }) = decode(frame)
-                    && let Ok(super::super::message::Response::Challenge { nonce, .. }) = result
+                    && let Ok(FromDevice::Reply { result, .. } | FromDevice::Proven { result, .. }) =
+                        decode(frame)
+                    && let Ok(response) = result
+                    && let Some(told) = read(response)
                 {
-                    return Ok(nonce);
+                    return Ok(told);
                 }
             }
-            Err(String::from("no challenge"))
+            Err(String::from("no such answer"))
+        }
+
+        /// Opens a session.
+        fn owner(&mut self) -> Result<Owner, Broken> {
+            let client = [self.seq; NONCE_BYTES];
+            let (nonce, session) = identify(self, client)?;
+            self.expect(open(client, nonce, &session), "proven Ok(Done)")?;
+            Ok(Owner { session, number: 0 })
+        }
+
+        /// Asks in a session, and expects this answer.
+        fn expect_of(
+            &mut self,
+            owner: &mut Owner,
+            request: Request<'_>,
+            expected: &str,
+        ) -> Result<(), Broken> {
+            self.seq += 1;
+            let seq = self.seq;
+            let frame = owner.framed(seq, request);
+            let expected = format!("{seq}: proven {expected}");
+            expect(&self.answers(&frame), &[&expected])
+        }
+
+        /// Signs a request with a nonce of now, and expects this answer.
+        fn expect_signed(
+            &mut self,
+            owner: &mut Owner,
+            request: &[u8],
+            expected: &str,
+        ) -> Result<(), Broken> {
+            let nonce = self.nonce(owner)?;
+            let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
+            self.expect_of(owner, Request::Signed { signature, request }, expected)
+        }
+
+        /// The nonce that the robot gives out for a signed request.
+        fn nonce(&mut self, owner: &mut Owner) -> Result<[u8; NONCE_BYTES], Broken> {
+            self.seq += 1;
+            let frame = owner.framed(self.seq, Request::Challenge);
+            self.told_by(&frame, |response| match response {
+                Response::Challenge { nonce, .. } => Some(nonce),
+                _ => None,
+            })
         }
     }
 
@@ -465,51 +637,108 @@ mod of_keys {
         let data = &blob[..];
         robot.expect(begin(&blob), &received(0))?;
         robot.expect(Request::Chunk { offset: 0, data }, &received(20))?;
-        let (key, seed) = (*pair().pk, [4; SEED_BYTES]);
-        let signature = &sign(&access::install(&key, &seed))[..];
-        let (key, seed) = (&key[..], &seed[..]);
+        let key = *pair().pk;
+        let signature = &sign(&access::install(&key, &SALT, &SECRET))[..];
+        let (key, salt, secret) = (&key[..], &SALT[..], &SECRET[..]);
         let install = Request::InstallKey {
             key,
-            seed,
+            salt,
+            secret,
             signature,
         };
         robot.expect(install, "Ok(Done)")?;
         robot.expect(COMMIT, "Err(NeedsKey)")?;
-        let nonce = robot.nonce()?;
+        let owner = &mut robot.owner()?;
+        robot.expect_of(owner, COMMIT, "Err(NeedsKey)")?;
         let request = &serialized(COMMIT)[..];
-        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
-        let signed = Request::Signed { signature, request };
-        robot.expect(signed, "Err(NotSigned)")?;
-        robot.expect(signed, "Err(NoChallenge)")?;
+        robot.expect_signed(owner, request, "Err(NotSigned)")?;
+        let old = &sign(&access::command(&[0; NONCE_BYTES], &NO_UPLOAD, request))[..];
+        let signed = Request::Signed {
+            signature: old,
+            request,
+        };
+        robot.expect_of(owner, signed, "Err(NoChallenge)")?;
         // A wrong one, and then a right one, too soon.
-        robot.nonce()?;
-        robot.expect(signed, "Err(WrongSignature)")?;
-        let nonce = robot.nonce()?;
-        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
-        let signed = Request::Signed { signature, request };
-        robot.expect(signed, "Err(TooSoon { ms: 1000 })")?;
+        robot.nonce(owner)?;
+        robot.expect_of(owner, signed, "Err(WrongSignature)")?;
+        robot.expect_signed(owner, request, "Err(TooSoon { ms: 1000 })")?;
         robot.wire.now_us += PAUSE_AFTER_WRONG_US;
-        let nonce = robot.nonce()?;
-        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
-        robot.expect(Request::Signed { signature, request }, "Err(NotSigned)")?;
-        // What was held back until it is too late.
+        robot.expect_signed(owner, request, "Err(NotSigned)")?;
+        // What was held back until it is too late: by its deadline, and by its nonce.
         let start = &serialized(Request::Start)[..];
         let by_us = robot.wire.now_us - 1;
-        let request = &serialized(Request::Within {
+        let late = &serialized(Request::Within {
             by_us,
             request: start,
         })[..];
-        let nonce = robot.nonce()?;
-        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
-        robot.expect(Request::Signed { signature, request }, "Err(Late)")
+        robot.expect_signed(owner, late, "Err(Late)")?;
+        for (later_us, expected) in [
+            (NONCE_LIFE_US, "Err(NotSigned)"),
+            (NONCE_LIFE_US + 1, "Err(NoChallenge)"),
+        ] {
+            let nonce = robot.nonce(owner)?;
+            robot.wire.now_us += later_us;
+            let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
+            robot.expect_of(owner, Request::Signed { signature, request }, expected)?;
+        }
+        Ok(())
+    }
+
+    /// Of sessions, and who is in them.
+    pub(super) fn sessions(robot: &mut Robot<'_, '_, '_>) -> Result<(), Broken> {
+        install(&mut robot.wire, &mut Keys::new()).map_err(|error| format!("{error:?}"))?;
+        robot.wire.now_us = 1;
+        let blob = junk(20);
+        robot.expect(begin(&blob), "Err(NoSession)")?;
+        robot.expect(Request::Abort, "Err(NoSession)")?;
+        // Who does not know the secret, and who comes too late.
+        let client = [1; NONCE_BYTES];
+        let (nonce, session) = identify(robot, client)?;
+        let wrong = Secret([0; SECRET_BYTES]).session(&client, &nonce);
+        robot.expect(open(client, nonce, &wrong), "Err(WrongProof)")?;
+        robot.wire.now_us += NONCE_LIFE_US + 1;
+        robot.expect(open(client, nonce, &session), "Err(NoChallenge)")?;
+        // The right one; another after it; the first once more.
+        let (nonce, session) = identify(robot, client)?;
+        robot.expect(open(client, nonce, &session), "proven Ok(Done)")?;
+        robot.wire.now_us += 1;
+        let owner = &mut robot.owner()?;
+        robot.expect(open(client, nonce, &session), "Err(NoChallenge)")?;
+        // Requests in it: new ones alone are carried out, and heard.
+        let heard = |robot: &Robot<'_, '_, '_>| robot.link.requests_heard();
+        let before = heard(robot);
+        robot.seq += 1;
+        let seq = robot.seq;
+        let first = owner.framed(seq, begin(&blob));
+        expect(
+            &robot.answers(&first),
+            &[&format!("{seq}: proven {}", received(0))],
+        )?;
+        let data = &blob[..8];
+        let chunk = Request::Chunk { offset: 0, data };
+        robot.expect_of(owner, chunk, &received(8))?;
+        robot.expect(Request::Chunk { offset: 8, data }, "Err(NoSession)")?;
+        expect(&robot.answers(&first), &[])?;
+        let by_number = heard(robot).wrapping_sub(before);
+        if by_number != 2 {
+            return Err(format!("{by_number} requests were heard"));
+        }
+        let request = &serialized(Request::Abort)[..];
+        let proven = Request::Proven {
+            number: owner.number + 1,
+            proof: owner.session.of_request(owner.number, request),
+            request,
+        };
+        robot.expect(proven, "Err(WrongProof)")?;
+        robot.expect_of(owner, begin(&blob), &received(8))
     }
 
     /// Of an upload that somebody else has filled, under the owner's length and checksum.
     pub(super) fn bytes_of_others(robot: &mut Robot<'_, '_, '_>) -> Result<(), Broken> {
         install(&mut robot.wire, &mut Keys::new()).map_err(|error| format!("{error:?}"))?;
+        let owner = &mut robot.owner()?;
         let (blob, others) = (junk(20), [0x5a; 20]);
-        let sign = |counter: u64| sign(&access::upload(&counter.to_le_bytes(), &blob));
-        let (first, second) = (sign(1), sign(2));
+        let (first, second) = (sign_upload(1, &blob), sign_upload(2, &blob));
         let right = Request::Sign {
             counter: 1,
             signature: &first,
@@ -522,15 +751,15 @@ mod of_keys {
             (&others[..], "Err(WrongSignature)", 0),
             (&blob, "Ok(Done)", 20),
         ] {
-            robot.expect(begin(&blob), &received(0))?;
-            robot.expect(Request::Chunk { offset: 0, data }, &received(20))?;
-            robot.expect(right, signed)?;
-            robot.expect(begin(&blob), &received(there))?;
+            robot.expect_of(owner, begin(&blob), &received(0))?;
+            robot.expect_of(owner, Request::Chunk { offset: 0, data }, &received(20))?;
+            robot.expect_of(owner, right, signed)?;
+            robot.expect_of(owner, begin(&blob), &received(there))?;
             robot.wire.now_us += PAUSE_AFTER_WRONG_US;
         }
         // What was signed is in nobody's way.
-        robot.expect(wrong, "Err(WrongSignature)")?;
-        robot.expect(begin(&blob), &received(20))
+        robot.expect_of(owner, wrong, "Err(WrongSignature)")?;
+        robot.expect_of(owner, begin(&blob), &received(20))
     }
 
     /// Of counters of uploads.
@@ -538,7 +767,7 @@ mod of_keys {
         let (mut wire, mut keys) = (Wire::default(), Keys::new());
         install(&mut wire, &mut keys).map_err(|error| format!("{error:?}"))?;
         let blob = junk(20);
-        let signature = |counter: u64| sign(&access::upload(&counter.to_le_bytes(), &blob));
+        let signature = |counter: u64| sign_upload(counter, &blob);
         let upload = keys
             .check_upload(&mut wire, 5, &signature(5), &blob)
             .map_err(|error| format!("{error:?}"))?;
@@ -548,6 +777,12 @@ mod of_keys {
             (4, Err(LinkError::OldCounter { last: 5 })),
             (5, Err(LinkError::OldCounter { last: 5 })),
             (6, Ok(())),
+            (5 + MAX_COUNTER_STEP, Ok(())),
+            (
+                6 + MAX_COUNTER_STEP,
+                Err(LinkError::CounterTooFar { last: 5 }),
+            ),
+            (u64::MAX - 1, Err(LinkError::CounterTooFar { last: 5 })),
         ] {
             let result = keys.check_upload(&mut wire, counter, &signature(counter), &blob);
             let result = result.map(drop);

@@ -30,7 +30,7 @@ const MASK: Context = *b"esm mask v1\0\0\0\0\0";
 const NONCE: Context = *b"esm nonce v2\0\0\0\0";
 
 /// Bytes of HMAC-SHA-256.
-const MAC_BYTES: usize = 32;
+pub const MAC_BYTES: usize = 32;
 
 /// A proof.
 pub type Proof = [u8; PROOF_BYTES];
@@ -87,6 +87,11 @@ pub struct Session {
 }
 
 impl Session {
+    /// The key that both sides have worked out.
+    pub fn key(&self) -> &[u8; MAC_BYTES] {
+        &self.key
+    }
+
     /// The owner's proof that the session is open.
     pub fn opening(&self) -> Proof {
         cut(&mac(&self.key, &OPENING, &[]))

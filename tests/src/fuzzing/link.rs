@@ -7,13 +7,16 @@ use host_tools::keys::SigningKey;
 use host_tools::plant::flash::Flash;
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::link::access::{
-    self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
+    self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES,
+    may_be_proven,
 };
-use rt_firmware::link::frame::{CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use rt_firmware::link::frame::{
+    CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode, parse, unpack,
+};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::message::{
-    Channel, FromDevice, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response, Status,
-    Stream, Swap, ToDevice,
+    Channel, FromDevice, Identity, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response,
+    Status, Stream, Swap, ToDevice,
 };
 use rt_firmware::link::telemetry::Sample;
 use rt_firmware::link::trial::MissionKeeper;
@@ -26,6 +29,7 @@ use serde::Serialize;
 use serde::ser::{SerializeTuple, Serializer};
 
 use super::seeds::Seed;
+use crate::owner::{Installation, Owner, bytes_of};
 use crate::subject;
 
 /// What the robot has room for.
@@ -66,7 +70,9 @@ mod part {
     pub const WITHIN: u8 = 10;
     /// Power is lost and comes back, or the robot is reset.
     pub const RESET: u8 = 11;
-    pub const COUNT: u8 = 12;
+    /// So many bytes that follow are a request in the owner's session.
+    pub const OWNED: u8 = 12;
+    pub const COUNT: u8 = 13;
 }
 
 struct Lamp;
@@ -175,26 +181,19 @@ fn owner() -> &'static SigningKey {
     KEY.get_or_init(|| SigningKey::of(b"the key of a robot in a fuzzer.."))
 }
 
-struct Installation {
-    key: [u8; KEY_BYTES],
-    signature: [u8; SIGNATURE_BYTES],
-}
-
-const SEED: [u8; SEED_BYTES] = [7; SEED_BYTES];
+const SALT: [u8; SALT_BYTES] = [7; SALT_BYTES];
 
 fn installation() -> &'static Installation {
     static MADE: OnceLock<Installation> = OnceLock::new();
-    MADE.get_or_init(|| {
-        let key = owner().public().0;
-        let signature = owner().sign(&access::install(&key, &SEED));
-        Installation { key, signature }
-    })
+    MADE.get_or_init(|| Installation::of(owner(), SALT))
 }
+
+/// What the owner sends for a session.
+const CLIENT: [u8; NONCE_BYTES] = [3; NONCE_BYTES];
 
 /// A request as another one holds it.
 fn held(request: Request<'_>) -> Vec<u8> {
-    let mut room = [0; MAX_SIGNED_BYTES];
-    postcard::to_slice(&request, &mut room).map_or_else(|_| Vec::new(), |bytes| bytes.to_vec())
+    bytes_of(&request)
 }
 
 /// Bytes that are a message as they are.
@@ -226,7 +225,10 @@ struct Subject<'q, 'm, 'k> {
     wire: Wire<'k>,
     reader: FrameReader,
     seq: u8,
+    /// The owner's session.
+    session: Option<Owner>,
     /// What the robot said of its key last.
+    identity: Option<Identity>,
     nonce: [u8; NONCE_BYTES],
     counter: u64,
     /// The signature of the upload that was signed last.
@@ -273,6 +275,8 @@ fn life<R>(
         },
         reader: FrameReader::new(),
         seq: 0,
+        session: None,
+        identity: None,
         nonce: [0; NONCE_BYTES],
         counter: 0,
         upload: NO_UPLOAD,
@@ -310,12 +314,16 @@ impl Subject<'_, '_, '_> {
                 continue;
             };
             match decode(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}")) {
-                FromDevice::Reply {
-                    result: Ok(Response::Challenge { nonce, counter, .. }),
+                FromDevice::Proven {
+                    result: Ok(Response::Challenge { nonce, counter }),
                     ..
                 } => (self.nonce, self.counter) = (nonce, counter),
+                FromDevice::Reply {
+                    result: Ok(Response::Identity(identity)),
+                    ..
+                } => self.identity = Some(identity),
                 FromDevice::Stream(part) => check(&part),
-                FromDevice::Reply { .. } | FromDevice::News(_) => {}
+                FromDevice::Reply { .. } | FromDevice::Proven { .. } | FromDevice::News(_) => {}
             }
         }
     }
@@ -349,8 +357,14 @@ impl Subject<'_, '_, '_> {
                 part::BEGIN => self.request(begin()),
                 part::LOG => self.wire.log += length,
                 part::KEY => self.request(install()),
+                part::OWNED => {
+                    bytes = after;
+                    self.begin_session();
+                    self.owned(own);
+                }
                 part::SIGNED => {
                     bytes = after;
+                    self.begin_session();
                     self.request(Request::Challenge);
                     self.poll();
                     self.heard();
@@ -361,6 +375,7 @@ impl Subject<'_, '_, '_> {
                     });
                 }
                 part::SIGN => {
+                    self.begin_session();
                     self.request(Request::Challenge);
                     self.poll();
                     self.heard();
@@ -388,7 +403,48 @@ impl Subject<'_, '_, '_> {
         None
     }
 
+    /// Begins a session with the owner, if there is none and the wire lets it.
+    fn begin_session(&mut self) {
+        if self.session.is_some() {
+            return;
+        }
+        self.identity = None;
+        self.request(Request::Identify { nonce: CLIENT });
+        self.poll();
+        self.heard();
+        if let Some(identity) = self.identity {
+            let session = Owner::of(owner(), &CLIENT, &identity);
+            self.request(session.opening(CLIENT, &identity));
+            self.poll();
+            self.session = Some(session);
+        }
+    }
+
     fn request(&mut self, request: Request<'_>) {
+        match self.session.as_mut().filter(|_| may_be_proven(&request)) {
+            Some(session) => {
+                let proven = session.prove(&request);
+                self.plain_request(proven.request());
+            }
+            None => self.plain_request(request),
+        }
+    }
+
+    /// Bytes as a request in the owner's session.
+    fn owned(&mut self, bytes: &[u8]) {
+        if let Some(session) = &mut self.session {
+            session.number = session.number.wrapping_add(1);
+            let number = session.number;
+            let proof = session.session.of_request(number, bytes);
+            self.plain_request(Request::Proven {
+                number,
+                proof,
+                request: bytes,
+            });
+        }
+    }
+
+    fn plain_request(&mut self, request: Request<'_>) {
         self.seq = self.seq.wrapping_add(1);
         let seq = self.seq;
         self.wire
@@ -413,13 +469,29 @@ impl Subject<'_, '_, '_> {
                     let Some(frame) = self.reader.push(byte) else {
                         continue;
                     };
-                    match decode(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}"))
+                    let message =
+                        unpack(frame).unwrap_or_else(|error| panic!("the robot sends {error:?}"));
+                    match parse(message).unwrap_or_else(|error| panic!("the robot sends {error:?}"))
                     {
+                        // In a session nothing else counts.
+                        FromDevice::Reply { .. }
+                            if self.session.is_some() && may_be_proven(&request) => {}
                         // Of before, under the same number.
                         FromDevice::Reply { result, .. }
                             if request == Request::Hello
                                 && !matches!(result, Ok(Response::Hello(_))) => {}
-                        FromDevice::Reply { seq, result } if seq == self.seq => {
+                        FromDevice::Proven {
+                            seq, proof, result, ..
+                        } if seq == self.seq => {
+                            let session = self.session.as_ref().expect("it is one in a session");
+                            assert!(session.accepts(session.number, &proof, message));
+                            answer = Some(result.map(|response| {
+                                read(response).unwrap_or_else(|| {
+                                    panic!("{request:?} is answered with something else")
+                                })
+                            }));
+                        }
+                        FromDevice::Reply { seq, result, .. } if seq == self.seq => {
                             answer = Some(result.map(|response| {
                                 read(response).unwrap_or_else(|| {
                                     panic!("{request:?} is answered with something else")
@@ -468,9 +540,22 @@ impl Subject<'_, '_, '_> {
     /// Asks for a nonce; returns it with the number of the last upload.
     fn challenge(&mut self) -> ([u8; NONCE_BYTES], u64) {
         self.ask(Request::Challenge, |response| match response {
-            Response::Challenge { nonce, counter, .. } => Some((nonce, counter)),
+            Response::Challenge { nonce, counter } => Some((nonce, counter)),
             _ => None,
         })
+    }
+
+    /// Opens the owner's session, in place of any before.
+    fn open_session(&mut self) {
+        self.session = None;
+        let identify = Request::Identify { nonce: CLIENT };
+        let identity = self.ask(identify, |response| match response {
+            Response::Identity(identity) => Some(identity),
+            _ => None,
+        });
+        let session = Owner::of(owner(), &CLIENT, &identity);
+        self.session = Some(session);
+        self.ask(session.opening(CLIENT, &identity), done);
     }
 
     /// Asks the robot to do something within a time, signed where it has a key.
@@ -533,6 +618,10 @@ impl Subject<'_, '_, '_> {
             (firmware.as_str(), usize::from(chunk_bytes)),
             ("lamps", MAX_CHUNK)
         );
+        self.session = None;
+        if access == Access::Locked {
+            self.open_session();
+        }
         // What was suffered may have been an emergency stop, which lasts until it is released, or a mission on trial, which leaves no room for another.
         self.command(access, Request::Release, done)
             .unwrap_or_else(|error| panic!("no release: {error:?}"));
@@ -739,16 +828,11 @@ fn begin() -> Request<'static> {
 }
 
 fn install() -> Request<'static> {
-    let Installation { key, signature } = installation();
-    Request::InstallKey {
-        key,
-        seed: &SEED,
-        signature,
-    }
+    installation().request()
 }
 
 fn sign_mission(counter: u64) -> [u8; SIGNATURE_BYTES] {
-    owner().sign(&access::upload(&counter.to_le_bytes(), mission()))
+    owner().sign(&access::upload(&SALT, &counter.to_le_bytes(), mission()))
 }
 
 /// Lets anything come over the line of a robot, over as many of its starts as it may; then a good client greets it, uploads a mission and starts it, changes and
@@ -831,6 +915,7 @@ pub fn sessions() -> Vec<Seed> {
         ("black_box", Request::BlackBox { from: None }),
         ("clock", Request::Clock),
         ("features", Request::Features),
+        ("identify", Request::Identify { nonce: CLIENT }),
         ("challenge", Request::Challenge),
         ("emergency_stop", Request::EmergencyStop),
         ("release", Request::Release),
@@ -945,6 +1030,7 @@ pub fn sessions() -> Vec<Seed> {
                 "an_owner_with_a_key",
                 [
                     vec![part::KEY, 0],
+                    holding(part::OWNED, Request::Status),
                     uploaded.clone(),
                     vec![part::SIGN, 0],
                     holding(part::SIGNED, Request::Commit(Swap::default())),

@@ -4,21 +4,25 @@
 use std::fmt::Write;
 
 use esm_tests::command::root;
+use esm_tests::owner::{Installation, Owner, bytes_of as held};
 use host_tools::keys::SigningKey;
 use rt_firmware::black_box::{Event, Record};
 use rt_firmware::features::{Feature, Features};
 use rt_firmware::link::access::{
-    self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
+    self, Access, KEY_BYTES, NO_UPLOAD, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES,
+    SIGNATURE_BYTES, may_be_proven,
 };
 use rt_firmware::link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
 use rt_firmware::link::message::{
-    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FromDevice, LastWords,
-    LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response,
-    SafeReason, SlotCounters, Status, Stream, Swap, TaskCounters, ToDevice, Uploads,
+    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FromDevice, Identity,
+    LastWords, LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason,
+    Response, SafeReason, SlotCounters, Status, Stream, Swap, TaskCounters, ToDevice, UNKNOWN,
+    Uploads,
 };
 use rt_firmware::link::news::{Cause, News};
+use rt_firmware::link::proof::{Secret, mask};
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{Kept, Source};
@@ -36,8 +40,10 @@ const HEAD: &str = "\
 #
 # frame NAME      a message, and the frame that it is in
 # spoiled NAME    bytes of a line, and the messages that a receiver gets out of them, which may be none
-# key NAME        the private part of a key, its public part, and the seed that is installed with it. FOR TESTS ONLY: everyone has this key
+# key NAME        the private part of a key, its public part, and the salt that is installed with it. FOR TESTS ONLY: everyone has this key
 # signed NAME     what that key signs, and the signature
+# session NAME    the secret of a robot with that key and salt, nonces of both sides, and the session's key that follows
+# proof NAME      what is proven of that robot, or in that session, and the proof: the key of HMAC-SHA-256, the message, 16 bytes
 # exchange NAME   what goes over the line of a robot that has just started, in order:
 #     >  bytes from the client, which arrive
 #     x  bytes from the client, which the line loses
@@ -45,6 +51,7 @@ const HEAD: &str = "\
 #     t  so many microseconds pass
 #   The client numbers its requests from 1 and puts a delimiter in front of each frame. It chooses the sizes of chunks as docs/link.md advises; what it
 #   asks for, and when, is its own affair.
+#   The nonces of the client's sessions are the texts \"client nonce 001\", \"client nonce 002\" and so on, in each exchange.
 #   In exchanges about keys the robot starts with memory for a key and without one, and its clock shows how much time has passed by `t`.
 ";
 
@@ -52,8 +59,8 @@ const HEAD: &str = "\
 const TEST_KEY: &[u8; KEY_BYTES] = b"esm test key, known to everyone.";
 /// Another one, which the robot does not have.
 const OTHER_KEY: &[u8; KEY_BYTES] = b"esm test key, not of this robot.";
-/// What nonces of a robot with the test key are made from.
-const TEST_SEED: &[u8; SEED_BYTES] = b"esm test seed 01";
+/// Names the secret of a robot with the test key.
+const TEST_SALT: [u8; SALT_BYTES] = *b"esm test salt 01";
 
 /// The bytes that are uploaded where they need not be a mission.
 fn junk(length: usize) -> Vec<u8> {
@@ -212,7 +219,8 @@ fn write_frames(text: &mut String) {
             "request install key",
             Request::InstallKey {
                 key: &[0x11; KEY_BYTES],
-                seed: &[0x22; SEED_BYTES],
+                salt: &[0x22; SALT_BYTES],
+                secret: &[0x44; SECRET_BYTES],
                 signature: &[0x33; SIGNATURE_BYTES],
             },
         ),
@@ -255,6 +263,28 @@ fn write_frames(text: &mut String) {
             },
         ),
         ("request no values", Request::Values { ask: &[] }),
+        (
+            "request identify",
+            Request::Identify {
+                nonce: [0x66; NONCE_BYTES],
+            },
+        ),
+        (
+            "request open session",
+            Request::OpenSession {
+                client: [0x66; NONCE_BYTES],
+                robot: [0x77; NONCE_BYTES],
+                proof: [0x88; PROOF_BYTES],
+            },
+        ),
+        (
+            "request proven",
+            Request::Proven {
+                number: 300,
+                proof: [0x99; PROOF_BYTES],
+                request: &[5],
+            },
+        ),
         (
             "request within a time",
             Request::Within {
@@ -318,11 +348,11 @@ fn write_frames(text: &mut String) {
         record_pending: true,
         stop_pressed: true,
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 54] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 59] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
-                protocol: 3,
+                protocol: 4,
                 firmware: "a robot 1.2",
                 board: "a board",
                 task_types: 14,
@@ -509,8 +539,17 @@ fn write_frames(text: &mut String) {
             Ok(Response::Challenge {
                 nonce: [0xc3; NONCE_BYTES],
                 counter: 1 << 40,
-                key: [0x11; KEY_BYTES],
             }),
+        ),
+        (
+            "identity",
+            Ok(Response::Identity(Identity {
+                key: [0x11; KEY_BYTES],
+                salt: [0x22; SALT_BYTES],
+                nonce: [0x77; NONCE_BYTES],
+                counter: 1 << 40,
+                proof: [0x88; PROOF_BYTES],
+            })),
         ),
         ("error needs key", Err(LinkError::NeedsKey)),
         ("error not signed", Err(LinkError::NotSigned)),
@@ -546,6 +585,13 @@ fn write_frames(text: &mut String) {
         ("error emergency stopped", Err(LinkError::EmergencyStopped)),
         ("error stop not kept", Err(LinkError::StopNotKept)),
         ("error late", Err(LinkError::Late)),
+        ("error no session", Err(LinkError::NoSession)),
+        ("error wrong proof", Err(LinkError::WrongProof)),
+        (
+            "error counter too far",
+            Err(LinkError::CounterTooFar { last: 1 << 40 }),
+        ),
+        ("error deadline too far", Err(LinkError::DeadlineTooFar)),
         ("clock", Ok(Response::Clock { now_us: u64::MAX })),
         (
             "features",
@@ -561,9 +607,28 @@ fn write_frames(text: &mut String) {
         write_frame(
             text,
             &format!("answer {name}"),
-            &FromDevice::Reply { seq, result },
+            &FromDevice::Reply { seq, result, of: 5 },
         );
     }
+    write_frame(
+        text,
+        "proven answer done",
+        &FromDevice::Proven {
+            seq: 200,
+            proof: [0x99; PROOF_BYTES],
+            result: Ok(Response::Done),
+            of: Request::Stop.kind(),
+        },
+    );
+    write_frame(
+        text,
+        "answer to what is no request",
+        &FromDevice::Reply {
+            seq: 201,
+            result: Err(LinkError::Malformed),
+            of: UNKNOWN,
+        },
+    );
     let streams = [
         (
             "stream trace",
@@ -741,14 +806,15 @@ fn write_signed(text: &mut String) {
     let public = key.public().0;
     let _ = writeln!(
         text,
-        "\nkey for tests only\nprivate {}\npublic {}\nseed {}",
+        "\nkey for tests only\nprivate {}\npublic {}\nsalt {}",
         hex(TEST_KEY),
         hex(&public),
-        hex(TEST_SEED)
+        hex(&TEST_SALT)
     );
+    let secret = key.secret(&TEST_SALT);
     let blob = junk(100);
     let counter = 300u64.to_le_bytes();
-    let upload = key.sign(&access::upload(&counter, &blob));
+    let upload = key.sign(&access::upload(&TEST_SALT, &counter, &blob));
     let nonce = [0xc3; NONCE_BYTES];
     let start = bytes_of(Request::Start);
     let commit = bytes_of(Request::Commit(Swap {
@@ -756,8 +822,8 @@ fn write_signed(text: &mut String) {
         trial_ms: 10_000,
     }));
     let cases: [(&str, &[&[u8]]); 4] = [
-        ("key", &access::install(&public, TEST_SEED)),
-        ("upload", &access::upload(&counter, &blob)),
+        ("key", &access::install(&public, &TEST_SALT, &secret.0)),
+        ("upload", &access::upload(&TEST_SALT, &counter, &blob)),
         ("start", &access::command(&nonce, &NO_UPLOAD, &start)),
         ("commit", &access::command(&nonce, &upload, &commit)),
     ];
@@ -769,12 +835,81 @@ fn write_signed(text: &mut String) {
             hex(&key.sign(message))
         );
     }
+    write_proofs(text, &public, secret);
+}
+
+fn write_proofs(text: &mut String, public: &[u8; KEY_BYTES], secret: Secret) {
+    let (client, robot) = ([0x66; NONCE_BYTES], [0x77; NONCE_BYTES]);
+    let session = secret.session(&client, &robot);
+    let _ = writeln!(
+        text,
+        "\nsession for tests only\nsecret {}\nclient {}\nrobot {}\nsession {}",
+        hex(&secret.0),
+        hex(&client),
+        hex(&robot),
+        hex(session.key())
+    );
+    let counter = 300u64;
+    let identity = secret.of_identity(&client, public, &TEST_SALT, &robot, counter);
+    let (number, number_bytes) = (70_000u32, 70_000u32.to_le_bytes());
+    let request = bytes_of(Request::Stop);
+    // As it is behind the proof: that it is no error, that it is done, and of what.
+    let answer = [0, 3, Request::Stop.kind()];
+    let masked = mask(Secret([0; SECRET_BYTES]), &session, &TEST_SALT);
+    let (of_robot, of_session) = (&secret.0[..], &session.key()[..]);
+    let cases: [(&str, &[u8], &[&[u8]], [u8; PROOF_BYTES]); 5] = [
+        (
+            "identity",
+            of_robot,
+            &[
+                b"esm identity v1\0",
+                &client,
+                public,
+                &TEST_SALT,
+                &robot,
+                &counter.to_le_bytes(),
+            ],
+            identity,
+        ),
+        (
+            "opening",
+            of_session,
+            &[b"esm opening v1\0\0"],
+            session.opening(),
+        ),
+        (
+            "request",
+            of_session,
+            &[b"esm request v1\0\0", &number_bytes, &request],
+            session.of_request(number, &request),
+        ),
+        (
+            "answer",
+            of_session,
+            &[b"esm answer v1\0\0\0", &number_bytes, &answer],
+            session.of_answer(number, &answer),
+        ),
+        (
+            "mask",
+            of_session,
+            &[b"esm mask v1\0\0\0\0\0", &TEST_SALT],
+            masked.0,
+        ),
+    ];
+    for (name, key, message, proof) in cases {
+        let _ = writeln!(
+            text,
+            "\nproof {name}\nkey {}\nmessage {}\nproof {}",
+            hex(key),
+            hex(&message.concat()),
+            hex(&proof)
+        );
+    }
 }
 
 /// A request as it is within [`Request::Signed`].
 fn bytes_of(request: Request<'_>) -> Vec<u8> {
-    let mut room = [0; MAX_SIGNED_BYTES];
-    postcard::to_slice(&request, &mut room).unwrap().to_vec()
+    held(&request)
 }
 
 /// Writes what goes over a robot's line.
@@ -784,6 +919,10 @@ struct Exchange<'t, 'b, 'q, 'm, 'w> {
     seq: u8,
     /// The client of this session knows what the firmware was built with.
     knows_features: bool,
+    /// The session of the robot's owner, in which requests go if there is one.
+    owner: Option<Owner>,
+    /// Sessions that were opened.
+    sessions: u32,
 }
 
 impl Exchange<'_, '_, '_, '_, '_> {
@@ -795,9 +934,44 @@ impl Exchange<'_, '_, '_, '_, '_> {
 
     fn next(&mut self, request: Request<'_>) -> Vec<u8> {
         self.knows_features &= request != Request::Hello;
+        match self.owner.as_mut().filter(|_| may_be_proven(&request)) {
+            Some(owner) => {
+                let proven = owner.prove(&request);
+                self.plain_next(proven.request())
+            }
+            None => self.plain_next(request),
+        }
+    }
+
+    fn plain_next(&mut self, request: Request<'_>) -> Vec<u8> {
         self.seq += 1;
         let seq = self.seq;
         [&[0][..], &frame_of(&ToDevice { seq, request })].concat()
+    }
+
+    /// Opens a session as the owner of this key.
+    fn open_session(&mut self, key: &SigningKey) {
+        self.sessions += 1;
+        let mut client = [0; NONCE_BYTES];
+        client.copy_from_slice(format!("client nonce {:03}", self.sessions).as_bytes());
+        let mut frame = self.answer(Request::Identify { nonce: client });
+        let Ok(FromDevice::Reply {
+            result: Ok(Response::Identity(identity)),
+            ..
+        }) = decode(&mut frame)
+        else {
+            panic!("the robot has a key");
+        };
+        let owner = Owner::of(key, &client, &identity);
+        self.ask(owner.opening(client, &identity));
+        self.owner = Some(owner);
+    }
+
+    /// Somebody else sends a request.
+    fn ask_by_anyone(&mut self, request: Request<'_>) {
+        let owner = self.owner.take();
+        self.ask(request);
+        self.owner = owner;
     }
 
     fn poll(&mut self) -> Vec<u8> {
@@ -855,10 +1029,16 @@ impl Exchange<'_, '_, '_, '_, '_> {
             self.features();
         }
         let mut frame = self.answer(Request::Clock);
-        let Ok(FromDevice::Reply {
-            result: Ok(Response::Clock { now_us }),
-            ..
-        }) = decode(&mut frame)
+        let Ok(
+            FromDevice::Reply {
+                result: Ok(Response::Clock { now_us }),
+                ..
+            }
+            | FromDevice::Proven {
+                result: Ok(Response::Clock { now_us }),
+                ..
+            },
+        ) = decode(&mut frame)
         else {
             panic!("the robot has a clock");
         };
@@ -884,8 +1064,8 @@ impl Exchange<'_, '_, '_, '_, '_> {
     fn challenge(&mut self) -> ([u8; NONCE_BYTES], u64) {
         let frame = self.answer(Request::Challenge);
         match decode(&mut frame.clone()) {
-            Ok(FromDevice::Reply {
-                result: Ok(Response::Challenge { nonce, counter, .. }),
+            Ok(FromDevice::Proven {
+                result: Ok(Response::Challenge { nonce, counter }),
                 ..
             }) => (nonce, counter),
             other => panic!("{other:?}"),
@@ -904,15 +1084,8 @@ impl Exchange<'_, '_, '_, '_, '_> {
 
     /// Gives the robot the test key.
     fn install_key(&mut self) {
-        let key = test_key();
-        let public = key.public().0;
-        let signature = key.sign(&access::install(&public, TEST_SEED));
         self.features();
-        self.ask(Request::InstallKey {
-            key: &public,
-            seed: TEST_SEED,
-            signature: &signature,
-        });
+        self.ask(Installation::of(&test_key(), TEST_SALT).request());
         self.ask(Request::Hello);
     }
 
@@ -931,7 +1104,7 @@ impl Exchange<'_, '_, '_, '_, '_> {
     fn sign(&mut self, blob: &[u8]) -> [u8; SIGNATURE_BYTES] {
         let (_, last) = self.challenge();
         let counter = last + 1;
-        let signature = test_key().sign(&access::upload(&counter.to_le_bytes(), blob));
+        let signature = test_key().sign(&access::upload(&TEST_SALT, &counter.to_le_bytes(), blob));
         self.ask(Request::Sign {
             counter,
             signature: &signature,
@@ -969,6 +1142,8 @@ fn exchange(text: &mut String, name: &str, happen: impl FnOnce(&mut Exchange<'_,
             robot,
             seq: 0,
             knows_features: false,
+            owner: None,
+            sessions: 0,
         });
     });
 }
@@ -1157,6 +1332,7 @@ fn write_exchanges_with_keys(text: &mut String) {
         line.robot.wire.safe = Some(Safe::default());
         line.ask(Request::Hello);
         line.install_key();
+        line.open_session(&test_key());
         line.stage(&blob);
         let upload = line.sign(&blob);
         line.command_signed(&upload, Request::Commit(Swap::default()));
@@ -1165,14 +1341,39 @@ fn write_exchanges_with_keys(text: &mut String) {
         line.ask(Request::Status);
         line.features();
         line.ask_signed(&test_key(), &NO_UPLOAD, &bytes_of(Request::RemoveKey));
+        line.owner = None;
         line.ask(Request::Hello);
     });
     exchange(text, "what a robot with a key refuses", |line| {
         line.robot.wire.safe = Some(Safe::default());
         line.ask(Request::Hello);
         line.install_key();
-        // Unsigned; signed with another key; then too soon after that.
+        // What only its owner may: by somebody else, and by its owner without a signature.
         line.ask(Request::Start);
+        line.ask(begin(&blob));
+        line.ask(Request::Challenge);
+        line.ask(Request::Identify {
+            nonce: *b"somebody's nonce",
+        });
+        line.ask(Request::OpenSession {
+            client: *b"somebody's nonce",
+            robot: [0; NONCE_BYTES],
+            proof: [0; PROOF_BYTES],
+        });
+        line.ask(Request::Proven {
+            number: 1,
+            proof: [0; PROOF_BYTES],
+            request: &start,
+        });
+        line.open_session(&test_key());
+        line.ask(Request::Start);
+        line.ask_by_anyone(Request::Abort);
+        line.ask_by_anyone(Request::Proven {
+            number: 2,
+            proof: [0; PROOF_BYTES],
+            request: &start,
+        });
+        // Signed with another key; then too soon after that.
         line.ask_signed(&SigningKey::of(OTHER_KEY), &NO_UPLOAD, &start);
         line.ask_signed(&test_key(), &NO_UPLOAD, &start);
         line.pass_us(1_000_000);
@@ -1202,8 +1403,25 @@ fn write_exchanges_with_keys(text: &mut String) {
             signature: &upload,
         });
         line.ask(Request::Sign {
+            counter: 2 + access::MAX_COUNTER_STEP,
+            signature: &upload,
+        });
+        line.ask(Request::Sign {
             counter: 2,
             signature: &upload,
+        });
+        // A signature that comes too late, and a deadline that is too far.
+        line.pass_us(1_000_000);
+        let (nonce, _) = line.challenge();
+        line.pass_us(access::NONCE_LIFE_US + 1);
+        let signature = test_key().sign(&access::command(&nonce, &NO_UPLOAD, &start));
+        line.ask(Request::Signed {
+            signature: &signature,
+            request: &start,
+        });
+        line.ask(Request::Within {
+            by_us: u64::MAX,
+            request: &bytes_of(Request::Status),
         });
         line.ask(Request::Status);
     });
@@ -1255,7 +1473,15 @@ fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
             "at most **{MAX_FRAME_BYTES}** with its delimiter; one from a robot has at most **{MAX_REPLY_FRAME_BYTES}**"
         ),
         format!("frame     {}\n", spaced.join(" ")),
-        format!("| `Chunk` | `offset: u32`, `data: bytes`, at most {MAX_CHUNK} |"),
+        format!("| `Chunk` 🔒 | `offset: u32`, `data: bytes`, at most {MAX_CHUNK} |"),
+        format!(
+            "`request: bytes`, at most {}: a request without a number",
+            access::MAX_SIGNED_BYTES
+        ),
+        format!(
+            "`request: bytes`, at most {}: a request without a message's",
+            access::MAX_PROVEN_BYTES
+        ),
         format!("`text: bytes`, at most {MAX_PART} from the offset"),
         format!("| `bytes` | bytes | at most {MAX_STREAM_BYTES} |"),
         format!("A window of {} bytes", 3 * MAX_CHUNK),

@@ -1,49 +1,33 @@
 //! A robot with a key, and hosts that have another one, or none.
 
+use esm_tests::owner::{Installation, bytes_of};
 use host_tools::keys::SigningKey;
 use rt_firmware::link::access::{
-    self, Access, KEY_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, Needs, SEED_BYTES,
-    SIGNATURE_BYTES, needs,
+    self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Needs,
+    PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES, needs,
 };
 use rt_firmware::link::keys::PAUSE_AFTER_WRONG_US;
-use rt_firmware::link::message::{LinkError, Mode, Request, Swap};
+use rt_firmware::link::message::{LinkError, MAX_CHUNK, Mode, Request, Swap};
+use rt_firmware::link::proof::mask;
 
 use super::counting;
 use super::mission::hash;
 use super::robot::{Answer, Bench, Safe, with_robot};
 
-const SEED: [u8; SEED_BYTES] = [0x5e; SEED_BYTES];
+const SALT: [u8; SALT_BYTES] = [0x5e; SALT_BYTES];
 
 fn key(number: u8) -> SigningKey {
     SigningKey::of(&[number; 32])
 }
 
-/// What brings a key to a robot.
-struct Installation {
-    key: [u8; KEY_BYTES],
-    signature: [u8; SIGNATURE_BYTES],
-}
-
-impl Installation {
-    fn of(key: &SigningKey) -> Self {
-        let public = key.public().0;
-        Installation {
-            key: public,
-            signature: key.sign(&access::install(&public, &SEED)),
-        }
-    }
-
-    fn request(&self) -> Request<'_> {
-        Request::InstallKey {
-            key: &self.key,
-            seed: &SEED,
-            signature: &self.signature,
-        }
-    }
-}
-
 fn install(robot: &mut Bench<'_, '_, '_>, key: &SigningKey) -> Result<Answer, LinkError> {
-    robot.ask(Installation::of(key).request())
+    robot.ask(Installation::of(key, SALT).request())
+}
+
+/// What brings another key to a robot in a session, so that who listens does not learn its secret.
+fn replacement(robot: &Bench<'_, '_, '_>, key: &SigningKey) -> Installation {
+    let owner = robot.owner.as_ref().expect("a session");
+    Installation::with(key, SALT, mask(key.secret(&SALT), &owner.session, &SALT))
 }
 
 /// A robot that drives a mission, has `key(1)`, and can be asked for everything.
@@ -53,20 +37,16 @@ fn with_locked_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
         robot.start(&counting(1_000_000).blob());
         assert_eq!(install(robot, &key(1)), Ok(Answer::Done));
         robot.run_us(100_000);
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
         test(robot);
     });
 }
 
 fn challenge(robot: &mut Bench<'_, '_, '_>) -> ([u8; NONCE_BYTES], u64) {
     match robot.ask(Request::Challenge) {
-        Ok(Answer::Challenge { nonce, counter, .. }) => (nonce, counter),
+        Ok(Answer::Challenge { nonce, counter }) => (nonce, counter),
         other => panic!("{other:?}"),
     }
-}
-
-fn bytes_of(request: Request<'_>) -> Vec<u8> {
-    let mut room = [0; MAX_SIGNED_BYTES];
-    postcard::to_slice(&request, &mut room).unwrap().to_vec()
 }
 
 /// Asks for a nonce, signs with it, and sends.
@@ -77,7 +57,7 @@ fn ask_signed(
     request: Request<'_>,
 ) -> Result<Answer, LinkError> {
     let (nonce, _) = challenge(robot);
-    let request = bytes_of(request);
+    let request = bytes_of(&request);
     let signature = key.sign(&access::command(&nonce, upload, &request));
     robot.ask(Request::Signed {
         signature: &signature,
@@ -91,7 +71,7 @@ fn sign(
     counter: u64,
     blob: &[u8],
 ) -> (Result<Answer, LinkError>, [u8; SIGNATURE_BYTES]) {
-    let signature = key.sign(&access::upload(&counter.to_le_bytes(), blob));
+    let signature = key.sign(&access::upload(&SALT, &counter.to_le_bytes(), blob));
     let answer = robot.ask(Request::Sign {
         counter,
         signature: &signature,
@@ -123,10 +103,15 @@ fn a_robot_without_a_key_takes_what_it_always_took() {
             Err(LinkError::NoKeySupport),
             "there is nowhere to keep one"
         );
+        let identify = Request::Identify {
+            nonce: [1; NONCE_BYTES],
+        };
+        assert_eq!(robot.ask(identify), Err(LinkError::NoKeySupport));
         robot.start(&counting(3).blob());
         robot.wire.safe = Some(Safe::default());
         assert_eq!(robot.access(), Access::Open);
         assert_eq!(robot.ask(Request::Challenge), Err(LinkError::NoKey));
+        assert_eq!(robot.ask(identify), Err(LinkError::NoKey));
         assert_eq!(robot.ask(Request::RemoveKey), Err(LinkError::NoKey));
         assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
         robot.start(&counting(4).blob());
@@ -153,13 +138,15 @@ fn with_its_key_everything_can_be_done() {
             Ok(Answer::Committed(hash))
         );
         assert_eq!(challenge(robot).1, 1, "it was upload number 1");
-        // Another key, which the first one lets in.
-        let other = Installation::of(&key(2));
+        // Another key, which the first one lets in. Its session ends with that.
+        let other = replacement(robot, &key(2));
         let request = other.request();
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, request),
             Ok(Answer::Done)
         );
+        assert_eq!(robot.ask(Request::Status), Err(LinkError::NoSession));
+        assert_eq!(robot.open_session(&key(2)), Ok(Answer::Done));
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, Request::Start),
             Err(LinkError::WrongSignature)
@@ -169,6 +156,7 @@ fn with_its_key_everything_can_be_done() {
             ask_signed(robot, &key(2), &NO_UPLOAD, Request::RemoveKey),
             Ok(Answer::Done)
         );
+        robot.owner = None;
         assert_eq!(robot.access(), Access::Open);
         assert_eq!(robot.ask(Request::Start), Ok(Answer::Done));
     });
@@ -188,6 +176,7 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         assert_eq!(robot.access(), Access::Locked);
         assert_eq!(robot.ask(Request::Start), Err(LinkError::NeedsKey));
         doubt(robot, false);
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
         let blob = counting(5).blob();
         robot.send(&blob);
         let (signed, signature) = sign(robot, &key(1), 1, &blob);
@@ -202,14 +191,17 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         // A new key voids what the one before has signed, also where it is said not to be kept.
         robot.send(&blob);
         assert_eq!(sign(robot, &key(1), 2, &blob).0, Ok(Answer::Done));
-        let other = Installation::of(&key(2));
+        let other = replacement(robot, &key(2));
         let request = other.request();
         let replaced = ask_signed(robot, &key(1), &NO_UPLOAD, request);
         assert_eq!(replaced, Err(LinkError::NotKept));
+        // A session takes a record, unless one was opened since the start.
+        assert_eq!(robot.open_session(&key(2)), Ok(Answer::Done));
         let committed = ask_signed(robot, &key(2), &NO_UPLOAD, commit);
         assert_eq!(committed, Err(LinkError::NotSigned));
         let removed = ask_signed(robot, &key(2), &NO_UPLOAD, Request::RemoveKey);
         assert_eq!(removed, Err(LinkError::NotKept));
+        robot.owner = None;
         assert_eq!(robot.access(), Access::Open);
     });
 }
@@ -259,19 +251,14 @@ fn without_a_signature_nothing_is_changed() {
         let before = standing(robot);
         let blob = counting(5).blob();
         robot.send(&blob);
-        let public = key(2).public().0;
-        let proof = key(2).sign(&access::install(&public, &SEED));
+        let other = replacement(robot, &key(2));
         let requests = [
             Request::Commit(Swap::default()),
             Request::Confirm { mission: 1 },
             Request::FallBack { mission: 1 },
             Request::Start,
             Request::RemoveKey,
-            Request::InstallKey {
-                key: &public,
-                seed: &SEED,
-                signature: &proof,
-            },
+            other.request(),
         ];
         for request in requests {
             assert_eq!(needs(&request), Needs::Key);
@@ -283,7 +270,7 @@ fn without_a_signature_nothing_is_changed() {
             assert_eq!(
                 robot.ask(Request::Signed {
                     signature: &[0; SIGNATURE_BYTES],
-                    request: &bytes_of(request)
+                    request: &bytes_of(&request)
                 }),
                 Err(LinkError::NoChallenge),
                 "{request:?} without a nonce"
@@ -315,7 +302,7 @@ fn without_a_signature_nothing_is_changed() {
 fn every_changed_bit_of_a_signature_spoils_it() {
     with_locked_robot(|robot| {
         let before = standing(robot).0;
-        let request = bytes_of(Request::Start);
+        let request = bytes_of(&Request::Start);
         // The bits of a signature's two numbers are all alike; this takes some of each byte.
         for bit in (0..SIGNATURE_BYTES * 8).step_by(7) {
             let (nonce, _) = challenge(robot);
@@ -340,7 +327,7 @@ fn a_signature_is_good_for_one_request_once() {
     with_locked_robot(|robot| {
         assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
         let (nonce, _) = challenge(robot);
-        let request = bytes_of(Request::Start);
+        let request = bytes_of(&Request::Start);
         let signature = key(1).sign(&access::command(&nonce, &NO_UPLOAD, &request));
         let signed = Request::Signed {
             signature: &signature,
@@ -349,7 +336,7 @@ fn a_signature_is_good_for_one_request_once() {
         assert_eq!(
             robot.ask(Request::Signed {
                 signature: &signature,
-                request: &bytes_of(Request::RemoveKey)
+                request: &bytes_of(&Request::RemoveKey)
             }),
             Err(LinkError::WrongSignature),
             "of another request"
@@ -399,6 +386,7 @@ fn what_was_recorded_before_a_reset_is_of_no_use_after_it() {
                 assert_eq!(install(robot, &key(1)), Ok(Answer::Done));
             }
             assert_eq!(robot.access(), Access::Locked);
+            assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
             nonces.push(challenge(robot).0);
             nonces.push(challenge(robot).0);
             kept = robot.wire.safe.take();
@@ -440,7 +428,9 @@ fn an_upload_is_accepted_once_and_none_older() {
             ask_signed(robot, &key(1), &NO_UPLOAD, Request::RemoveKey),
             Ok(Answer::Done)
         );
+        robot.owner = None;
         assert_eq!(install(robot, &key(1)), Ok(Answer::Done));
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
         assert_eq!(challenge(robot).1, 11);
     });
 }
@@ -454,8 +444,8 @@ fn a_commit_is_about_the_upload_that_its_owner_has_signed() {
         let (answer, _) = sign(robot, &key(1), 1, &held_back);
         assert_eq!(answer, Ok(Answer::Done));
         let (nonce, _) = challenge(robot);
-        let request = bytes_of(Request::Commit(Swap::default()));
-        let wanted_signature = key(1).sign(&access::upload(&1u64.to_le_bytes(), &wanted));
+        let request = bytes_of(&Request::Commit(Swap::default()));
+        let wanted_signature = key(1).sign(&access::upload(&SALT, &1u64.to_le_bytes(), &wanted));
         let signature = key(1).sign(&access::command(&nonce, &wanted_signature, &request));
         let mission = robot.status().mission;
         assert_eq!(
@@ -491,7 +481,7 @@ fn a_signature_is_of_all_of_the_blob_that_arrived() {
         assert_eq!(sign(robot, &key(2), 1, &other).0, refused);
         pause(robot);
         robot.send(&other);
-        let signature = &key(1).sign(&access::upload(&1u64.to_le_bytes(), &other));
+        let signature = &key(1).sign(&access::upload(&SALT, &1u64.to_le_bytes(), &other));
         let of_another_number = Request::Sign {
             counter: 2,
             signature,
@@ -513,15 +503,15 @@ fn a_signature_is_of_all_of_the_blob_that_arrived() {
 fn lengths_that_do_not_fit_are_no_requests() {
     with_locked_robot(|robot| {
         let long = [7; 150];
-        let whole = bytes_of(Request::Start);
+        let whole = bytes_of(&Request::Start);
         let nested = {
-            let inner = bytes_of(Request::Start);
-            bytes_of(Request::Signed {
+            let inner = bytes_of(&Request::Start);
+            bytes_of(&Request::Signed {
                 signature: &[1; 32],
                 request: &inner,
             })
         };
-        let reading = bytes_of(Request::Status);
+        let reading = bytes_of(&Request::Status);
         let trailing = [&whole[..], &[0]].concat();
         for request in [&[][..], &long[..100], &nested, &reading, &trailing] {
             let _ = challenge(robot);
@@ -585,7 +575,8 @@ fn keys_that_any_signature_fits_are_not_installed() {
             assert_eq!(
                 robot.ask(Request::InstallKey {
                     key: &key,
-                    seed: &SEED,
+                    salt: &SALT,
+                    secret: &[0; SECRET_BYTES],
                     signature: &signature
                 }),
                 Err(LinkError::WrongSignature)
@@ -593,11 +584,13 @@ fn keys_that_any_signature_fits_are_not_installed() {
             pause(robot);
         }
         // Nor one that nobody has shown to have.
+        let (public, secret) = (key(1).public().0, key(1).secret(&SALT).0);
         assert_eq!(
             robot.ask(Request::InstallKey {
-                key: &key(1).public().0,
-                seed: &SEED,
-                signature: &key(2).sign(&access::install(&key(1).public().0, &SEED)),
+                key: &public,
+                salt: &SALT,
+                secret: &secret,
+                signature: &key(2).sign(&access::install(&public, &SALT, &secret)),
             }),
             Err(LinkError::WrongSignature)
         );
@@ -700,7 +693,7 @@ fn a_flood_of_wrong_requests_costs_no_slot_and_a_good_one_works_right_after_it()
                 robot.frame(Request::Challenge),
                 robot.frame(Request::Signed {
                     signature: &[round as u8; SIGNATURE_BYTES],
-                    request: &bytes_of(Request::Start),
+                    request: &bytes_of(&Request::Start),
                 }),
                 robot.frame(Request::Sign {
                     counter: u64::from(round),
@@ -723,5 +716,135 @@ fn a_flood_of_wrong_requests_costs_no_slot_and_a_good_one_works_right_after_it()
             ask_signed(robot, &key(1), &signature, Request::Commit(Swap::default())),
             Ok(Answer::Committed(_))
         ));
+    });
+}
+
+#[test]
+fn strangers_take_neither_place_nor_answer_nor_nonce_from_the_owner() {
+    with_locked_robot(|robot| {
+        let blob = counting(5).blob();
+        let len = blob.len() as u32;
+        let crc = rt_firmware::link::frame::checksum(&blob);
+        let flood = |robot: &mut Bench<'_, '_, '_>| {
+            robot.by_anyone(|robot| {
+                let frames = [
+                    robot.frame(Request::Hello),
+                    robot.frame(Request::Begin { len: 9, crc: 9 }),
+                    robot.frame(Request::Chunk {
+                        offset: 0,
+                        data: &[0x5a; 9],
+                    }),
+                    robot.frame(Request::Abort),
+                    robot.frame(Request::Challenge),
+                    robot.frame(Request::Identify {
+                        nonce: [9; NONCE_BYTES],
+                    }),
+                    robot.frame(Request::OpenSession {
+                        client: [9; NONCE_BYTES],
+                        robot: [9; NONCE_BYTES],
+                        proof: [9; PROOF_BYTES],
+                    }),
+                    robot.frame(Request::Proven {
+                        number: u32::MAX,
+                        proof: [9; PROOF_BYTES],
+                        request: &bytes_of(&Request::Abort),
+                    }),
+                    robot.frame(Request::Sign {
+                        counter: u64::MAX - 1,
+                        signature: &[9; SIGNATURE_BYTES],
+                    }),
+                    robot.frame(Request::Signed {
+                        signature: &[9; SIGNATURE_BYTES],
+                        request: &bytes_of(&Request::Start),
+                    }),
+                    robot.frame(Request::States { first: 0 }),
+                ];
+                robot.wire.to_robot.extend(frames.concat());
+            });
+        };
+        for (request, expected) in [
+            (Request::Begin { len, crc }, Answer::Received(0)),
+            (
+                Request::Chunk {
+                    offset: 0,
+                    data: &blob[..100],
+                },
+                Answer::Received(100),
+            ),
+            (Request::Begin { len, crc }, Answer::Received(100)),
+        ] {
+            flood(robot);
+            assert_eq!(robot.ask(request), Ok(expected));
+        }
+        flood(robot);
+        for (part, data) in blob[100..].chunks(MAX_CHUNK).enumerate() {
+            let offset = (100 + part * MAX_CHUNK) as u32;
+            let chunk = Request::Chunk { offset, data };
+            flood(robot);
+            let there = offset + data.len() as u32;
+            assert_eq!(robot.ask(chunk), Ok(Answer::Received(there)));
+        }
+        let (answer, signature) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(answer, Ok(Answer::Done));
+        // Between nonce and signature, and between request and answer.
+        let (nonce, _) = challenge(robot);
+        flood(robot);
+        robot.exchange();
+        let request = bytes_of(&Request::Commit(Swap::default()));
+        let signature = key(1).sign(&access::command(&nonce, &signature, &request));
+        let signed = Request::Signed {
+            signature: &signature,
+            request: &request,
+        };
+        let frame = robot.frame(signed);
+        let number = robot.last_number();
+        robot.wire.to_robot.extend(&frame);
+        robot.exchange();
+        flood(robot);
+        let mut committed = Vec::new();
+        for _ in 0..100 {
+            committed.extend(robot.exchange());
+            robot.world.pass_us(1_000);
+            robot.timer();
+        }
+        let committed = committed.iter().find(|(seq, _)| *seq == number);
+        assert!(
+            matches!(committed, Some((_, Ok(Answer::Committed(_))))),
+            "{committed:?}"
+        );
+        // Its answer was lost: it is not done again, whoever has asked for something meanwhile.
+        flood(robot);
+        robot.wire.to_robot.extend(&frame);
+        let again = robot.exchange();
+        let again = again.iter().find(|(seq, _)| *seq == number);
+        assert!(
+            matches!(again, Some((_, Ok(Answer::Committed(_))))),
+            "{again:?}"
+        );
+    });
+}
+
+#[test]
+fn what_an_owner_is_told_in_a_session_and_what_the_owner_signs_is_limited() {
+    with_locked_robot(|robot| {
+        let blob = counting(5).blob();
+        robot.send(&blob);
+        // An owner who was told a counter that is none does not use them up.
+        for counter in [1 + MAX_COUNTER_STEP, u64::MAX] {
+            let (refused, _) = sign(robot, &key(1), counter, &blob);
+            assert_eq!(refused, Err(LinkError::CounterTooFar { last: 0 }));
+        }
+        let (signed, _) = sign(robot, &key(1), MAX_COUNTER_STEP, &blob);
+        assert_eq!(signed, Ok(Answer::Done));
+        // A signature is good for ten seconds of the robot's clock.
+        let (nonce, _) = challenge(robot);
+        let request = bytes_of(&Request::Start);
+        let signature = key(1).sign(&access::command(&nonce, &NO_UPLOAD, &request));
+        robot.wire.safe.as_mut().expect("it is there").now_us += NONCE_LIFE_US + 1;
+        let signed = Request::Signed {
+            signature: &signature,
+            request: &request,
+        };
+        assert_eq!(robot.ask(signed), Err(LinkError::NoChallenge));
     });
 }

@@ -4,12 +4,14 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use rt_firmware::link::access::{Access, KEY_BYTES, NONCE_BYTES};
-use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_tests::owner::Owner;
+use host_tools::keys::SigningKey;
+use rt_firmware::link::access::{Access, NONCE_BYTES, may_be_proven};
+use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use rt_firmware::link::message::{
-    FromDevice, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters,
-    Status, Swap, TaskCounters, ToDevice,
+    FromDevice, Identity, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason,
+    SlotCounters, Status, Swap, TaskCounters, ToDevice,
 };
 use rt_firmware::link::news::News;
 use rt_firmware::link::telemetry::Sample;
@@ -425,6 +427,10 @@ pub struct Bench<'q, 'm, 'w> {
     pub uses_what_is_ready: bool,
     reader: FrameReader,
     seq: u8,
+    /// The owner's session, in which requests go if there is one.
+    pub owner: Option<Owner>,
+    /// The request of each number of a message, in the session that it went in.
+    proven: Vec<(u8, Owner)>,
     /// Trace records so far, as text.
     pub trace: Vec<String>,
     /// Log bytes so far.
@@ -496,6 +502,8 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
         uses_what_is_ready: true,
         reader: FrameReader::new(),
         seq: 0,
+        owner: None,
+        proven: vec![],
         trace: vec![],
         log: vec![],
         news: vec![],
@@ -520,8 +528,8 @@ pub enum Answer {
     Challenge {
         nonce: [u8; NONCE_BYTES],
         counter: u64,
-        key: [u8; KEY_BYTES],
     },
+    Identity(Identity),
     Param {
         value: u32,
         of_mission: u32,
@@ -535,6 +543,42 @@ pub enum Answer {
     },
     Clock(u64),
     Features,
+}
+
+impl Answer {
+    fn of(response: Response<'_>) -> Self {
+        match response {
+            Response::Hello(info) => {
+                Answer::Hello(format!("{} {}", info.firmware, info.board), info.access)
+            }
+            Response::Received { len } => Answer::Received(len),
+            Response::Committed { mission, .. } => Answer::Committed(mission),
+            Response::Done => Answer::Done,
+            Response::Status(status) => Answer::Status(status),
+            Response::TaskText { total, text } => Answer::Bytes(total.into(), text.to_vec()),
+            Response::Blob { total, data } => Answer::Bytes(total, data.to_vec()),
+            Response::States { total, states, .. } => Answer::Bytes(total.into(), states.to_vec()),
+            Response::Slot(counters) => Answer::Slot(counters),
+            Response::TaskInstance(counters) => Answer::Task(counters),
+            Response::LastWords { words, .. } => Answer::LastWords(words),
+            Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
+            Response::Challenge { nonce, counter } => Answer::Challenge { nonce, counter },
+            Response::Identity(identity) => Answer::Identity(identity),
+            Response::Param {
+                value,
+                of_mission,
+                saved,
+            } => Answer::Param {
+                value,
+                of_mission,
+                saved,
+            },
+            Response::ParamsSaved { count } => Answer::ParamsSaved { count },
+            Response::ParamSet { before } => Answer::ParamSet { before },
+            Response::Clock { now_us } => Answer::Clock(now_us),
+            Response::Features { .. } => Answer::Features,
+        }
+    }
 }
 
 impl Bench<'_, '_, '_> {
@@ -573,7 +617,8 @@ impl Bench<'_, '_, '_> {
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
-            match decode(frame).expect("the robot sends messages") {
+            let message = unpack(frame).expect("the robot sends frames");
+            match parse(message).expect("the robot sends messages") {
                 FromDevice::Stream(stream)
                     if stream.channel == rt_firmware::link::message::Channel::Log =>
                 {
@@ -610,51 +655,17 @@ impl Bench<'_, '_, '_> {
                         ));
                     }
                 }
-                FromDevice::Reply { seq, result } => answers.push((
-                    seq,
-                    result.map(|response| match response {
-                        Response::Hello(info) => {
-                            Answer::Hello(format!("{} {}", info.firmware, info.board), info.access)
-                        }
-                        Response::Received { len } => Answer::Received(len),
-                        Response::Committed { mission, .. } => Answer::Committed(mission),
-                        Response::Done => Answer::Done,
-                        Response::Status(status) => Answer::Status(status),
-                        Response::TaskText { total, text } => {
-                            Answer::Bytes(total.into(), text.to_vec())
-                        }
-                        Response::Blob { total, data } => Answer::Bytes(total, data.to_vec()),
-                        Response::States { total, states, .. } => {
-                            Answer::Bytes(total.into(), states.to_vec())
-                        }
-                        Response::Slot(counters) => Answer::Slot(counters),
-                        Response::TaskInstance(counters) => Answer::Task(counters),
-                        Response::LastWords { words, .. } => Answer::LastWords(words),
-                        Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
-                        Response::Challenge {
-                            nonce,
-                            counter,
-                            key,
-                        } => Answer::Challenge {
-                            nonce,
-                            counter,
-                            key,
-                        },
-                        Response::Param {
-                            value,
-                            of_mission,
-                            saved,
-                        } => Answer::Param {
-                            value,
-                            of_mission,
-                            saved,
-                        },
-                        Response::ParamsSaved { count } => Answer::ParamsSaved { count },
-                        Response::ParamSet { before } => Answer::ParamSet { before },
-                        Response::Clock { now_us } => Answer::Clock(now_us),
-                        Response::Features { .. } => Answer::Features,
-                    }),
-                )),
+                FromDevice::Reply { seq, result, .. } => {
+                    answers.push((seq, result.map(Answer::of)));
+                }
+                FromDevice::Proven {
+                    seq, proof, result, ..
+                } => {
+                    let asked = self.proven.iter().rfind(|(number, _)| *number == seq);
+                    let (_, owner) = asked.expect("it was asked in a session");
+                    assert!(owner.accepts(owner.number, &proof, message), "{result:?}");
+                    answers.push((seq, result.map(Answer::of)));
+                }
             }
         }
         answers
@@ -665,8 +676,42 @@ impl Bench<'_, '_, '_> {
         self.seq
     }
 
+    /// Opens a session with the owner of this key, in which requests go from now on.
+    pub fn open_session(&mut self, key: &SigningKey) -> Result<Answer, LinkError> {
+        self.owner = None;
+        let client = [self.seq ^ 0x5a; NONCE_BYTES];
+        let identity = match self.ask(Request::Identify { nonce: client })? {
+            Answer::Identity(identity) => identity,
+            other => panic!("{other:?}"),
+        };
+        let owner = Owner::of(key, &client, &identity);
+        self.proven.push((self.seq.wrapping_add(1), owner));
+        let opened = self.ask(owner.opening(client, &identity))?;
+        self.owner = Some(owner);
+        Ok(opened)
+    }
+
+    /// Lets somebody else have the line.
+    pub fn by_anyone<T>(&mut self, test: impl FnOnce(&mut Self) -> T) -> T {
+        let owner = self.owner.take();
+        let tested = test(self);
+        self.owner = owner;
+        tested
+    }
+
     /// The frame of the next request.
     pub fn frame(&mut self, request: Request<'_>) -> Vec<u8> {
+        match self.owner.as_mut().filter(|_| may_be_proven(&request)) {
+            Some(owner) => {
+                let proven = owner.prove(&request);
+                self.proven.push((self.seq.wrapping_add(1), *owner));
+                self.plain_frame(proven.request())
+            }
+            None => self.plain_frame(request),
+        }
+    }
+
+    fn plain_frame(&mut self, request: Request<'_>) -> Vec<u8> {
         self.seq = self.seq.wrapping_add(1);
         let mut frame = [0; MAX_FRAME_BYTES];
         let len = encode(
@@ -686,8 +731,9 @@ impl Bench<'_, '_, '_> {
         self.wire.to_robot.extend(frame);
         let mut answers = self.exchange();
         for _ in 0..1_000 {
-            if let Some((seq, answer)) = answers.pop() {
-                assert_eq!(seq, self.seq);
+            // What is to a request before is passed over.
+            answers.retain(|(seq, _)| *seq == self.seq);
+            if let Some((_, answer)) = answers.pop() {
                 assert_eq!(answers, []);
                 return answer;
             }

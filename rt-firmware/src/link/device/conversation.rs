@@ -46,7 +46,8 @@ impl Taken {
 
     fn is(&self, message: &[u8]) -> bool {
         let taken = self.bytes.get(..usize::from(self.len));
-        self.len > 0 && taken == Some(message)
+        let is_same_number = || self.bytes.first() == message.first();
+        self.len > 0 && (taken == Some(message) || planted!(ToldByNumber) && is_same_number())
     }
 
     fn set(&mut self, message: &[u8]) {

@@ -39,6 +39,11 @@ use letter::answer_of;
 use outgoing::Outgoing;
 use streams::{CHANNELS, STREAM_OVERHEAD};
 
+/// Whether a request is carried out each time that it comes.
+fn is_done_again(request: &Request<'_>) -> bool {
+    request.is_stop() && !planted!(StopSuppressed)
+}
+
 /// Conversations of a robot: anyone's, and that of the owner of its key where it can have one.
 const CONVERSATIONS: usize = if KEYS { 2 } else { 1 };
 const ANYONE: usize = 0;
@@ -115,6 +120,12 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         !idle
     }
 
+    /// Requests of the host's that were counted.
+    #[cfg(test)]
+    pub(crate) fn requests_heard(&self) -> u32 {
+        self.desk.signs.requests.load(Ordering::Relaxed)
+    }
+
     /// Whether an answer of the real-time side is awaited: a board may poll again after the next slot.
     pub fn is_waiting(&self) -> bool {
         self.desk.asked.is_some()
@@ -181,7 +192,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 // The answer is still to come.
                 Before::UnderWay => continue,
                 // The answer was lost.
-                Before::Answered if !request.is_stop() && !planted!(CarriedOutTwice) => {
+                Before::Answered if !planted!(CarriedOutTwice) && !is_done_again(&request) => {
                     conversation.answer_again();
                     continue;
                 }

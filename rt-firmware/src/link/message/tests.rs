@@ -3,7 +3,8 @@
 use super::*;
 use crate::features::Features;
 use crate::link::access::{
-    Access, KEY_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, SEED_BYTES, SIGNATURE_BYTES,
+    Access, KEY_BYTES, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES,
+    SECRET_BYTES, SIGNATURE_BYTES,
 };
 use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
 use crate::link::news::Cause;
@@ -43,6 +44,100 @@ fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
             counters.delay_counts()[..3],
             expected,
             "{executed}: {delays:?}"
+        );
+    }
+}
+
+#[test]
+fn the_kind_of_a_request_is_its_number_in_a_message() {
+    let bytes: [u8; 16] = [1; 16];
+    let all = [
+        Request::Hello,
+        Request::Begin { len: 0, crc: 0 },
+        Request::Chunk {
+            offset: 0,
+            data: &bytes,
+        },
+        Request::Commit(Swap::default()),
+        Request::Abort,
+        Request::Status,
+        Request::Stop,
+        Request::Start,
+        Request::Task {
+            index: 0,
+            offset: 0,
+        },
+        Request::ReadBlob { offset: 0 },
+        Request::States { first: 0 },
+        Request::SlotCounters { slot: 0 },
+        Request::Subscribe {
+            trace: false,
+            log: false,
+            record: false,
+        },
+        Request::TaskCounters { task_instance: 0 },
+        Request::Confirm { mission: 0 },
+        Request::FallBack { mission: 0 },
+        Request::LastWords,
+        Request::BlackBox { from: None },
+        Request::Challenge,
+        Request::Signed {
+            signature: &bytes,
+            request: &bytes,
+        },
+        Request::Sign {
+            counter: 0,
+            signature: &bytes,
+        },
+        Request::InstallKey {
+            key: &bytes,
+            salt: &bytes,
+            secret: &bytes,
+            signature: &bytes,
+        },
+        Request::RemoveKey,
+        Request::Param {
+            mission: 0,
+            param: 0,
+        },
+        Request::SetParam {
+            mission: 0,
+            param: 0,
+            value: 0,
+        },
+        Request::Watch {
+            news: false,
+            period_ms: 0,
+        },
+        Request::SaveParams { mission: 0 },
+        Request::EmergencyStop,
+        Request::Release,
+        Request::Clock,
+        Request::Within {
+            by_us: 0,
+            request: &bytes,
+        },
+        Request::Features,
+        Request::Values { ask: &bytes },
+        Request::Identify { nonce: bytes },
+        Request::OpenSession {
+            client: bytes,
+            robot: bytes,
+            proof: bytes,
+        },
+        Request::Proven {
+            number: 0,
+            proof: bytes,
+            request: &bytes,
+        },
+    ];
+    let mut room = [0; MAX_FRAME_BYTES];
+    for (request, number) in all.into_iter().zip(0..) {
+        let message = postcard::to_slice(&request, &mut room).expect("it fits");
+        assert_eq!(
+            (message[0], request.kind()),
+            (number, number),
+            "{request:?}"
         );
     }
 }
@@ -109,11 +204,24 @@ fn the_greatest_messages_fit_into_a_frame() {
     let signature = [0xa5; SIGNATURE_BYTES];
     let install = Request::InstallKey {
         key: &[0xa5; KEY_BYTES],
-        seed: &[0xa5; SEED_BYTES],
+        salt: &[0xa5; SALT_BYTES],
+        secret: &[0xa5; SECRET_BYTES],
         signature: &signature,
     };
+    let mut room = [0; MAX_SIGNED_BYTES];
+    let request = postcard::to_slice(&install, &mut room).expect("it fits");
+    let within = Request::Within {
+        by_us: u64::MAX,
+        request,
+    };
     let mut signed = [0; MAX_SIGNED_BYTES];
-    assert!(postcard::to_slice(&install, &mut signed).is_ok());
+    assert!(postcard::to_slice(&within, &mut signed).is_ok());
+    let longest = Request::Signed {
+        signature: &signature,
+        request: &signed,
+    };
+    let mut proven = [0; MAX_PROVEN_BYTES];
+    assert!(postcard::to_slice(&longest, &mut proven).is_ok());
     let requests = [
         Request::Chunk {
             offset: u32::MAX,
@@ -135,6 +243,11 @@ fn the_greatest_messages_fit_into_a_frame() {
         Request::Values {
             ask: &chunk[..MAX_ASK_BYTES],
         },
+        Request::Proven {
+            number: u32::MAX,
+            proof: [0xa5; PROOF_BYTES],
+            request: &proven,
+        },
     ];
     for request in requests {
         assert!(
@@ -146,8 +259,14 @@ fn the_greatest_messages_fit_into_a_frame() {
         Response::Challenge {
             nonce: [0xa5; NONCE_BYTES],
             counter: u64::MAX,
-            key: [0xa5; KEY_BYTES],
         },
+        Response::Identity(Identity {
+            key: [0xa5; KEY_BYTES],
+            salt: [0xa5; SALT_BYTES],
+            nonce: [0xa5; NONCE_BYTES],
+            counter: u64::MAX,
+            proof: [0xa5; PROOF_BYTES],
+        }),
         Response::Hello(info),
         Response::Status(status),
         Response::TaskText {
@@ -206,9 +325,11 @@ fn the_greatest_messages_fit_into_a_frame() {
     for response in responses {
         assert!(
             encode(
-                &FromDevice::Reply {
+                &FromDevice::Proven {
                     seq: 255,
-                    result: Ok(response)
+                    proof: [0xa5; PROOF_BYTES],
+                    result: Ok(response),
+                    of: UNKNOWN,
                 },
                 &mut reply
             )
