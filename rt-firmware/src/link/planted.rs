@@ -54,6 +54,7 @@ bugs! {
     ValuesUnlimited: "more nets are asked for than a sample can tell of",
     PauseForgotten: "signatures are looked at right after a wrong one",
     StrangerIsOwner: "what is for the owner's session is taken from anyone",
+    OwnerWaitsInVain: "a stranger's request that the real-time side has keeps the owner's from being done",
     StrangerHeard: "a mission that looks after its owner takes anyone for him",
     SessionUnproven: "a session is opened for who does not know the secret",
     SessionReplayed: "a session is opened a second time after another one",
@@ -85,6 +86,7 @@ const OF_KEYS: &[Bug] = &[
     Bug::PauseForgotten,
     Bug::StrangerIsOwner,
     Bug::StrangerHeard,
+    Bug::OwnerWaitsInVain,
     Bug::SessionUnproven,
     Bug::SessionReplayed,
     Bug::OldSessionOpened,
@@ -730,6 +732,14 @@ mod of_keys {
             request,
         };
         robot.expect(proven, "Err(WrongProof)")?;
+        // What a stranger asks the real-time side for keeps the owner waiting, and no more.
+        let stop = framed(200, Request::Stop);
+        let states = owner.framed(201, Request::States { first: 0 });
+        expect(&robot.answers(&[stop, states].concat()), &[])?;
+        robot.real_time.on_timer(&mut Timer(1_000));
+        expect(&robot.answers(&[]), &["200: Ok(Done)"])?;
+        robot.real_time.on_timer(&mut Timer(2_000));
+        expect(&robot.answers(&[]), &["201: proven Err(NoMission)"])?;
         robot.expect_of(owner, begin(&blob), &received(8))
     }
 

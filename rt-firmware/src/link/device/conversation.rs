@@ -78,6 +78,8 @@ pub(super) struct Conversation {
     answered: Taken,
     /// The message whose answer the real-time side will bring.
     asked: Taken,
+    /// The message that waits until the real-time side has answered a stranger's.
+    waiting: Taken,
     pub(super) reply: Outgoing<MAX_REPLY_FRAME_BYTES>,
     /// The reply says how far an upload has come, and no more: a later one speaks for it.
     acknowledges: bool,
@@ -87,6 +89,7 @@ impl Conversation {
     pub(super) const NEW: Conversation = Conversation {
         answered: Taken::NOTHING,
         asked: Taken::NOTHING,
+        waiting: Taken::NOTHING,
         reply: Outgoing::NOTHING,
         acknowledges: false,
     };
@@ -94,7 +97,20 @@ impl Conversation {
     /// Whether there is room for an answer. One to a chunk gives way to the next: chunks come one behind the other, and
     /// none of them waits for the wire to take the answer to the one before.
     pub(super) fn has_room(&self) -> bool {
-        self.reply.is_done() || self.acknowledges && self.reply.is_unsent()
+        self.waiting.len == 0
+            && (self.reply.is_done() || self.acknowledges && self.reply.is_unsent())
+    }
+
+    /// This message is carried out later.
+    pub(super) fn wait(&mut self, message: &[u8]) {
+        self.waiting.set(message);
+    }
+
+    /// The message that waited, in `room`; nothing if none has.
+    pub(super) fn take_waiting<'r>(&mut self, room: &'r mut [u8; MAX_MESSAGE_BYTES]) -> &'r [u8] {
+        *room = self.waiting.bytes;
+        let len = core::mem::take(&mut self.waiting.len);
+        room.get(..usize::from(len)).unwrap_or_default()
     }
 
     /// Whether this message has come before.

@@ -3,6 +3,7 @@
 //! *Invariant:* there is one letter. While it is away, who would need it is told [`Busy`](LinkError::Busy).
 
 use super::answers::task_text;
+use super::conversation::Sender;
 use super::desk::{Desk, Reaction, Ticket};
 use crate::link::message::{LinkError, Response};
 use crate::mail::{Letter, NO_DEADLINE, Posted};
@@ -41,6 +42,12 @@ impl<'m> Desk<'_, 'm> {
                 Reaction::Answer(Err(LinkError::Busy))
             }
         }
+    }
+
+    /// Whether the letter is away for somebody who is not the owner.
+    pub(super) fn is_with_a_stranger(&self) -> bool {
+        let asked = self.asked.as_ref();
+        asked.is_some_and(|asked| asked.sender == Sender::Anyone)
     }
 
     /// The letter, if it has come back, and the request that it answers.

@@ -27,7 +27,7 @@ pub use port::LinkPort;
 use core::sync::atomic::Ordering;
 
 use crate::features::{KEYS, PARAMS};
-use crate::link::frame::{FrameReader, MAX_REPLY_FRAME_BYTES, parse, unpack};
+use crate::link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
 use crate::link::message::{
     Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
 };
@@ -99,6 +99,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.desk.take_freed(port);
             self.take_answer(port);
             self.desk.keep_stop(port);
+            self.go_on_with_owner(port);
             self.receive(port);
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
@@ -199,25 +200,49 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 _ => {}
             }
             self.desk.streams_are_sent = self.stream.is_done();
-            let is_chunk = matches!(request, Request::Chunk { .. });
-            let session = self.desk.keys.session();
-            if let Request::OpenSession { .. } = request {
-                let opened = self.desk.open_session(&request, port);
-                let owner = Sender::Owner { number: 0 };
-                let session = self.desk.keys.session().filter(|_| opened.is_ok());
-                conversation.answer(message, false);
-                let of = request.kind();
-                let result = opened.map(|()| Response::Done);
-                conversation.set_reply(Answered { seq, of }, result, owner.proof(session));
-                continue;
-            }
-            match self.desk.react(seq, sender, &request, port) {
-                (of, Reaction::Answer(result)) => {
-                    conversation.answer(message, is_chunk);
-                    conversation.set_reply(Answered { seq, of }, result, sender.proof(session));
-                }
-                (_, Reaction::Later) => conversation.ask(message),
-            }
+            carry_out(
+                conversation,
+                &mut self.desk,
+                message,
+                seq,
+                sender,
+                &request,
+                port,
+            );
+        }
+    }
+
+    /// Carries out what the owner has waited with for a stranger's request, once the real-time side has answered that.
+    fn go_on_with_owner(&mut self, port: &mut impl LinkPort) {
+        let Some(conversation) = self.conversations.get_mut(OWNER) else {
+            return;
+        };
+        if self.desk.letter.is_none() || !conversation.reply.is_done() {
+            return;
+        }
+        let mut room = [0; MAX_MESSAGE_BYTES];
+        let message = conversation.take_waiting(&mut room);
+        let Ok(ToDevice { seq, request }) = parse(message) else {
+            return;
+        };
+        // It was found to be the owner's when it came.
+        let Request::Proven {
+            number, request, ..
+        } = request
+        else {
+            return;
+        };
+        if let Ok(request) = parse(request) {
+            let sender = Sender::Owner { number };
+            carry_out(
+                conversation,
+                &mut self.desk,
+                message,
+                seq,
+                sender,
+                &request,
+                port,
+            );
         }
     }
 
@@ -284,5 +309,43 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             conversation.set_reply(Answered { seq, of }, result, proof);
         }
         self.desk.put_away(letter);
+    }
+}
+
+/// Carries a request out that has not come before, and answers it, or lets its answer come later.
+fn carry_out(
+    conversation: &mut Conversation,
+    desk: &mut Desk<'_, '_>,
+    message: &[u8],
+    seq: u8,
+    sender: Sender,
+    request: &Request<'_>,
+    port: &mut impl LinkPort,
+) {
+    let is_chunk = matches!(request, Request::Chunk { .. });
+    let session = desk.keys.session();
+    if let Request::OpenSession { .. } = request {
+        let opened = desk.open_session(request, port);
+        let owner = Sender::Owner { number: 0 };
+        let session = desk.keys.session().filter(|_| opened.is_ok());
+        conversation.answer(message, false);
+        let of = request.kind();
+        let result = opened.map(|()| Response::Done);
+        conversation.set_reply(Answered { seq, of }, result, owner.proof(session));
+        return;
+    }
+    let is_in_the_way = desk.is_with_a_stranger() && sender != Sender::Anyone;
+    match desk.react(seq, sender, request, port) {
+        // The stranger's request is answered before the next slot has ended.
+        (_, Reaction::Answer(Err(LinkError::Busy)))
+            if is_in_the_way && !planted!(OwnerWaitsInVain) =>
+        {
+            conversation.wait(message);
+        }
+        (of, Reaction::Answer(result)) => {
+            conversation.answer(message, is_chunk);
+            conversation.set_reply(Answered { seq, of }, result, sender.proof(session));
+        }
+        (_, Reaction::Later) => conversation.ask(message),
     }
 }
