@@ -190,10 +190,6 @@ impl LinkPort for LinkEnd {
 
 #[cfg(feature = "keys")]
 impl KeySafe for LinkEnd {
-    fn now_us(&mut self) -> u64 {
-        clock::now_us()
-    }
-
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
         keep.records().read_of_key(record, room)

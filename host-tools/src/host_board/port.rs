@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rt_firmware::LinkPort;
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
@@ -36,33 +36,17 @@ pub(super) struct Port<'k> {
     incoming: VecDeque<u8>,
     outgoing: VecDeque<u8>,
     now_us: u64,
+    /// The board's time when it last swapped bytes with the plant.
+    swapped_at_us: u64,
     safe: Safe<'k>,
 }
 
-/// What the board keeps, and its clock.
+/// What the board keeps.
 struct Safe<'k> {
     keep: Option<Keep<'k, Flash>>,
-    clock: SafeClock,
-}
-
-enum SafeClock {
-    Wall {
-        started: Instant,
-    },
-    /// The board's virtual time when it last swapped bytes.
-    Virtual {
-        now_us: u64,
-    },
 }
 
 impl KeySafe for Safe<'_> {
-    fn now_us(&mut self) -> u64 {
-        match self.clock {
-            SafeClock::Wall { started } => started.elapsed().as_micros() as u64,
-            SafeClock::Virtual { now_us } => now_us,
-        }
-    }
-
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
         keep.records().read_of_key(record, room)
@@ -76,18 +60,13 @@ impl KeySafe for Safe<'_> {
 
 impl<'k> Port<'k> {
     pub(super) fn new(line: Line, keep: Option<Keep<'k, Flash>>) -> Self {
-        let clock = match line {
-            Line::Pipe(_) => SafeClock::Wall {
-                started: Instant::now(),
-            },
-            Line::Plant(_) => SafeClock::Virtual { now_us: 0 },
-        };
         Port {
             line,
             incoming: VecDeque::new(),
             outgoing: VecDeque::new(),
             now_us: 0,
-            safe: Safe { keep, clock },
+            swapped_at_us: 0,
+            safe: Safe { keep },
         }
     }
 
@@ -98,9 +77,9 @@ impl<'k> Port<'k> {
 
     /// When the next bytes are swapped by the board's virtual time, where they are.
     pub(super) fn swaps_at_us(&self) -> Option<u64> {
-        match self.safe.clock {
-            SafeClock::Wall { .. } => None,
-            SafeClock::Virtual { now_us } => Some(now_us + u64::from(INTERVAL_US)),
+        match self.line {
+            Line::Pipe(_) => None,
+            Line::Plant(_) => Some(self.swapped_at_us + u64::from(INTERVAL_US)),
         }
     }
 
@@ -115,10 +94,8 @@ impl<'k> Port<'k> {
 
     /// Swaps bytes with the client at `now_us` of the board's virtual time.
     pub(super) fn swap(&mut self, at_us: u64) {
-        if let (Line::Plant(line), SafeClock::Virtual { now_us }) =
-            (&self.line, &mut self.safe.clock)
-        {
-            *now_us = at_us;
+        if let Line::Plant(line) = &self.line {
+            self.swapped_at_us = at_us;
             let mut part = LinePart::new(PART_BYTES);
             while !part.is_full() {
                 let Some(byte) = self.outgoing.pop_front() else {

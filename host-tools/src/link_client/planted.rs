@@ -18,6 +18,7 @@ use rt_firmware::link::message::{
     Response, Stream, ToDevice, Uploads,
 };
 
+use super::session::innermost_kind;
 use super::timing::REQUEST_DEADLINE;
 use super::{ClientError, LinkClient, StreamEvent, Streams};
 use crate::serial::ByteLink;
@@ -47,6 +48,10 @@ bugs! {
     ClaimBelieved: "more is believed to have arrived than there is",
     GapIgnored: "a chunk that the robot misses is sent again only when nothing comes any more",
     LossForgotten: "an upload that the robot has forgotten goes on",
+    OtherKindTaken: "an answer to a request of another kind is taken for the present one's",
+    UnprovenTaken: "an answer without a proof is taken in an owner's session",
+    ForgeryTaken: "an answer with a wrong proof is taken in an owner's session",
+    IdentityBelieved: "a robot is believed that does not know the secret of its key",
 }
 
 thread_local! {
@@ -78,6 +83,8 @@ impl SimulatedTime for Waited {
 /// What a robot says to a request of this number.
 type Said = Vec<(u8, Result<Response<'static>, LinkError>)>;
 type Behaviour = Box<dyn FnMut(u8, &Request<'_>) -> Said + Send>;
+/// What somebody sends for a request, frame by frame.
+type Frames = Box<dyn FnMut(u8, &Request<'_>) -> Vec<Vec<u8>> + Send>;
 
 /// The line to a robot that behaves as a law needs it to.
 struct Line {
@@ -85,6 +92,8 @@ struct Line {
     reader: FrameReader,
     to_host: VecDeque<u8>,
     behave: Behaviour,
+    /// Instead of all else, what comes for requests.
+    frames: Option<Frames>,
     /// What streams bring behind the answers to hello and to a subscription.
     streams: [Vec<u8>; 2],
 }
@@ -110,11 +119,14 @@ impl ByteLink for Line {
             let Ok(ToDevice { seq, request }) = decode(frame) else {
                 continue;
             };
+            if let Some(frames) = &mut self.frames {
+                let frames = frames(seq, &request);
+                self.to_host.extend(frames.into_iter().flatten());
+                continue;
+            }
+            let of = innermost_kind(&request);
             for (seq, result) in (self.behave)(seq, &request) {
-                let mut frame = [0; MAX_FRAME_BYTES];
-                let reply = FromDevice::Reply { seq, result };
-                let length = encode(&reply, &mut frame).expect("it fits");
-                self.to_host.extend(&frame[..length]);
+                self.to_host.extend(reply(seq, result, of));
             }
             let [behind_hello, behind_subscribe] = &mut self.streams;
             match request {
@@ -128,6 +140,127 @@ impl ByteLink for Line {
 
     fn clock(&self) -> Clock {
         Clock::simulated(self.time.clone())
+    }
+}
+
+fn reply(seq: u8, result: Result<Response<'_>, LinkError>, of: u8) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let reply = FromDevice::Reply { seq, result, of };
+    let length = encode(&reply, &mut frame).expect("it fits");
+    frame[..length].to_vec()
+}
+
+/// A robot with a key, and somebody who speaks before it.
+mod owned {
+    use rt_firmware::link::access::{NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
+    use rt_firmware::link::frame::encode_with;
+    use rt_firmware::link::message::{Identity, PROVEN_HEAD_BYTES};
+    use rt_firmware::link::proof::Session;
+
+    use super::*;
+    use crate::keys::SigningKey;
+
+    const SALT: [u8; SALT_BYTES] = [4; SALT_BYTES];
+    const NONCE: [u8; NONCE_BYTES] = [5; NONCE_BYTES];
+
+    fn key() -> SigningKey {
+        SigningKey::of(&[9; 32])
+    }
+
+    /// What is said before the robot's own answer.
+    #[derive(Clone, Copy, PartialEq)]
+    pub(super) enum Before {
+        /// An answer without a proof.
+        Unproven,
+        /// An answer with a wrong one.
+        Forged,
+        /// Another salt, for the first time.
+        Identity,
+    }
+
+    /// The time that the owner's session is told, of which the robot's own is 2.
+    pub(super) fn told(before: Before) -> Result<u64, Broken> {
+        let mut session: Option<Session> = None;
+        let mut is_first = true;
+        let robot = move |seq: u8, request: &Request<'_>| {
+            let of = request.kind();
+            match *request {
+                Request::Hello => {
+                    let Response::Hello(info) = hello(PROTOCOL_VERSION) else {
+                        return vec![];
+                    };
+                    let info = Response::Hello(DeviceInfo {
+                        access: Access::Locked,
+                        ..info
+                    });
+                    vec![reply(seq, Ok(info), of)]
+                }
+                Request::Identify { nonce } => {
+                    let (public, counter) = (key().public().0, 7);
+                    let secret = key().secret(&SALT);
+                    session = Some(secret.session(&nonce, &NONCE));
+                    let mut identity = Identity {
+                        key: public,
+                        salt: SALT,
+                        nonce: NONCE,
+                        counter,
+                        proof: secret.of_identity(&nonce, &public, &SALT, &NONCE, counter),
+                    };
+                    if before == Before::Identity && is_first {
+                        identity.salt = [0; SALT_BYTES];
+                    }
+                    is_first = false;
+                    vec![reply(seq, Ok(Response::Identity(identity)), of)]
+                }
+                Request::OpenSession { proof, .. } => match session {
+                    Some(session) if session.opening() == proof => {
+                        vec![proven(seq, 0, &session, Response::Done, of)]
+                    }
+                    _ => vec![reply(seq, Err(LinkError::WrongProof), of)],
+                },
+                Request::Proven { number, .. } => {
+                    let Some(session) = session else {
+                        return vec![];
+                    };
+                    let of = Request::Clock.kind();
+                    let clock = |now_us| Response::Clock { now_us };
+                    let first = match before {
+                        Before::Unproven => reply(seq, Ok(clock(1)), of),
+                        Before::Forged => proven(seq, number ^ 1, &session, clock(1), of),
+                        Before::Identity => vec![],
+                    };
+                    vec![first, proven(seq, number, &session, clock(2), of)]
+                }
+                _ => vec![],
+            }
+        };
+        let line = Line {
+            time: Arc::default(),
+            reader: FrameReader::new(),
+            to_host: VecDeque::new(),
+            streams: Default::default(),
+            behave: Box::new(|_, _| vec![]),
+            frames: Some(Box::new(robot)),
+        };
+        let (mut client, _) = LinkClient::connect(line).map_err(failed)?;
+        client.use_key(Box::new(|| Ok(key())));
+        client.robot_us().map_err(failed)
+    }
+
+    fn proven(seq: u8, number: u32, session: &Session, response: Response<'_>, of: u8) -> Vec<u8> {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let message = FromDevice::Proven {
+            seq,
+            proof: [0; PROOF_BYTES],
+            result: Ok(response),
+            of,
+        };
+        let prove = |message: &mut [u8]| {
+            let (head, answer) = message.split_at_mut(PROVEN_HEAD_BYTES);
+            head[2..].copy_from_slice(&session.of_answer(number, answer));
+        };
+        let length = encode_with(&message, &mut frame, prove).expect("it fits");
+        frame[..length].to_vec()
     }
 }
 
@@ -198,6 +331,7 @@ fn session_after(
             }
             request => behave(seq, request),
         }),
+        frames: None,
     };
     let (client, _) = LinkClient::connect(line).map_err(|error| format!("hello: {error}"))?;
     Ok((client, time))
@@ -304,6 +438,22 @@ const LAWS: &[(&str, Law)] = &[
             client.robot_us().map_err(failed)? == 2,
         )
     }),
+    ("a request is answered by one to its kind", || {
+        let (mut client, _) = session(|_, _| vec![])?;
+        client.link.frames = Some(Box::new(|seq, request| {
+            let clock = |now_us| Ok(Response::Clock { now_us });
+            let (others, own) = (Request::Status.kind(), request.kind());
+            vec![reply(seq, clock(1), others), reply(seq, clock(2), own)]
+        }));
+        holds("its own", client.robot_us().map_err(failed)? == 2)
+    }),
+    ("in a session nobody speaks for the robot", || {
+        use owned::{Before, told};
+        for before in [Before::Unproven, Before::Forged, Before::Identity] {
+            holds("its own answer", told(before)? == 2)?;
+        }
+        Ok(())
+    }),
     ("a request is sent again as it was", || {
         let seen = Arc::new(Mutex::new(Vec::new()));
         let of_robot = seen.clone();
@@ -385,6 +535,7 @@ const LAWS: &[(&str, Law)] = &[
             to_host: VecDeque::new(),
             streams: Default::default(),
             behave: Box::new(|seq, _| vec![(seq, Ok(hello(PROTOCOL_VERSION + 1)))]),
+            frames: None,
         };
         let is_named = matches!(
             LinkClient::connect(line),

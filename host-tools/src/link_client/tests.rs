@@ -181,7 +181,7 @@ fn a_robot_of_another_version_is_named_as_such() {
     let draft = |seq: u8, frame: &mut [u8]| {
         frame::encode(&(0u8, seq, 0u8, 0u8, PROTOCOL_VERSION, "draft"), frame)
     };
-    type Answer = fn(u8, &mut [u8]) -> Result<usize, FrameError>;
+    type Answer = fn(u8, &mut [u8]) -> Result<usize, frame::FrameError>;
     for (answer, version, advice) in [
         (older as Answer, 2, "flash a newer firmware"),
         (draft, PROTOCOL_VERSION, "from the same source"),
@@ -266,9 +266,14 @@ impl ByteLink for Timed {
                 self.there += data.len() as u32;
             }
             let len = self.there;
-            let result = Ok(Response::Received { len });
+            let result = match request {
+                Request::Clock => Ok(Response::Clock { now_us: 0 }),
+                _ => Ok(Response::Received { len }),
+            };
             let mut wire = [0; MAX_FRAME_BYTES];
-            let length = frame::encode(&FromDevice::Reply { seq, result }, &mut wire).unwrap();
+            let of = request.kind();
+            let reply = FromDevice::Reply { seq, result, of };
+            let length = frame::encode(&reply, &mut wire).unwrap();
             let at_us = self.now_us() + self.answer_us + length as f64 * self.byte_us;
             self.answers.push_back((at_us, wire[..length].to_vec()));
         }
@@ -305,6 +310,7 @@ fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
             window_bytes,
         },
         stop: None,
+        calling: None,
     }
 }
 
@@ -530,6 +536,7 @@ fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> Lin
         built_in: client.built_in,
         stop: client.stop,
         signing: client.signing,
+        calling: client.calling,
     }
 }
 
@@ -557,9 +564,9 @@ fn a_robot_with_a_key_is_driven_by_its_owner_alone() {
     client.stop().unwrap();
     client.start().unwrap();
     assert_eq!(client.status().unwrap().mission, Some(mission));
-    assert_eq!(client.challenge().unwrap().counter, 1);
+    assert_eq!(client.identity().unwrap().counter, 1);
 
-    // Somebody else's bytes under the checksum of the owner's are in nobody's way.
+    // Bytes that are none of the owner's under his checksum are in nobody's way.
     client.begin(&blob).unwrap();
     for (part, data) in vec![0x5a; blob.len()].chunks(64).enumerate() {
         let offset = (part * 64) as u32;
@@ -568,7 +575,7 @@ fn a_robot_with_a_key_is_driven_by_its_owner_alone() {
     }
     assert_eq!(client.begin(&blob).unwrap(), blob.len());
     assert_eq!(client.upload(&blob, &mut |_| ()).unwrap(), mission);
-    assert_eq!(client.challenge().unwrap().counter, 2);
+    assert_eq!(client.identity().unwrap().counter, 2);
 
     // And over a bad line, where requests are sent again.
     let noise = Noise::of_each(Noise::WHOLE / 300);
@@ -577,7 +584,7 @@ fn a_robot_with_a_key_is_driven_by_its_owner_alone() {
     client.use_key(owner());
     for counter in 3..6 {
         assert_eq!(client.upload(&blob, &mut |_| ()).unwrap(), mission);
-        assert_eq!(client.challenge().unwrap().counter, counter);
+        assert_eq!(client.identity().unwrap().counter, counter);
     }
     client.remove_key().unwrap();
     assert_eq!(client.hello().unwrap().access, Access::Open);

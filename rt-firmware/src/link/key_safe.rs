@@ -21,11 +21,8 @@ pub enum KeyRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotKept;
 
-/// Where a board keeps what belongs to its key, and its clock.
+/// Where a board keeps what belongs to its key.
 pub trait KeySafe {
-    /// Microseconds since the start.
-    fn now_us(&mut self) -> u64;
-
     /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or an empty one.
     ///
     /// # Errors

@@ -164,11 +164,12 @@ impl Keys {
     pub(crate) fn identify(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
         client: &[u8; NONCE_BYTES],
     ) -> Result<Identity, LinkError> {
         let Owner { key, salt, secret } = self.owner(safe)?;
         let start = self.start(safe)?;
-        let nonce = session_nonce(&secret, start, safe.now_us(), client);
+        let nonce = session_nonce(&secret, start, now_us, client);
         let counter = self.counter;
         Ok(Identity {
             key,
@@ -184,6 +185,7 @@ impl Keys {
     pub(crate) fn open_session(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
         client: &[u8; NONCE_BYTES],
         robot: &[u8; NONCE_BYTES],
         proof: &Proof,
@@ -191,7 +193,7 @@ impl Keys {
         let Owner { secret, .. } = self.owner(safe)?;
         let start = self.start(safe)?;
         let at_us = given_at_us(robot);
-        let age_us = safe.now_us().checked_sub(at_us);
+        let age_us = now_us.checked_sub(at_us);
         let is_young = age_us.is_some_and(|age_us| age_us <= NONCE_LIFE_US);
         if !is_young && !planted!(OldSessionOpened) {
             return Err(LinkError::NoChallenge);
@@ -271,11 +273,11 @@ impl Keys {
     pub(crate) fn challenge(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
     ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
         let Owner { secret, .. } = self.owner(safe)?;
         let start = self.start(safe)?;
         self.challenges = self.challenges.wrapping_add(1);
-        let now_us = safe.now_us();
         let bytes = secret.nonce(&[
             &start.to_le_bytes(),
             &self.challenges.to_le_bytes(),
@@ -292,6 +294,7 @@ impl Keys {
     pub(crate) fn check_upload(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
         counter: u64,
         signature: &[u8],
         blob: &[u8],
@@ -311,7 +314,7 @@ impl Keys {
         }
         let counter_bytes = counter.to_le_bytes();
         let message = access::upload(&salt, &counter_bytes, blob);
-        self.check(safe, &key, &signature, &message)?;
+        self.check(now_us, &key, &signature, &message)?;
         Ok(SignedUpload { counter, signature })
     }
 
@@ -319,6 +322,7 @@ impl Keys {
     pub(crate) fn check_command(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
         signature: &[u8],
         upload: Option<&SignedUpload>,
         request: &[u8],
@@ -329,12 +333,12 @@ impl Keys {
         if planted!(NonceKept) {
             self.nonce = Some(nonce);
         }
-        if safe.now_us() > nonce.until_us && !planted!(NonceForEver) {
+        if now_us > nonce.until_us && !planted!(NonceForEver) {
             return Err(LinkError::NoChallenge);
         }
         let upload = upload.map_or(&NO_UPLOAD, |upload| &upload.signature);
         let message = access::command(&nonce.bytes, upload, request);
-        self.check(safe, &key, &signature, &message)?;
+        self.check(now_us, &key, &signature, &message)?;
         Ok(nonce.until_us)
     }
 
@@ -342,6 +346,7 @@ impl Keys {
     pub(crate) fn install(
         &mut self,
         safe: &mut dyn KeySafe,
+        now_us: u64,
         key: &[u8],
         salt: &[u8],
         secret: &[u8],
@@ -352,7 +357,7 @@ impl Keys {
         let secret: [u8; SECRET_BYTES] = secret.try_into().map_err(|_| LinkError::Malformed)?;
         let signature = signature_of(signature)?;
         let message = access::install(&key, &salt, &secret);
-        self.check(safe, &key, &signature, &message)?;
+        self.check(now_us, &key, &signature, &message)?;
         let sent = Secret(secret);
         let secret = match (self.lock, &self.session) {
             // Who listens does not learn it.
@@ -415,12 +420,12 @@ impl Keys {
 
     fn check(
         &mut self,
-        safe: &mut dyn KeySafe,
+        now_us: u64,
         key: &[u8; KEY_BYTES],
         signature: &[u8; SIGNATURE_BYTES],
         message: &[&[u8]],
     ) -> Result<(), LinkError> {
-        let left_us = self.closed_until_us.saturating_sub(safe.now_us());
+        let left_us = self.closed_until_us.saturating_sub(now_us);
         if left_us > 0 {
             return Err(LinkError::TooSoon {
                 // A second at most. A division of 64 bits would take a routine of its own.
@@ -431,7 +436,7 @@ impl Keys {
             return Ok(());
         }
         if !planted!(PauseForgotten) {
-            self.closed_until_us = safe.now_us().saturating_add(PAUSE_AFTER_WRONG_US);
+            self.closed_until_us = now_us.saturating_add(PAUSE_AFTER_WRONG_US);
         }
         Err(LinkError::WrongSignature)
     }

@@ -39,6 +39,7 @@ impl Keys {
     pub(crate) fn identify(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
         _: &[u8; NONCE_BYTES],
     ) -> Result<Identity, LinkError> {
         Err(LinkError::NoKeySupport)
@@ -47,6 +48,7 @@ impl Keys {
     pub(crate) fn open_session(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
         _: &[u8; NONCE_BYTES],
         _: &[u8; NONCE_BYTES],
         _: &[u8; PROOF_BYTES],
@@ -70,6 +72,7 @@ impl Keys {
     pub(crate) fn challenge(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
     ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
         Err(LinkError::NoKeySupport)
     }
@@ -77,6 +80,7 @@ impl Keys {
     pub(crate) fn check_upload(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
         _: u64,
         _: &[u8],
         _: &[u8],
@@ -87,6 +91,7 @@ impl Keys {
     pub(crate) fn check_command(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
         _: &[u8],
         _: Option<&SignedUpload>,
         _: &[u8],
@@ -97,6 +102,7 @@ impl Keys {
     pub(crate) fn install(
         &mut self,
         _: &mut dyn KeySafe,
+        _: u64,
         _: &[u8],
         _: &[u8],
         _: &[u8],

@@ -138,10 +138,6 @@ impl LinkPort for Wire {
 }
 
 impl KeySafe for Wire {
-    fn now_us(&mut self) -> u64 {
-        self.now_us
-    }
-
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.kept.read(record, room)
     }
@@ -507,7 +503,7 @@ mod of_keys {
         let key = *pair().pk;
         keys.access(Some(&mut *safe));
         let signature = sign(&access::install(&key, &SALT, &SECRET));
-        keys.install(safe, &key, &SALT, &SECRET, &signature)
+        keys.install(safe, 0, &key, &SALT, &SECRET, &signature)
     }
 
     /// The owner's end of a session.
@@ -779,7 +775,7 @@ mod of_keys {
         let blob = junk(20);
         let signature = |counter: u64| sign_upload(counter, &blob);
         let upload = keys
-            .check_upload(&mut wire, 5, &signature(5), &blob)
+            .check_upload(&mut wire, 0, 5, &signature(5), &blob)
             .map_err(|error| format!("{error:?}"))?;
         keys.accept(&mut wire, &upload)
             .map_err(|error| format!("{error:?}"))?;
@@ -794,7 +790,7 @@ mod of_keys {
             ),
             (u64::MAX - 1, Err(LinkError::CounterTooFar { last: 5 })),
         ] {
-            let result = keys.check_upload(&mut wire, counter, &signature(counter), &blob);
+            let result = keys.check_upload(&mut wire, 0, counter, &signature(counter), &blob);
             let result = result.map(drop);
             if result != expected {
                 return Err(format!("counter {counter}: {result:?}"));

@@ -162,10 +162,6 @@ impl LinkPort for Wire<'_> {
 }
 
 impl KeySafe for Wire<'_> {
-    fn now_us(&mut self) -> u64 {
-        self.now_us
-    }
-
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.keep.records().read_of_key(record, room)
     }

@@ -52,7 +52,7 @@ const HEAD: &str = "\
 #   The client numbers its requests from 1 and puts a delimiter in front of each frame. It chooses the sizes of chunks as docs/link.md advises; what it
 #   asks for, and when, is its own affair.
 #   The nonces of the client's sessions are the texts \"client nonce 001\", \"client nonce 002\" and so on, in each exchange.
-#   In exchanges about keys the robot starts with memory for a key and without one, and its clock shows how much time has passed by `t`.
+#   In exchanges about keys the robot starts with memory for a key and without one.
 ";
 
 /// A key whose private part everyone may read here.
@@ -1119,9 +1119,6 @@ impl Exchange<'_, '_, '_, '_, '_> {
 
     fn pass_us(&mut self, us: u64) {
         let _ = writeln!(self.text, "t {us}");
-        if let Some(safe) = &mut self.robot.wire.safe {
-            safe.now_us += us;
-        }
         let until_us = self.robot.world.now_us() + us;
         let mut heard = Vec::new();
         while self.robot.world.now_us() < until_us {

@@ -88,9 +88,7 @@ fn standing(robot: &mut Bench<'_, '_, '_>) -> (Option<u32>, Mode, u32, Option<Sa
 
 /// Lets the robot look at signatures again.
 fn pause(robot: &mut Bench<'_, '_, '_>) {
-    if let Some(safe) = &mut robot.wire.safe {
-        safe.now_us += PAUSE_AFTER_WRONG_US;
-    }
+    robot.run_us(PAUSE_AFTER_WRONG_US);
 }
 
 #[test]
@@ -609,13 +607,13 @@ fn after_a_wrong_signature_none_is_looked_at_for_a_second() {
             ask_signed(robot, &key(1), &NO_UPLOAD, Request::Start),
             Err(LinkError::TooSoon { ms: 1000 })
         );
-        robot.wire.safe.as_mut().unwrap().now_us += PAUSE_AFTER_WRONG_US - 1;
+        robot.world.pass_us(PAUSE_AFTER_WRONG_US - 1);
         assert_eq!(
             ask_signed(robot, &key(2), &NO_UPLOAD, Request::Start),
             Err(LinkError::TooSoon { ms: 1 }),
             "which does not begin the pause anew"
         );
-        robot.wire.safe.as_mut().unwrap().now_us += 1;
+        robot.world.pass_us(1);
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, Request::Start),
             Ok(Answer::Done)
@@ -840,7 +838,7 @@ fn what_an_owner_is_told_in_a_session_and_what_the_owner_signs_is_limited() {
         let (nonce, _) = challenge(robot);
         let request = bytes_of(&Request::Start);
         let signature = key(1).sign(&access::command(&nonce, &NO_UPLOAD, &request));
-        robot.wire.safe.as_mut().expect("it is there").now_us += NONCE_LIFE_US + 1;
+        robot.run_us(NONCE_LIFE_US + 1);
         let signed = Request::Signed {
             signature: &signature,
             request: &request,

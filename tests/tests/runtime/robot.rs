@@ -340,7 +340,6 @@ impl MissionKeeper for Memo {
 #[derive(Clone, Default)]
 pub struct Safe {
     pub kept: Volatile,
-    pub now_us: u64,
     /// It cannot be read and written.
     pub broken: bool,
     /// It takes what is written, and says that it does not.
@@ -350,10 +349,6 @@ pub struct Safe {
 }
 
 impl KeySafe for Safe {
-    fn now_us(&mut self) -> u64 {
-        self.now_us
-    }
-
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         if self.broken {
             return Err(NotKept);

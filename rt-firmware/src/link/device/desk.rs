@@ -143,8 +143,9 @@ impl Desk<'_, '_> {
         else {
             return Err(LinkError::Malformed);
         };
+        let now_us = port.now_us();
         let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
-        self.keys.open_session(safe, client, robot, proof)
+        self.keys.open_session(safe, now_us, client, robot, proof)
     }
 
     /// Carries a request out, if whoever sent it may. Answers its kind besides, or that of what it holds.
@@ -319,10 +320,13 @@ impl Desk<'_, '_> {
             | Request::Challenge
             | Request::Sign { .. }
             | Request::InstallKey { .. }
-            | Request::RemoveKey => Reaction::Answer(match port.key_safe() {
-                Some(safe) => self.of_keys(request, safe),
-                None => Err(LinkError::NoKeySupport),
-            }),
+            | Request::RemoveKey => {
+                let now_us = port.now_us();
+                Reaction::Answer(match port.key_safe() {
+                    Some(safe) => self.of_keys(request, safe, now_us),
+                    None => Err(LinkError::NoKeySupport),
+                })
+            }
             Request::Clock => Reaction::Answer(Ok(Response::Clock {
                 now_us: port.now_us(),
             })),

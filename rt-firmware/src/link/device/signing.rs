@@ -17,6 +17,7 @@ impl Desk<'_, '_> {
         bytes: &[u8],
         port: &mut impl LinkPort,
     ) -> Result<u64, LinkError> {
+        let now_us = port.now_us();
         let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
         if needs(request) != Needs::Key {
             return Err(LinkError::Malformed);
@@ -35,7 +36,8 @@ impl Desk<'_, '_> {
             ) => Some(signed),
             _ => None,
         };
-        self.keys.check_command(safe, signature, upload, bytes)
+        self.keys
+            .check_command(safe, now_us, signature, upload, bytes)
     }
 
     /// Answers what is about keys alone.
@@ -44,13 +46,14 @@ impl Desk<'_, '_> {
         &mut self,
         request: &Request<'_>,
         safe: &mut dyn KeySafe,
+        now_us: u64,
     ) -> Result<Response<'_>, LinkError> {
         match *request {
             Request::Identify { ref nonce } => {
-                Ok(Response::Identity(self.keys.identify(safe, nonce)?))
+                Ok(Response::Identity(self.keys.identify(safe, now_us, nonce)?))
             }
             Request::Challenge => {
-                let (nonce, counter) = self.keys.challenge(safe)?;
+                let (nonce, counter) = self.keys.challenge(safe, now_us)?;
                 Ok(Response::Challenge { nonce, counter })
             }
             Request::Sign { counter, signature } => {
@@ -64,9 +67,9 @@ impl Desk<'_, '_> {
                 if (upload.signed.as_ref()).is_some_and(|signed| signed.is(counter, signature)) {
                     return Ok(Response::Done);
                 }
-                let checked = self
-                    .keys
-                    .check_upload(safe, counter, signature, &upload.blob);
+                let checked =
+                    self.keys
+                        .check_upload(safe, now_us, counter, signature, &upload.blob);
                 let is_unsigned = upload.signed.is_none();
                 match checked {
                     Ok(signed) => upload.signed = Some(signed),
@@ -84,7 +87,9 @@ impl Desk<'_, '_> {
                 secret,
                 signature,
             } => {
-                let installed = self.keys.install(safe, key, salt, secret, signature);
+                let installed = self
+                    .keys
+                    .install(safe, now_us, key, salt, secret, signature);
                 // What another key has signed is not signed. It may be there although the flash said no.
                 if let Some(upload) = &mut self.upload {
                     upload.signed = None;
