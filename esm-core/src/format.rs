@@ -98,7 +98,7 @@
 //! # Limits
 //!
 //! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one state, 32,767 events, [`MAX_STATE_INSTANCES`] state instances, jumps over at most 8,191
-//! tests, 32,736 code records, times of at most [`MAX_TIME_US`].
+//! tests, 32,736 code records, [`MAX_SLOTS`] slots, times of at most [`MAX_TIME_US`].
 
 use serde::{Deserialize, Serialize};
 
@@ -112,6 +112,9 @@ pub const PULSE: u16 = 0;
 pub const NONE: u16 = u16::MAX;
 /// The longest period and timeout: 4,000 s. Below 2³² µs, so that the age of a state can be told from 32 bits.
 pub const MAX_TIME_US: u32 = 4_000_000_000;
+/// The most slots of a mission: each is compared with each, so that this bounds the time of the check. It
+/// is as many as can be laid out, and far more than any firmware has room for.
+pub const MAX_SLOTS: u16 = 4_096;
 /// The greatest number of an event.
 pub const MAX_EVENT: u16 = TRANSITION_IS_PLAIN - 1;
 /// The most flags that one state can have.

@@ -109,14 +109,24 @@ impl Observer for () {}
 pub struct StepSummary {
     /// Its number, from 0.
     pub step: u64,
-    /// Its time: microseconds since the first macro step.
-    pub t_us: u64,
+    /// Microseconds from one macro step to the next.
+    pub period_us: u32,
     /// Events that were handled, the pulse included.
     pub micro_steps: u8,
     /// Whether any transition was taken.
     pub changed: bool,
     /// Whether a region of the machine has reached `final`, now or before.
     pub finished: bool,
+}
+
+impl StepSummary {
+    /// Its time: microseconds since the first macro step. Where that is more than 64 bits can hold, after half
+    /// a million years, time stands still there.
+    #[must_use]
+    #[inline]
+    pub fn t_us(&self) -> u64 {
+        self.step.saturating_mul(u64::from(self.period_us))
+    }
 }
 
 /// How the arena is divided: the word at which each part begins. The parts stand in this order.
@@ -462,8 +472,11 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         Self { period_us, ..self }
     }
 
-    /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on.
+    /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro step move on, to [`MAX_STEPS`] at most. No more macro steps pass
+    /// beyond that: so no counter of them wraps, and timers run out as they do after any other wait.
     pub fn skip(&mut self, missed: u32) {
+        let rest = MAX_STEPS.saturating_sub(self.clock.begun());
+        let missed = u32::try_from(rest).map_or(missed, |rest| missed.min(rest));
         if !self.clock.skip(missed) {
             self.age_timers(missed);
             self.clock = Clock::at(self.clock.begun() + u64::from(missed), 1);
@@ -483,7 +496,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         }
         let mut summary = StepSummary {
             step,
-            t_us: step * u64::from(self.period_us),
+            period_us: self.period_us,
             micro_steps: 1,
             changed: false,
             finished: false,

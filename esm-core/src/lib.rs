@@ -27,7 +27,7 @@
 //!     let verified = verify(blob).map_err(|(_, refusal)| refusal)?;
 //!     let Ok(mut interpreter) = Interpreter::new(verified, arena) else { return Ok(false) };
 //!     while let Ok(step) = interpreter.macro_step(&mut ()) {
-//!         if step.finished || step.t_us >= 1_000_000 { return Ok(step.finished); }
+//!         if step.finished || step.t_us() >= 1_000_000 { return Ok(step.finished); }
 //!     }
 //!     Ok(false)
 //! }

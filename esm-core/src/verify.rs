@@ -7,7 +7,7 @@
 //! records of its region instances and task instances, and in those of the instances inside its superstates. The first instance of a container is its *model*: there the walk checks the
 //! template, too, with transitions and code, and that the container's spans (flags, tasks, regions, instances that one instance of it takes) are the sums of its parts. So
 //! no container can hold itself, and the machine's spans are what the tables hold: nothing is claimed twice, and nothing is left out. Other
-//! tables are checked a record at a time. Time grows with the number of state instances, which is bounded, and with the square of the number of slots; the depth of the stack is constant.
+//! tables are checked a record at a time. Time grows with the number of state instances, which is bounded, and with the square of the number of slots, which is, too; the depth of the stack is constant.
 //!
 //! Most of it stands in tables of rules, in `rules.rs`: what must be equal or below, where a record is, which list applies to which part. Here is what applies them, and the
 //! few steps that take numbers apart.
@@ -171,6 +171,15 @@ impl<B: Deref<Target = [u8]>> Verified<B> {
         &self.bytes
     }
 
+    /// The same blob, borrowed: for another machine of it, which need not be checked again.
+    #[must_use]
+    pub fn by_ref(&self) -> Verified<&[u8]> {
+        Verified {
+            bytes: &self.bytes,
+            layout: self.layout,
+        }
+    }
+
     /// Gives the blob back.
     pub fn into_bytes(self) -> B {
         self.bytes
@@ -234,7 +243,12 @@ impl Layout {
                 return Err(Refusal::Cut);
             }
             at += length as usize;
-            let too_many = record_bytes > 1 && records >= u32::from(format::NONE);
+            // Before the first of them is looked at: the time that slots take grows with their square.
+            let most = match section == Section::Slots as usize {
+                true => format::MAX_SLOTS,
+                false => format::NONE - 1,
+            };
+            let too_many = record_bytes > 1 && records > u32::from(most);
             if records * record_bytes != length || too_many {
                 return Err(Refusal::SectionLength(Section::with_number(section as u8)));
             }

@@ -248,7 +248,7 @@ impl Made {
         let recording = Recording::read(&self.bytes).unwrap();
         assert_eq!(recording.end, FileEnd::Whole, "{what}");
         let mut out = Vec::new();
-        let outcome = replay(&recording, true, &mut out).unwrap_or_else(|(_, error)| {
+        let outcome = replay(&recording, true, Some(&mut out)).unwrap_or_else(|(_, error)| {
             panic!("{what}: {error}");
         });
         assert_eq!(outcome.stretches, recording.stretches.len(), "{what}");
@@ -539,10 +539,10 @@ fn a_robot_that_has_forgotten_who_listens_is_asked_anew_and_the_gap_is_told() {
     let recording = Recording::read(&made.bytes).unwrap();
     assert_eq!(recording.end, FileEnd::Whole);
     let mut before = Vec::new();
-    let (outcome, error) = replay(&recording, false, &mut before).unwrap_err();
+    let (outcome, error) = replay(&recording, false, Some(&mut before)).unwrap_err();
     assert!(matches!(error, ReplayError::Gap { .. }), "{error}");
     assert!(outcome.steps > 100, "{outcome:?}");
-    let outcome = replay(&recording, true, io::sink()).unwrap();
+    let outcome = replay(&recording, true, Some(io::sink())).unwrap();
     assert!(outcome.checks > 0, "{outcome:?}");
     assert_eq!(outcome.steps, made.counts.steps);
 }

@@ -67,7 +67,11 @@ const RUNS: [RecordedRun; 10] = [
 
 fn replayed(bytes: &[u8], over_gaps: bool) -> (String, Option<ReplayError>) {
     let mut trace = Vec::new();
-    let ended = replay(&Recording::read(bytes).unwrap(), over_gaps, &mut trace);
+    let ended = replay(
+        &Recording::read(bytes).unwrap(),
+        over_gaps,
+        Some(&mut trace),
+    );
     let error = ended.err().map(|(_, error)| error);
     (String::from_utf8(trace).unwrap(), error)
 }
@@ -92,7 +96,7 @@ fn ten_recorded_runs_with_uploads_in_them_are_had_again_line_by_line() {
         let recording = Recording::read(&bytes).unwrap();
         assert_eq!(recording.end, FileEnd::Whole);
         // What a run says of its recording at the end.
-        let outcome = replay(&recording, false, Vec::new()).unwrap();
+        let outcome = replay(&recording, false, Some(Vec::new())).unwrap();
         assert_eq!(made.counts.steps, outcome.steps, "{what}");
         assert_eq!(made.steps, outcome.steps, "{what}");
         assert_eq!(made.transitions, outcome.transitions, "{what}");
@@ -374,7 +378,7 @@ fn times_beyond_all_sense_are_refused_or_told_as_they_can_be() {
         assert!(matches!(refused, RecordingError::BadRecords), "{refused}");
     }
     let latest = recording(esm_core::MAX_STEPS, 1 << 62).unwrap();
-    let outcome = replay(&latest, false, Vec::new()).unwrap();
+    let outcome = replay(&latest, false, Some(Vec::new())).unwrap();
     assert!(outcome.transitions > 0);
     let (mut walk, ended) = Walk::new(&latest, false);
     assert!(ended.is_none(), "{ended:?}");

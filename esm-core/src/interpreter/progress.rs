@@ -176,7 +176,7 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
     }
 
     /// Turns a bit of [`Self::input_words`] over, as a task or the end of a slot-0 run did. False, and nothing changes, if it is no flag of a task and no
-    /// enable bit. Between macro steps only. Takes time in proportion to the task instances.
+    /// enable bit. Between macro steps only.
     pub fn toggle_input(&mut self, bit: usize) -> bool {
         if let Some(task) = bit.checked_sub(self.first_enable_bit()) {
             if task >= self.layout.tasks {
@@ -187,18 +187,32 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
             }
             return true;
         }
-        let tables = self.verified.tables();
-        let owner = (0..self.layout.tasks).find_map(|task| {
-            let places = tables.task_places(task)?;
-            let first = usize::from(places.first_flag);
-            (first..first + usize::from(places.flags))
-                .contains(&bit)
-                .then(|| usize::from(places.region))
-        });
-        let Some(region) = owner else { return false };
+        let Some(region) = self.region_of_task_flag(bit) else {
+            return false;
+        };
         let value = !self.flag(bit);
         self.write_flag(bit, region, value);
         true
+    }
+
+    /// The region instance of the task that a flag is of. Instances take flags and tasks in the same order, so that the flags
+    /// of tasks ascend: the task is the last whose flags do not begin behind the flag.
+    fn region_of_task_flag(&self, bit: usize) -> Option<usize> {
+        let tables = self.verified.tables();
+        let (mut first, mut end) = (0, self.layout.tasks);
+        // Each turn halves what is left.
+        while end - first > 1 {
+            let middle = first + (end - first) / 2;
+            match usize::from(tables.task_places(middle)?.first_flag) <= bit {
+                true => first = middle,
+                false => end = middle,
+            }
+        }
+        let places = tables.task_places(first)?;
+        let own = usize::from(places.first_flag);
+        (own..own + usize::from(places.flags))
+            .contains(&bit)
+            .then(|| usize::from(places.region))
     }
 }
 

@@ -130,7 +130,8 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         },
         expected,
     };
-    let ended = replay(&recording, args.over_gaps, &mut trace);
+    let is_wanted = args.trace.is_some() || args.expect.is_some();
+    let ended = replay(&recording, args.over_gaps, is_wanted.then_some(&mut trace));
     if let (Some(path), true) = (&args.trace, trace.is_interrupted()) {
         return Err(CommandError::World(anyhow!(
             "interrupted; {} is as it was",

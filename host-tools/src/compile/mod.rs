@@ -21,7 +21,7 @@ pub(crate) mod test_models;
 #[cfg(test)]
 mod tests;
 
-use esm_core::format::{self, Envelope, Section};
+use esm_core::format::{self, Envelope, MAX_SLOTS, Section};
 use esm_core::{Cause, Refusal};
 
 use crate::model::{Container, Model, Span};
@@ -266,8 +266,9 @@ pub fn compile_with(
             starts: starts_us.len(),
         });
     }
-    within(Capacity::Slots, model.slots.len(), MAX_RECORDS).map_err(|error| {
-        match model.slots.get(MAX_RECORDS) {
+    let most_slots = usize::from(MAX_SLOTS);
+    within(Capacity::Slots, model.slots.len(), most_slots).map_err(|error| {
+        match model.slots.get(most_slots) {
             Some(slot) => error.at(slot.span),
             None => error,
         }

@@ -1,10 +1,10 @@
 //! Behaviour of compiled machines on the interpreter, and the verifier against what is no blob.
 
-use esm_core::format::{self, Envelope, PULSE, Section};
+use esm_core::format::{self, Envelope, MAX_SLOTS, MAX_TIME_US, PULSE, Section};
 use esm_core::tables::{Code, Guard as BlobGuard, StateKind as BlobStateKind};
 use esm_core::{
-    Cause, Fault, Interpreter, Observer, Refusal, StepSummary, TransitionTaken, Verified, texts,
-    verify,
+    Cause, Fault, Interpreter, MAX_STEPS, Observer, Refusal, StepSummary, TransitionTaken,
+    Verified, texts, verify,
 };
 use proptest::prelude::*;
 
@@ -13,7 +13,7 @@ use super::test_models::{
     superstate, task, task_state,
 };
 use super::{Capacity, CompileError, compile};
-use crate::model::{Action, Direction, Guard, Model, SlotRef, Trigger};
+use crate::model::{Action, Direction, Guard, Model, Slot, SlotRef, Trigger};
 
 fn verified(model: &Model) -> Verified<Vec<u8>> {
     verify(compile(model, &STARTS_US).unwrap())
@@ -556,6 +556,7 @@ fn timer(limit_us: u32, period_us: u32) -> Model {
     let mut model = model(&[], Vec::new(), vec![root]);
     model.slots.truncate(1);
     model.slots[0].period_us = period_us;
+    model.slots[0].duration_us = model.slots[0].duration_us.min(period_us);
     model
 }
 
@@ -593,8 +594,114 @@ fn missed_occurrences_count_as_time() {
     machine.steps(1);
     machine.interpreter.skip(5);
     let summary = machine.step().unwrap();
-    assert_eq!((summary.step, summary.t_us), (6, 6_000));
+    assert_eq!((summary.step, summary.t_us()), (6, 6_000));
     assert_eq!(machine.active(), "1");
+}
+
+/// A model with so many slots, one behind the other, and where they start.
+fn with_slots(count: u32) -> (Model, Vec<u32>) {
+    let mut model = timer(5_000, 1_000_000);
+    let first = model.slots[0].clone();
+    model.slots = (0..count)
+        .map(|slot| Slot {
+            number: slot + 1,
+            duration_us: 1,
+            ..first.clone()
+        })
+        .collect();
+    (model, (0..count).collect())
+}
+
+#[test]
+fn more_slots_than_can_be_compared_in_time_are_refused_before_they_are() {
+    let (most, more) = (u32::from(MAX_SLOTS), u32::from(MAX_SLOTS) + 1);
+    let (model, starts_us) = with_slots(most + 1);
+    let refused = compile(&model, &starts_us).unwrap_err().to_string();
+    assert!(
+        refused.contains("slots") && refused.contains("4096"),
+        "{refused}"
+    );
+
+    let (model, starts_us) = with_slots(3);
+    let blob = compile(&model, &starts_us).unwrap();
+    let body = &blob[format::MAGIC.len()..blob.len() - format::CRC_BYTES];
+    for (count, is_told_by_length) in [(more, true), (4 * most, true), (most, false)] {
+        // None has a number. Whoever says so has looked at one.
+        let slots = vec![0; 16 * count as usize];
+        let mut envelope: Envelope<'_> = postcard::from_bytes(body).unwrap();
+        envelope.slots = &slots;
+        let mut other = format::MAGIC.to_vec();
+        other.extend(postcard::to_stdvec(&envelope).unwrap());
+        let refusal = verify(sealed(&other)).unwrap_err().1;
+        let by_length = refusal == Refusal::SectionLength(Section::Slots);
+        assert_eq!(by_length, is_told_by_length, "{count}: {refusal:?}");
+    }
+}
+
+/// A machine that has entered its state with a timeout in the macro step before the one with a number.
+fn timed_at(verified: &Verified<Vec<u8>>, step: u64) -> Machine {
+    let mut machine = Machine::run(verified.clone());
+    machine.steps(1);
+    assert_eq!(machine.active(), "0");
+    let mut words = machine.interpreter.state_words().to_vec();
+    let first = words.len() - machine.interpreter.entered_words().len();
+    for entered in &mut words[first..] {
+        *entered = (step as u32).wrapping_sub(1);
+    }
+    let mut progress = machine.interpreter.progress();
+    progress.steps = step;
+    let arena = Vec::leak(vec![0; verified.arena_words()]);
+    machine.interpreter = Interpreter::resume(verified.clone(), arena, &words, progress).unwrap();
+    machine
+}
+
+#[test]
+fn times_that_do_not_fit_stand_still_and_wrap_nowhere() {
+    let period_us = MAX_TIME_US;
+    let verified = verify(compile(&timer(period_us, period_us), &[0]).unwrap()).unwrap();
+    let mut machine = Machine::run(verified);
+    machine.steps(1);
+    let mut expected = 1_u64;
+    let mut last_us = 0;
+    for _ in 0..70_000 {
+        machine.interpreter.skip(u32::MAX);
+        expected = (expected + u64::from(u32::MAX)).min(MAX_STEPS.max(expected));
+        let summary = machine.step().unwrap();
+        assert_eq!(summary.step, expected);
+        assert_eq!(machine.active(), "1", "it was overdue");
+        assert!(summary.t_us() >= last_us);
+        (expected, last_us) = (expected + 1, summary.t_us());
+    }
+    assert!(expected > MAX_STEPS, "{expected}");
+    assert_eq!(last_us, u64::MAX);
+}
+
+proptest! {
+    /// Wherever a machine is in its time, and however many macro steps it misses, a timeout is taken in the first macro step whose time is above the limit.
+    #[test]
+    fn timeouts_are_strict_behind_any_skips(
+        limit_us in prop_oneof![0..=MAX_TIME_US, Just(0), Just(MAX_TIME_US)],
+        period_us in prop_oneof![1..=MAX_TIME_US, 1..=10_u32, Just(1), Just(MAX_TIME_US)],
+        begun in prop_oneof![1..=MAX_STEPS, Just(1), Just(u64::from(u32::MAX)), Just(MAX_STEPS), Just(MAX_STEPS - 1)],
+        skips in prop::collection::vec(prop_oneof![0..=u32::MAX, 0..=3_u32, Just(u32::MAX)], 1..5),
+    ) {
+        let blob = compile(&timer(limit_us, period_us), &[0]).unwrap();
+        let verified = verify(blob).unwrap();
+        let mut machine = timed_at(&verified, begun);
+        let (entered, mut next) = (begun - 1, begun);
+        for missed in skips {
+            machine.interpreter.skip(missed);
+            next = next.max(MAX_STEPS.min(next + u64::from(missed)));
+            let summary = machine.step().unwrap();
+            prop_assert_eq!(summary.step, next);
+            let exact_us = u128::from(next) * u128::from(period_us);
+            prop_assert_eq!(u128::from(summary.t_us()), exact_us.min(u64::MAX.into()));
+            let passed_us = u128::from(next - entered) * u128::from(period_us);
+            let expected = if passed_us > u128::from(limit_us) { "1" } else { "0" };
+            prop_assert_eq!(machine.active(), expected);
+            next += 1;
+        }
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use esm_core::format::{MAX_SLOTS, Section};
 use esm_core::{Cause, Refusal};
 
 /// A refusal as a person reads it: what is wrong with the blob, where, and what to do about it.
@@ -18,6 +19,12 @@ impl fmt::Display for Explained {
                 write!(
                     f,
                     "its bytes changed on the way: their checksum is {computed:08x}, it says {stored:08x}"
+                )
+            }
+            Refusal::SectionLength(Section::Slots) => {
+                write!(
+                    f,
+                    "the length of its section `Slots` is no whole number of records, or it has more than {MAX_SLOTS} slots"
                 )
             }
             Refusal::SectionLength(section) => {
@@ -59,7 +66,6 @@ fn cause_text(cause: Cause) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use esm_core::format::Section;
 
     #[test]
     fn refusals_say_what_and_where_and_what_to_do() {
@@ -71,6 +77,10 @@ mod tests {
                     computed: 0xABCD,
                 },
                 "checksum is 0000abcd, it says 00000001; build",
+            ),
+            (
+                Refusal::SectionLength(Section::Slots),
+                "or it has more than 4096 slots; build",
             ),
             (
                 Refusal::Record {

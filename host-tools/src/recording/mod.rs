@@ -5,6 +5,7 @@
 //! those through `esm-core`'s interpreter, so that their trace is that of the robot, line by line. A [`walk`] goes through them micro step by micro step.
 
 pub mod file;
+pub mod limits;
 pub mod live;
 pub mod player;
 pub mod walk;

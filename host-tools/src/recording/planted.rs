@@ -6,8 +6,10 @@ use esm_core::Interpreter;
 use rt_firmware::link::record::{write_changes, write_quiet, write_started, write_state};
 use rt_firmware::link::trace::RecordSink;
 
+use super::condense::MAX_KEPT_QUIET;
 use super::file::{self, Frame, Head};
-use super::player::Recording;
+use super::limits::Limits;
+use super::player::{Recording, RecordingError};
 use crate::sim::tests::directory_and_blob;
 use crate::trace::directory::{Directory, StateKind};
 
@@ -117,6 +119,25 @@ impl Planted {
         let name = name.to_owned();
         self.with(&Frame::Mission { name, blob })
             .with(&Frame::Records(sink.0))
+    }
+
+    /// So many macro steps of a machine to which nothing happens, in as few bytes as a file may have for them.
+    pub(crate) fn quiet(self, (name, machine): (&str, &str), steps: u64) -> Self {
+        let (_, blob) = directory_and_blob(machine);
+        let hash = esm_core::verify(blob.as_slice()).unwrap().hash();
+        let mut sink = Bytes::default();
+        write_started(&mut sink, 0, false, hash, 0);
+        for _ in 0..steps / u64::from(MAX_KEPT_QUIET) {
+            write_quiet(&mut sink, MAX_KEPT_QUIET);
+        }
+        write_quiet(&mut sink, (steps % u64::from(MAX_KEPT_QUIET)) as u32);
+        let name = name.to_owned();
+        self.with(&Frame::Mission { name, blob })
+            .with(&Frame::Records(sink.0))
+    }
+
+    pub(super) fn recording_within(&self, limits: Limits) -> Result<Recording, RecordingError> {
+        Recording::read_within(&self.0, limits)
     }
 
     pub(crate) fn recording(&self) -> Recording {

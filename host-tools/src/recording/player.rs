@@ -1,5 +1,7 @@
 //! Recordings, run again.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -7,11 +9,12 @@ use esm_core::{Fault, Interpreter, Observer, Progress, TransitionTaken, Verified
 use thiserror::Error;
 
 use super::file::{self, FileEnd, FileError, Frame, Head, RunEnd};
+use super::limits::{Limits, TooMuch};
 use super::stretch::{Beginning, Change, Input, Stretch, Stretches, time_of};
 use crate::run::entered::Entered;
 use crate::run::mission::hash_text;
 use crate::trace::directory::{Directory, NoDirectory};
-use crate::trace::{Step, TraceWriter};
+use crate::trace::{Lines, Step, TraceWriter};
 
 /// A recording as it was read.
 #[derive(Debug)]
@@ -28,6 +31,10 @@ pub struct Recording {
     pub end: FileEnd,
     /// Bytes of records.
     pub record_bytes: u64,
+    /// How much of everything is replayed.
+    pub(super) limits: Limits,
+    /// Where the first mission with a hash is.
+    by_hash: HashMap<u32, usize>,
 }
 
 /// A mission of a recording.
@@ -66,14 +73,25 @@ pub enum RecordingError {
     /// Its records make no sense.
     #[error("the records in the recording make no sense: another program wrote them, or a defect")]
     BadRecords,
+    /// Its replay would take too long.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
 }
 
 impl Recording {
-    /// Reads a recording. Takes time and memory in proportion to the file.
+    /// Reads a recording. Takes time and memory in proportion to the file; what its missions take beyond that is limited.
     ///
     /// # Errors
     /// [`RecordingError`]
     pub fn read(bytes: &[u8]) -> Result<Self, RecordingError> {
+        Self::read_within(bytes, Limits::default())
+    }
+
+    /// The same with other limits.
+    ///
+    /// # Errors
+    /// [`RecordingError`]
+    pub(super) fn read_within(bytes: &[u8], limits: Limits) -> Result<Self, RecordingError> {
         let (frames, end) = file::read(bytes)?;
         let mut recording = Recording {
             head: Head::default(),
@@ -82,7 +100,10 @@ impl Recording {
             ends: Vec::new(),
             end,
             record_bytes: 0,
+            limits,
+            by_hash: HashMap::new(),
         };
+        let (mut slot_pairs, mut path_bytes) = (0, 0);
         let mut stretches = Stretches::default();
         for frame in frames {
             stretches
@@ -91,7 +112,23 @@ impl Recording {
             match frame {
                 Frame::Head(head) => recording.head = head,
                 Frame::Mission { name, blob } => {
-                    recording.missions.push(RecordedMission::new(name, blob)?);
+                    if recording.has(&blob) {
+                        continue;
+                    }
+                    let mission = RecordedMission::new(name, blob)?;
+                    slot_pairs += (mission.verified.tables().slots().len() as u64).pow(2) / 2;
+                    path_bytes += mission.directory.bytes_of_paths() as u64;
+                    TooMuch::check(
+                        "pairs of slots in its missions",
+                        slot_pairs,
+                        limits.slot_pairs,
+                    )?;
+                    TooMuch::check(
+                        "bytes of paths of the states of its missions",
+                        path_bytes,
+                        limits.path_bytes,
+                    )?;
+                    recording.add(mission);
                 }
                 Frame::Ends(ends) => recording.ends.extend(ends),
                 Frame::Records(records) => recording.record_bytes += records.len() as u64,
@@ -99,14 +136,42 @@ impl Recording {
             }
         }
         recording.stretches = stretches.finish();
+        let made = recording.stretches.iter().map(|stretch| stretch.made);
+        TooMuch::check("macro steps", made.sum(), limits.macro_steps)?;
+        let words = |stretch: &Stretch| {
+            let mission = recording.mission(stretch.mission);
+            mission.map_or(0, |mission| mission.verified.arena_words() as u64)
+        };
+        TooMuch::check(
+            "words of machines that begin",
+            recording.stretches.iter().map(words).sum(),
+            limits.begun_words,
+        )?;
         Ok(recording)
+    }
+
+    /// Whether a mission of this blob is there.
+    fn has(&self, blob: &[u8]) -> bool {
+        let hash = blob.last_chunk().map(|hash| u32::from_le_bytes(*hash));
+        let mission = hash.and_then(|hash| self.mission(hash));
+        mission.is_some_and(|mission| mission.verified.bytes() == blob)
+    }
+
+    fn add(&mut self, mission: RecordedMission) {
+        if let Entry::Vacant(first) = self.by_hash.entry(mission.verified.hash()) {
+            first.insert(self.missions.len());
+        }
+        self.missions.push(mission);
     }
 
     /// The mission with a hash.
     pub fn mission(&self, hash: u32) -> Option<&RecordedMission> {
-        self.missions
-            .iter()
-            .find(|mission| mission.verified.hash() == hash)
+        self.missions.get(self.number_of(hash)?)
+    }
+
+    /// Its number among the missions.
+    pub(super) fn number_of(&self, hash: u32) -> Option<usize> {
+        self.by_hash.get(&hash).copied()
     }
 
     /// The mission of a stretch, which is run behind that macro step.
@@ -216,6 +281,9 @@ pub enum ReplayError {
     /// The trace cannot be written.
     #[error("cannot write the trace: {0}")]
     Trace(#[from] io::Error),
+    /// There is too much in it.
+    #[error(transparent)]
+    TooMuch(#[from] TooMuch),
     /// A mission is missing.
     #[error("the recording is of the mission {} from here on, which is not in it", hash_text(*hash))]
     NoMission {
@@ -311,15 +379,14 @@ impl<'s, 'm> Player<'s, 'm> {
         arena: &'m mut [u32],
     ) -> Result<Self, ReplayError> {
         let hash = stretch.mission;
-        let machine = esm_core::verify(mission.verified.bytes())
-            .ok()
-            .and_then(|verified| match &stretch.beginning {
-                Beginning::Anew => Interpreter::new(verified, arena).ok(),
-                Beginning::State(progress, words) => {
-                    Interpreter::resume(verified, arena, words, *progress).ok()
-                }
-            })
-            .ok_or(ReplayError::BadState { hash })?;
+        let verified = mission.verified.by_ref();
+        let machine = match &stretch.beginning {
+            Beginning::Anew => Interpreter::new(verified, arena).ok(),
+            Beginning::State(progress, words) => {
+                Interpreter::resume(verified, arena, words, *progress).ok()
+            }
+        };
+        let machine = machine.ok_or(ReplayError::BadState { hash })?;
         Ok(Player {
             stretch,
             machine,
@@ -339,11 +406,8 @@ impl<'s, 'm> Player<'s, 'm> {
         arena: &'m mut [u32],
     ) -> Result<Self, ReplayError> {
         let hash = stretch.mission;
-        let machine = esm_core::verify(mission.verified.bytes())
-            .ok()
-            .and_then(|verified| {
-                Interpreter::resume(verified, arena, &position.words, position.progress).ok()
-            });
+        let verified = mission.verified.by_ref();
+        let machine = Interpreter::resume(verified, arena, &position.words, position.progress).ok();
         let inputs = stretch.inputs.get(position.entered..);
         let (machine, inputs) = machine.zip(inputs).ok_or(ReplayError::BadState { hash })?;
         Ok(Player {
@@ -425,14 +489,14 @@ impl<'s, 'm> Player<'s, 'm> {
     }
 }
 
-/// Runs a recording again; the trace goes to `out`. Where something is missing it ends, or goes on with what is known again.
+/// Runs a recording again; the trace goes to `out`, where one is wanted. Where something is missing it ends, or goes on with what is known again.
 ///
 /// # Errors
 /// [`ReplayError`], with what was done until then.
 pub fn replay(
     recording: &Recording,
     over_gaps: bool,
-    out: impl Write,
+    out: Option<impl Write>,
 ) -> Result<Outcome, (Outcome, ReplayError)> {
     let mut outcome = Outcome::default();
     match replay_stretches(recording, over_gaps, out, &mut outcome) {
@@ -444,14 +508,21 @@ pub fn replay(
 fn replay_stretches(
     recording: &Recording,
     over_gaps: bool,
-    mut out: impl Write,
+    mut out: Option<impl Write>,
     outcome: &mut Outcome,
 ) -> Result<(), ReplayError> {
     let mut last = None;
+    // What a trace says of a mission is made ready once, and not for each of its stretches.
+    let mut lines: HashMap<u32, Lines> = HashMap::new();
     for stretch in &recording.stretches {
         let hash = stretch.mission;
         let mission = recording.mission_of(stretch, over_gaps, last)?;
-        let ended = play(mission, stretch, &mut out, outcome)?;
+        let writer = out.as_mut().map(|out| {
+            let lines = lines.entry(hash);
+            let lines = lines.or_insert_with(|| Lines::of(Arc::clone(&mission.directory)));
+            TraceWriter::with(out, lines)
+        });
+        let ended = play(mission, stretch, recording.limits, writer, outcome)?;
         last = Some(LastStep {
             hash,
             step: ended.step,
@@ -459,7 +530,9 @@ fn replay_stretches(
         });
         outcome.stretches += 1;
     }
-    out.flush()?;
+    if let Some(out) = &mut out {
+        out.flush()?;
+    }
     recording.check_end()
 }
 
@@ -467,12 +540,12 @@ fn replay_stretches(
 fn play(
     mission: &RecordedMission,
     stretch: &Stretch,
-    out: &mut impl Write,
+    limits: Limits,
+    mut writer: Option<TraceWriter<impl Write, &mut Lines>>,
     outcome: &mut Outcome,
 ) -> Result<Step, ReplayError> {
     let mut arena = vec![0; mission.verified.arena_words()];
     let mut player = Player::new(mission, stretch, &mut arena)?;
-    let mut writer = TraceWriter::new(out, Arc::clone(&mission.directory));
     let period_us = u64::from(mission.directory.interpreter_period_us());
     let mut at = Step { step: 0, t_us: 0 };
     loop {
@@ -489,7 +562,7 @@ fn play(
             t_us: time_of(0, step, period_us),
         };
         let mut watcher = Watcher {
-            writer: &mut writer,
+            writer: writer.as_mut(),
             at,
             transitions: 0,
             written: Ok(()),
@@ -503,6 +576,8 @@ fn play(
         written?;
         outcome.transitions += transitions;
         outcome.steps += 1;
+        TooMuch::check("transitions", outcome.transitions, limits.transitions)?;
+        let Some(writer) = &mut writer else { continue };
         match ended {
             Ok(summary) => writer.step(at, summary.micro_steps.into(), player.machine())?,
             Err(fault) => writer.fault(at, fault.code())?,
@@ -512,21 +587,21 @@ fn play(
 }
 
 /// Writes the transitions of a macro step.
-struct Watcher<'w, W> {
-    writer: &'w mut TraceWriter<W>,
+struct Watcher<'w, 'l, W> {
+    writer: Option<&'w mut TraceWriter<W, &'l mut Lines>>,
     at: Step,
     transitions: u64,
     written: io::Result<()>,
 }
 
-impl<W: Write> Observer for Watcher<'_, W> {
+impl<W: Write> Observer for Watcher<'_, '_, W> {
     fn transition(&mut self, taken: TransitionTaken) {
         self.transitions += 1;
-        if self.written.is_ok() {
+        if let Some(writer) = &mut self.writer
+            && self.written.is_ok()
+        {
             let (region, transition) = (taken.region_instance.into(), taken.transition.into());
-            self.written = self
-                .writer
-                .transition(self.at, taken.micro.into(), region, transition);
+            self.written = writer.transition(self.at, taken.micro.into(), region, transition);
         }
     }
 }

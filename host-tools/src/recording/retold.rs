@@ -62,16 +62,26 @@ impl MadeStep {
     }
 }
 
+/// Words that a [`MadeStep`] of this machine takes beside its transitions, about.
+pub(super) fn step_words<B: Deref<Target = [u8]>>(machine: &Interpreter<'_, B>) -> u64 {
+    let regions = machine.entered_words().len();
+    // The current state of each is as long as two words, and flags are kept twice.
+    (3 * regions + 2 * machine.input_words().len()).max(1) as u64
+}
+
 /// Counts the micro steps in which transitions are taken.
 #[derive(Default)]
 pub(super) struct MicroSteps {
     /// How many there were.
     pub count: u64,
+    /// How many transitions.
+    pub transitions: u64,
     last: Option<u8>,
 }
 
 impl Observer for MicroSteps {
     fn transition(&mut self, taken: TransitionTaken) {
+        self.transitions += 1;
         if self.last != Some(taken.micro) {
             self.last = Some(taken.micro);
             self.count += 1;

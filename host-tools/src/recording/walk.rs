@@ -12,8 +12,9 @@ use std::rc::Rc;
 use esm_core::{Fault, TransitionTaken};
 use thiserror::Error;
 
+use super::limits::TooMuch;
 use super::player::{LastStep, Player, Position, RecordedMission, Recording, ReplayError};
-use super::retold::{MadeStep, MicroSteps, Retold, begun};
+use super::retold::{MadeStep, MicroSteps, Retold, begun, step_words};
 pub use super::retold::{Passed, Taken};
 use super::stretch::time_of;
 use super::surroundings::{Surroundings, flags_of};
@@ -21,8 +22,13 @@ use crate::inspect::guards::GuardReader;
 use crate::nearest::nearest;
 use crate::trace::directory::{StateEntry, StateId};
 
-/// Macro steps between two that the walk can begin at.
+/// Macro steps between two that the walk can begin at, at most.
 pub const CHUNK_STEPS: u64 = 1024;
+
+/// Words that the macro steps of such a chunk take in memory, about, where a machine is large: 128 MiB. Transitions in
+/// it, beyond which the next begins.
+const MAX_CHUNK_WORDS: u64 = 1 << 25;
+const MAX_CHUNK_TRANSITIONS: u64 = 1 << 20;
 
 /// A micro step in which a transition was taken; or a macro step in which none was, but a flag changed that was looked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,6 +94,8 @@ struct Chunk {
     step: u64,
     t_us: u64,
     position: Position,
+    /// Macro steps in it.
+    made: u64,
     /// Moments before it.
     first: u64,
     /// Flags behind the moment before it in its stretch, or where that begins.
@@ -150,7 +158,7 @@ impl<'r> Walk<'r> {
     fn find_chunks(&mut self, over_gaps: bool) -> Result<(), ReplayError> {
         let recording = self.recording;
         let mut last: Option<LastStep> = None;
-        let mut resets = 0;
+        let (mut resets, mut kept_words, mut transitions) = (0, 0, 0);
         for (number, stretch) in recording.stretches.iter().enumerate() {
             let mission = recording.mission_of(stretch, over_gaps, last)?;
             let mut arena = vec![0; mission.verified.arena_words()];
@@ -159,7 +167,16 @@ impl<'r> Walk<'r> {
             let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
             let begins_us = at_us(player.machine().progress().steps);
             resets += usize::from(last.is_some_and(|last| begins_us < last.at_us));
+            let kept = (player.machine().state_words().len() + flags.len()) as u64;
+            let chunk_steps =
+                (MAX_CHUNK_WORDS / step_words(player.machine())).clamp(1, CHUNK_STEPS);
             loop {
+                kept_words += kept;
+                TooMuch::check(
+                    "words of machines to walk from",
+                    kept_words,
+                    recording.limits.kept_words,
+                )?;
                 let steps = player.machine().progress().steps;
                 self.chunks.push(Chunk {
                     stretch: number,
@@ -167,11 +184,12 @@ impl<'r> Walk<'r> {
                     step: steps,
                     t_us: at_us(steps),
                     position: player.position(),
+                    made: 0,
                     first: self.moments,
                     flags: flags.clone(),
                 });
-                let mut goes_on = true;
-                for _ in 0..CHUNK_STEPS {
+                let (mut goes_on, mut made, mut in_chunk) = (true, 0, 0);
+                while made < chunk_steps && in_chunk < MAX_CHUNK_TRANSITIONS {
                     goes_on = player.enter()?.goes_on && player.machine().fault().is_none();
                     if !goes_on {
                         break;
@@ -187,9 +205,16 @@ impl<'r> Walk<'r> {
                     if let Err(fault) = player.macro_step(&mut micro_steps) {
                         self.faults.push((number, step, fault));
                     }
+                    made += 1;
+                    in_chunk += micro_steps.transitions;
+                    transitions += micro_steps.transitions;
+                    TooMuch::check("transitions", transitions, recording.limits.transitions)?;
                     if micro_steps.count > 0 {
                         self.moments += micro_steps.count;
                         flags.copy_from_slice(player.machine().input_words());
+                    }
+                    if let Some(chunk) = self.chunks.last_mut() {
+                        chunk.made = made;
                     }
                 }
                 if !goes_on {
@@ -204,10 +229,8 @@ impl<'r> Walk<'r> {
     fn mission_of(&self, stretch: usize) -> Option<(&'r RecordedMission, &Rc<GuardReader<'r>>)> {
         let recording = self.recording;
         let hash = recording.stretches.get(stretch)?.mission;
-        let missions = recording.missions.iter().zip(&self.guards);
-        missions
-            .into_iter()
-            .find(|(mission, _)| mission.verified.hash() == hash)
+        let number = recording.number_of(hash)?;
+        (recording.missions.get(number)).zip(self.guards.get(number))
     }
 
     /// Runs a chunk again; `made` is shown each macro step, with the flags behind the one before and behind it, and says whether it goes on.
@@ -226,7 +249,7 @@ impl<'r> Walk<'r> {
         };
         let mut flags_before = chunk.flags.clone();
         let mut flags_last = player.machine().input_words().to_vec();
-        for _ in 0..CHUNK_STEPS {
+        for _ in 0..chunk.made {
             match player.enter() {
                 Ok(entries) if entries.goes_on && player.machine().fault().is_none() => {}
                 _ => return,

@@ -46,7 +46,7 @@ pub use infeasibility::Infeasibility;
 pub use snap::{MAX_SNAP_PERCENT, RateChange, Snap, snap};
 
 /// The most slots that are laid out: more than any robot's table has, and few enough to compare each with each.
-pub const MAX_SLOTS: usize = 4_096;
+pub const MAX_SLOTS: usize = esm_core::format::MAX_SLOTS as usize;
 
 /// What the search needs to know of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

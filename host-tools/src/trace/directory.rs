@@ -33,6 +33,7 @@ pub struct Directory {
     /// Events by their numbers, from 1 on.
     events: Vec<String>,
     interpreter_period_us: u32,
+    path_bytes: usize,
 }
 
 /// The most bytes of the paths of all states. Superstates that are nested thousands deep have paths that long that no trace of them can be read.
@@ -239,6 +240,7 @@ impl Directory {
             }
             directory.regions.push(entry);
         }
+        directory.path_bytes = path_bytes;
         Ok(directory)
     }
 
@@ -318,6 +320,11 @@ impl Directory {
             locals,
             first_state,
         })
+    }
+
+    /// Bytes of the paths of all states.
+    pub fn bytes_of_paths(&self) -> usize {
+        self.path_bytes
     }
 
     /// Period of the interpreter's slot in microseconds.

@@ -13,6 +13,7 @@
 pub mod directory;
 pub mod records;
 
+use std::borrow::BorrowMut;
 use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -37,8 +38,13 @@ pub trait Snapshot {
 }
 
 /// Writes a trace line by line.
-pub struct TraceWriter<W> {
+pub struct TraceWriter<W, L = Lines> {
     out: W,
+    lines: L,
+}
+
+/// What lines of a mission's trace are made of.
+pub struct Lines {
     directory: Arc<Directory>,
     /// Paths of the local states as JSON strings, by region instance and local state.
     quoted: Vec<Vec<Box<str>>>,
@@ -48,9 +54,9 @@ pub struct TraceWriter<W> {
     line: Vec<u8>,
 }
 
-impl<W: Write> TraceWriter<W> {
-    /// A writer for one mission's run. Takes time and memory in proportion to the machine's state instances.
-    pub fn new(out: W, directory: Arc<Directory>) -> Self {
+impl Lines {
+    /// Takes time and memory in proportion to the machine's state instances.
+    pub fn of(directory: Arc<Directory>) -> Self {
         let quoted = directory.regions().iter().map(|region| {
             region
                 .locals
@@ -58,13 +64,29 @@ impl<W: Write> TraceWriter<W> {
                 .map(|state| quote(&state.path))
                 .collect()
         });
-        TraceWriter {
+        Lines {
             quoted: quoted.collect(),
-            out,
             directory,
             tails: HashMap::new(),
             line: Vec::new(),
         }
+    }
+}
+
+impl<W: Write> TraceWriter<W> {
+    /// A writer for one mission's run. Takes time and memory in proportion to the machine's state instances.
+    pub fn new(out: W, directory: Arc<Directory>) -> Self {
+        TraceWriter {
+            out,
+            lines: Lines::of(directory),
+        }
+    }
+}
+
+impl<W: Write, L: BorrowMut<Lines>> TraceWriter<W, L> {
+    /// A writer for one of several runs of a mission, which share what their lines are made of.
+    pub fn with(out: W, lines: L) -> Self {
+        TraceWriter { out, lines }
     }
 
     /// A transition was taken, in the micro step with that number (from 0) of the macro step. One that the machine does not have is left out.
@@ -78,10 +100,11 @@ impl<W: Write> TraceWriter<W> {
         region: usize,
         transition: usize,
     ) -> io::Result<()> {
-        let tail = match self.tails.entry((region, transition)) {
+        let lines = self.lines.borrow_mut();
+        let tail = match lines.tails.entry((region, transition)) {
             std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
             std::collections::hash_map::Entry::Vacant(new) => {
-                match transition_tail(&self.directory, region, transition) {
+                match transition_tail(&lines.directory, region, transition) {
                     Some(tail) => new.insert(tail),
                     None => return Ok(()),
                 }
@@ -99,25 +122,26 @@ impl<W: Write> TraceWriter<W> {
     /// # Errors
     /// When the line cannot be written.
     pub fn step(&mut self, at: Step, micro_steps: u32, snapshot: &impl Snapshot) -> io::Result<()> {
+        let lines = self.lines.borrow_mut();
         let Step { step, t_us } = at;
-        self.line.clear();
+        lines.line.clear();
         write!(
-            self.line,
+            lines.line,
             "{{\"kind\":\"step\",\"step\":{step},\"t_us\":{t_us},\"micro_steps\":{micro_steps},\"active\":["
         )?;
-        for state in self.directory.active(|region| snapshot.current(region)) {
-            push_item(&mut self.line, &self.quoted, state);
+        for state in lines.directory.active(|region| snapshot.current(region)) {
+            push_item(&mut lines.line, &lines.quoted, state);
         }
-        end_list(&mut self.line);
-        self.line.extend_from_slice(b",\"enabled\":[");
-        for (task, state) in self.directory.task_states().iter().enumerate() {
+        end_list(&mut lines.line);
+        lines.line.extend_from_slice(b",\"enabled\":[");
+        for (task, state) in lines.directory.task_states().iter().enumerate() {
             if snapshot.is_enabled(task) {
-                push_item(&mut self.line, &self.quoted, *state);
+                push_item(&mut lines.line, &lines.quoted, *state);
             }
         }
-        end_list(&mut self.line);
-        self.line.extend_from_slice(b"}\n");
-        self.out.write_all(&self.line)
+        end_list(&mut lines.line);
+        lines.line.extend_from_slice(b"}\n");
+        self.out.write_all(&lines.line)
     }
 
     /// The machine has faulted: the last line of a trace.

@@ -133,8 +133,8 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             Ok(summary) => {
                 mission.next_step = summary.step + 1;
                 self.health.steps = mission.next_step;
-                self.health.t_us = summary.t_us;
-                self.sampler.after_step(&self.executor, summary.t_us);
+                self.health.t_us = summary.t_us();
+                self.sampler.after_step(&self.executor, summary.t_us());
                 self.trace.step(&summary, &mission.interpreter);
             }
             Err(fault) => {

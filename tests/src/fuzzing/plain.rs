@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use esm_core::format::{FLAG_BUSY, FLAG_EXIT, FLAG_TIMEOUT, PULSE, WINDOW_FLAGS};
 use esm_core::tables::{Code, Guard, State, StateKind, Tables};
-use esm_core::{Fault, MAX_MICRO_STEPS, StepSummary, TransitionTaken};
+use esm_core::{Fault, MAX_MICRO_STEPS, MAX_STEPS, StepSummary, TransitionTaken};
 
 /// A machine that runs.
 #[derive(Clone, Debug)]
@@ -15,15 +15,14 @@ pub struct Plain<'a> {
     tables: Tables<'a>,
     /// By region instance.
     current: Vec<usize>,
-    entered_us: Vec<u64>,
+    entered_us: Vec<u128>,
     /// All flags.
     pub flags: Vec<bool>,
     /// By task instance.
     pub enabled: Vec<bool>,
     queue: VecDeque<usize>,
-    period_us: u64,
+    period_us: u32,
     step: u64,
-    t_us: u64,
     micro: u8,
     fault: Option<Fault>,
     /// The transitions of the last macro step.
@@ -45,9 +44,8 @@ impl<'a> Plain<'a> {
             flags: vec![false; tables.flag_count()],
             enabled: vec![false; tables.task_instance_count()],
             queue: VecDeque::new(),
-            period_us: u64::from(slot.period_us),
+            period_us: slot.period_us,
             step: 0,
-            t_us: 0,
             micro: 0,
             fault: None,
             taken: Vec::new(),
@@ -69,10 +67,14 @@ impl<'a> Plain<'a> {
         }
     }
 
-    /// Lets time pass.
+    /// Lets macro steps pass, as many as there can be.
     pub fn skip(&mut self, missed: u32) {
-        self.step += u64::from(missed);
-        self.t_us += u64::from(missed) * self.period_us;
+        self.step = (self.step + u64::from(missed)).min(self.step.max(MAX_STEPS));
+    }
+
+    /// When the macro step is that comes next or goes on: no number of steps is too large for it.
+    fn t_us(&self) -> u128 {
+        u128::from(self.step) * u128::from(self.period_us)
     }
 
     /// Changes a flag of a task, if it has it: exit, timeout, busy, then the control flags.
@@ -108,12 +110,12 @@ impl<'a> Plain<'a> {
         }
         let summary = StepSummary {
             step: self.step,
-            t_us: self.t_us,
+            period_us: self.period_us,
             micro_steps: self.micro + 1,
             changed: !self.taken.is_empty(),
             finished: self.flags[FLAG_EXIT],
         };
-        self.skip(1);
+        self.step += 1;
         Ok(summary)
     }
 
@@ -179,7 +181,7 @@ impl<'a> Plain<'a> {
     fn run_timer(&mut self, region: usize, state: &State) {
         let is_over = state
             .timeout_us
-            .is_some_and(|limit_us| self.t_us - self.entered_us[region] > u64::from(limit_us));
+            .is_some_and(|limit_us| self.t_us() - self.entered_us[region] > u128::from(limit_us));
         if is_over {
             let bit = match state.kind {
                 StateKind::Simple => 0,
@@ -274,7 +276,7 @@ impl<'a> Plain<'a> {
             }
         }
         self.current[region] = target;
-        self.entered_us[region] = self.t_us;
+        self.entered_us[region] = self.t_us();
         match entered.kind {
             StateKind::Task { task_offset, .. } => {
                 self.enabled[instance.first_task + task_offset] = true;
@@ -287,7 +289,7 @@ impl<'a> Plain<'a> {
                 while at < here.next {
                     let inside = tables.region_instance(at).expect("it exists");
                     self.current[at] = inside.initial;
-                    self.entered_us[at] = self.t_us;
+                    self.entered_us[at] = self.t_us();
                     at = inside.next;
                 }
             }

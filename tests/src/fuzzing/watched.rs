@@ -25,9 +25,8 @@ use super::plain::Plain;
 /// Words lent to the interpreter beyond what it needs; it must leave them alone.
 const SURPLUS_WORDS: usize = 2;
 
-/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be, as long as their times fit. A robot is in its safe state long before.
+/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be. A robot is in its safe state long before.
 const MANY_SKIPPED: usize = 1 << 16;
-const MAX_SKIPPED_US: u64 = 1 << 56;
 
 /// Runs a machine for some macro steps, with random things happening in between.
 ///
@@ -165,12 +164,10 @@ impl Change {
             6 => Change::Disable { task },
             _ => Change::Skip {
                 missed: match random.below(10) {
-                    0 => {
-                        let slot = tables.slot(tables.interpreter_slot());
-                        let period_us = slot.map_or(1, |slot| slot.period_us.max(1));
-                        let most = MAX_SKIPPED_US / u64::from(period_us);
-                        (random.bits() as u32).min(u32::try_from(most).unwrap_or(u32::MAX))
-                    }
+                    0 => match random.below(4) {
+                        0 => u32::MAX,
+                        _ => random.bits() as u32,
+                    },
                     1 => random.below(MANY_SKIPPED) as u32,
                     _ => random.below(4) as u32,
                 },
