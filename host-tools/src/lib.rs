@@ -28,6 +28,7 @@ pub mod scenario;
 pub mod schedule;
 pub mod serial;
 pub mod sim;
+mod superstates;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;

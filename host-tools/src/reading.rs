@@ -242,11 +242,10 @@ impl Reader {
             if known.mission != mission || reading.status.mission != before.mission {
                 return Ok(None);
             }
-            let passed_us = reading.status.t_us.saturating_sub(before.t_us) as f64;
             let passed = began.elapsed().as_secs_f64();
             for (slot, asked) in reading.slots.iter_mut().zip(asked) {
-                // Robot time goes as the clock on the wall does, or stands still.
-                slot.t_us += (passed_us * (asked.as_secs_f64() / passed)) as u64;
+                let share = asked.as_secs_f64() / passed;
+                slot.t_us = time_between(before.t_us, reading.status.t_us, share);
             }
         }
         reading.line = robot.counts().into();
@@ -272,6 +271,14 @@ impl Reader {
         self.known = Some(known.clone());
         Ok(known)
     }
+}
+
+/// Robot time when so much of the time between two answers had passed: it goes as the clock on the wall does, or stands
+/// still. A robot may say any numbers.
+fn time_between(before_us: u64, now_us: u64, share: f64) -> u64 {
+    let passed_us = now_us.saturating_sub(before_us);
+    let part_us = (passed_us as f64 * share) as u64;
+    before_us.saturating_add(part_us.min(passed_us))
 }
 
 impl Known {
@@ -300,6 +307,30 @@ impl Known {
                     slot: tables.task_state_of(instance).and_then(|state| state.slot),
                 })
                 .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_between_two_answers_is_between_them_whatever_they_are() {
+        assert_eq!(time_between(1_000, 2_000, 0.25), 1_250);
+        let times = [0, 1, 1 << 53, u64::MAX / 2, u64::MAX - 1, u64::MAX];
+        for (before_us, now_us) in times
+            .iter()
+            .flat_map(|before| times.map(|now| (*before, now)))
+        {
+            for share in [0.0, 0.1, 0.5, 1.0, 1.5, f64::NAN, f64::INFINITY] {
+                let time_us = time_between(before_us, now_us, share);
+                let bounds = before_us..=now_us.max(before_us);
+                assert!(
+                    bounds.contains(&time_us),
+                    "{before_us}, {now_us}, {share}: {time_us}"
+                );
+            }
         }
     }
 }

@@ -30,7 +30,12 @@ impl RecordSink for Bytes {
 /// A recording of patrol to which nothing happens, of about so many macro steps.
 fn recording(path: &Path, steps: u32) {
     let mission = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/patrol.esm");
-    let mut checked = lang::load(&mission).unwrap();
+    recording_of(&mission, path, steps);
+}
+
+/// A recording of a mission to which nothing happens, of about so many macro steps.
+fn recording_of(mission: &Path, path: &Path, steps: u32) {
+    let mut checked = lang::load(mission).unwrap();
     let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
     let blob = compile_to_fit(&mut checked, &schedule, None, NameTable::Kept).unwrap();
     let blob = blob.unwrap().into_bytes();
@@ -55,6 +60,33 @@ fn recording(path: &Path, steps: u32) {
         frame.write(&mut bytes).unwrap();
     }
     fs::write(path, bytes).unwrap();
+}
+
+/// A mission whose first macro step is not over before anybody has lost patience: 250 times an event comes, and each time each of
+/// 2,000 states looks at each of its 4,000 guards, all of which are false.
+fn endless(path: &Path) {
+    let guards = "S -> S on Look [.a and not .b and .c or .b and not .a and .d];\n".repeat(4_000);
+    let looks = (0..2_000).map(|place| format!("super L{place}: Looks;\n"));
+    let regions: String = (looks.zip(0..))
+        .map(|(state, place)| format!("region r{place} {{ {state} initial -> L{place}; }}\n"))
+        .collect();
+    let sends = vec!["send Look"; 250].join(", ");
+    let text = format!(
+        "interpreter slot 1;
+        queue 255;
+        slot 1 period 1 s duration 1 s;
+        task Flags slot 0 {{ out flag a; out flag b; out flag c; out flag d; }}
+        container Looks {{
+            in event Look;
+            region all {{ task S: Flags; initial -> S; {guards} }}
+        }}
+        machine Endless {{
+            event Look;
+            region source {{ state Begin; state Over; initial -> Begin; Begin -> Over / {sends}; }}
+            {regions}
+        }}"
+    );
+    fs::write(path, text).unwrap();
 }
 
 fn esm(arguments: &[&str]) -> Command {
@@ -116,7 +148,7 @@ fn an_interrupted_replay_leaves_no_part_of_a_trace() {
     const PATIENCE: Duration = Duration::from_secs(60);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("long.rec");
-    recording(&path, 100_000_000);
+    recording(&path, 90_000_000);
     let trace = folder.path().join("trace.jsonl");
     fs::write(&trace, "before\n").unwrap();
     let parts = || -> Vec<PathBuf> {
@@ -147,4 +179,59 @@ fn an_interrupted_replay_leaves_no_part_of_a_trace() {
     let (status, out, err) = said(&output);
     assert_eq!(status, 3, "{out}{err}");
     assert!(err.contains("interrupted"), "{err}");
+}
+
+#[test]
+fn a_replay_of_more_macro_steps_than_may_be_says_so_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quiet.rec");
+    recording(&path, 100_000_001);
+    for also in [&[][..], &["--json"], &["--step", "--plain"]] {
+        let arguments = [&[path.to_str().unwrap()], also].concat();
+        let (status, out, err) = said(&esm(&arguments).output().unwrap());
+        assert_eq!(status, 1, "{out}{err}");
+        assert!(err.contains("more than 100000000 macro steps"), "{err}");
+    }
+}
+
+#[test]
+fn a_replay_ends_when_it_is_interrupted_in_a_macro_step_without_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mission, path) = (
+        folder.path().join("endless.esm"),
+        folder.path().join("endless.rec"),
+    );
+    endless(&mission);
+    recording_of(&mission, &path, 2_048);
+    let trace = folder.path().join("trace.jsonl");
+    let arguments = [path.to_str().unwrap(), "--trace", trace.to_str().unwrap()];
+    let mut command = esm(&arguments);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let parts = || {
+        let files = fs::read_dir(folder.path()).unwrap();
+        let names = files.map(|file| file.unwrap().path());
+        names
+            .filter(|name| name.extension().is_some_and(|end| end == "part"))
+            .count()
+    };
+    while parts() == 0 {
+        assert!(child.try_wait().unwrap().is_none(), "it has ended");
+        thread::sleep(Duration::from_millis(5));
+    }
+    // Until it is in the macro step.
+    thread::sleep(Duration::from_secs(1));
+    assert!(
+        child.try_wait().unwrap().is_none(),
+        "the macro step is too short"
+    );
+    kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+    let (status, out, err) = said(&child.wait_with_output().unwrap());
+    assert_eq!(status, 3, "{out}{err}");
+    assert!(
+        err.contains("interrupted") && err.contains("as it was"),
+        "{err}"
+    );
+    assert_eq!(parts(), 0);
+    assert!(!trace.exists());
 }

@@ -178,6 +178,17 @@ impl Draft {
         Ok(Draft { what, out, places })
     }
 
+    /// Takes away what there is of it, whoever has it: for a process that ends at once.
+    pub fn remover(&self) -> impl FnOnce() + Send + 'static {
+        let draft = self.places.as_ref().map(|(draft, _)| draft.clone());
+        move || {
+            if let Some(draft) = draft {
+                // There is nobody to tell. If it is complete it has another name.
+                let _ = fs::remove_file(draft);
+            }
+        }
+    }
+
     /// Puts it in its place.
     ///
     /// # Errors

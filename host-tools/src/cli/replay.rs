@@ -3,6 +3,7 @@
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use clap::Args;
@@ -10,7 +11,7 @@ use serde::Serialize;
 
 use super::argument::Time;
 use super::console::{Console, counted};
-use super::exit::CommandError;
+use super::exit::{CommandError, ExitStatus};
 use super::expected::{self, Expected};
 use super::file::Draft;
 use super::run::read_recording;
@@ -130,13 +131,17 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         },
         expected,
     };
+    if let (Some(interrupt), Some(file), Some(path)) = (trace.interrupt, &trace.file, &args.trace) {
+        let (remove, told) = (file.remover(), interrupted(path));
+        interrupt.insist(GRACE, ExitStatus::WorldFailed as u8, move || {
+            remove();
+            eprintln!("error: {told}");
+        });
+    }
     let is_wanted = args.trace.is_some() || args.expect.is_some();
     let ended = replay(&recording, args.over_gaps, is_wanted.then_some(&mut trace));
     if let (Some(path), true) = (&args.trace, trace.is_interrupted()) {
-        return Err(CommandError::World(anyhow!(
-            "interrupted; {} is as it was",
-            path.display()
-        )));
+        return Err(CommandError::World(anyhow!("{}", interrupted(path))));
     }
     if let (Some(file), false) = (
         trace.file,
@@ -171,6 +176,13 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         }
         None => Ok(()),
     }
+}
+
+/// How long a replay that is interrupted may go on with the macro step that it is in.
+const GRACE: Duration = Duration::from_millis(500);
+
+fn interrupted(trace: &Path) -> String {
+    format!("interrupted; {} is as it was", trace.display())
 }
 
 /// Where a trace goes as it comes.

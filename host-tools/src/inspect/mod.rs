@@ -24,6 +24,8 @@ use flags::Flag;
 use guard::{Expression, Test, Written};
 use names::Names;
 
+use crate::superstates::superstates;
+
 pub use source::{NoSource, source};
 
 /// Bytes of a transition, and of a record of its guard or actions.
@@ -305,12 +307,11 @@ impl Reader<'_> {
         index: usize,
         container: &Container,
     ) -> impl Iterator<Item = (usize, Region)> {
-        let from_its_first = self
-            .tables
-            .regions()
-            .enumerate()
-            .skip(container.first_region);
-        from_its_first.take_while(move |(_, region)| region.container == index)
+        // By their numbers: whoever passes over those before decodes each of them, for each container.
+        let from_its_first = container.first_region..self.tables.regions().len();
+        from_its_first
+            .map_while(|number| Some((number, self.tables.region(number)?)))
+            .take_while(move |(_, region)| region.container == index)
     }
 
     fn region(&self, number: usize, first_state: usize) -> RegionTable {
@@ -529,13 +530,19 @@ impl Reader<'_> {
     }
 
     /// The path of a state of a region instance.
-    fn path(&self, region_instance: usize, state: usize) -> String {
+    fn path(
+        &self,
+        superstates: &[Option<(usize, usize)>],
+        region_instance: usize,
+        state: usize,
+    ) -> String {
         let mut parts = vec![Names::get(&self.names.states, state)];
         let mut at = region_instance;
         while let Some(region) = self.tables.region_instance(at) {
             let template = self.tables.region_of_state(region.initial);
             parts.push(Names::get(&self.names.regions, template));
-            let Some((around, superstate)) = self.tables.superstate_of(region.instance) else {
+            let Some((around, superstate)) = superstates.get(region.instance).copied().flatten()
+            else {
                 break;
             };
             // A region instance is numbered above the one around it: so this ends.
@@ -547,6 +554,7 @@ impl Reader<'_> {
     }
 
     fn task_states(&self) -> Vec<TaskStateRow> {
+        let superstates = superstates(&self.tables);
         (0..self.tables.task_instance_count())
             .filter_map(|index| {
                 let instance = self.tables.task_instance(index)?;
@@ -555,7 +563,7 @@ impl Reader<'_> {
                 let connections = instance.first_connection..;
                 let nets = data_ports(task.signature).zip(connections);
                 Some(TaskStateRow {
-                    path: self.path(instance.region, instance.state),
+                    path: self.path(&superstates, instance.region, instance.state),
                     task: readable(task.signature.name()),
                     slot: self.slot_number(task_state.slot),
                     nets: nets

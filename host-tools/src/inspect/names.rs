@@ -49,7 +49,8 @@ impl Names {
             }));
             let flags = (0..container.flags).map(|_| next(Numbered::FLAG)).collect();
             names.flags.push(flags);
-            let inside = tables.regions().skip(container.first_region);
+            let inside = container.first_region..tables.regions().len();
+            let inside = inside.map_while(|region| tables.region(region));
             for region in inside.take_while(|region| region.container == index) {
                 names.regions.push(next(Numbered::REGION));
                 names.add_states(&tables, region.first_state, &mut next);

@@ -204,16 +204,16 @@ mod tests {
             let mission = &recording.missions[0];
             let words = mission.verified.arena_words() as u64;
             assert!(Walk::new(&recording, false).1.is_none());
-            // State and flags of each, of which both are a part of the arena.
-            5 * 2 * words
+            // State and flags of each, of which both are a part of the arena, and what comes with them.
+            5 * (2 * words + 50)
         };
         let enough = planted.recording_within(of(words_of_five)).unwrap();
         assert!(Walk::new(&enough, false).1.is_none());
-        let too_few = planted.recording_within(of(4)).unwrap();
+        let too_few = planted.recording_within(of(4 * 50)).unwrap();
         let (_, why) = Walk::new(&too_few, false);
         let why = why.unwrap().to_string();
         assert!(
-            why.contains("more than 4 words of machines to walk from"),
+            why.contains("more than 200 words of machines to walk from"),
             "{why}"
         );
     }

@@ -25,6 +25,9 @@ use crate::trace::directory::{StateEntry, StateId};
 /// Macro steps between two that the walk can begin at, at most.
 pub const CHUNK_STEPS: u64 = 1024;
 
+/// Words that a place to begin at takes beside its machine, about.
+const CHUNK_HEAD_WORDS: u64 = 50;
+
 /// Words that the macro steps of such a chunk take in memory, about, where a machine is large: 128 MiB. Transitions in
 /// it, beyond which the next begins.
 const MAX_CHUNK_WORDS: u64 = 1 << 25;
@@ -167,7 +170,8 @@ impl<'r> Walk<'r> {
             let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
             let begins_us = at_us(player.machine().progress().steps);
             resets += usize::from(last.is_some_and(|last| begins_us < last.at_us));
-            let kept = (player.machine().state_words().len() + flags.len()) as u64;
+            let words = player.machine().state_words().len() + flags.len();
+            let kept = words as u64 + CHUNK_HEAD_WORDS;
             let chunk_steps =
                 (MAX_CHUNK_WORDS / step_words(player.machine())).clamp(1, CHUNK_STEPS);
             loop {

@@ -2,6 +2,11 @@
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Duration;
+use std::{process, thread};
+
+/// How often is looked whether the process is to end, by whoever does nothing else.
+const LOOK_TIME: Duration = Duration::from_millis(20);
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 static INSTALLED: OnceLock<Result<(), String>> = OnceLock::new();
@@ -24,6 +29,19 @@ impl Interrupt {
             .clone()
             .map_err(std::io::Error::other)?;
         Ok(Interrupt(()))
+    }
+
+    /// Ends the process with this status if it is still there so long after it was asked to end, for work that cannot look in
+    /// between: a single macro step of a mission that was made for that takes hours. What is to be put in order before is `last`.
+    pub fn insist(self, grace: Duration, status: u8, last: impl FnOnce() + Send + 'static) {
+        thread::spawn(move || {
+            while !self.is_requested() {
+                thread::sleep(LOOK_TIME);
+            }
+            thread::sleep(grace);
+            last();
+            process::exit(status.into());
+        });
     }
 
     /// Whether the process is to end.

@@ -12,6 +12,11 @@ use esm_core::signature::{Direction, Port};
 use esm_core::tables::{self, Code, Container, Region, Tables};
 use thiserror::Error;
 
+use crate::superstates::superstates;
+
+/// The superstate around each container instance.
+type Superstates = [Option<(usize, usize)>];
+
 /// A local state of a region instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct StateId {
@@ -219,15 +224,16 @@ impl Directory {
             ..Directory::default()
         };
         directory.events.clone_from(&names.events);
+        let superstates = superstates(tables);
         let mut path_bytes = 0_usize;
         for region in 0..tables.region_instance_count() {
-            let bytes = directory.path_bytes(tables, names, region);
+            let bytes = directory.path_bytes(tables, names, &superstates, region);
             path_bytes = path_bytes.saturating_add(bytes.ok_or(NoDirectory::NoNames)?);
             if path_bytes > MAX_PATH_BYTES {
                 return Err(NoDirectory::PathsTooLong);
             }
             let entry = directory
-                .region_entry(tables, names, region)
+                .region_entry(tables, names, &superstates, region)
                 .ok_or(NoDirectory::NoNames)?;
             for (local, state) in entry.locals.iter().enumerate() {
                 let id = StateId { region, local };
@@ -245,9 +251,8 @@ impl Directory {
     }
 
     /// The superstate around an instance, if there is one. `None` for tables that no verified blob has.
-    fn owner_of(&self, tables: &Tables<'_>, instance: usize) -> Option<Option<StateId>> {
-        tables.instance(instance)?;
-        let superstate = tables.superstate_of(instance);
+    fn owner_of(&self, superstates: &Superstates, instance: usize) -> Option<Option<StateId>> {
+        let superstate = *superstates.get(instance)?;
         Some(superstate.and_then(|(region, state)| self.state_at(region, state)))
     }
 
@@ -256,10 +261,11 @@ impl Directory {
         &self,
         tables: &Tables<'_>,
         names: &TemplateNames,
+        superstates: &Superstates,
         index: usize,
     ) -> Option<usize> {
         let region = tables.region_instance(index)?;
-        let owner = self.owner_of(tables, region.instance)?;
+        let owner = self.owner_of(superstates, region.instance)?;
         let outline = names.regions.get(tables.region_of_state(region.initial))?;
         let around = owner.and_then(|owner| self.state(owner));
         let path = around.map_or(0, |owner| owner.path.len() + 1) + outline.name.len();
@@ -275,11 +281,12 @@ impl Directory {
         &self,
         tables: &Tables<'_>,
         names: &TemplateNames,
+        superstates: &Superstates,
         index: usize,
     ) -> Option<RegionEntry> {
         let region = tables.region_instance(index)?;
         let instance = tables.instance(region.instance)?;
-        let owner = self.owner_of(tables, region.instance)?;
+        let owner = self.owner_of(superstates, region.instance)?;
         let outline = names.regions.get(tables.region_of_state(region.initial))?;
         let path = match owner.and_then(|owner| self.state(owner)) {
             Some(owner) => format!("{}/{}", owner.path, outline.name),

@@ -507,9 +507,11 @@ mod tests {
     use ratatui::buffer::Buffer;
     use rt_firmware::link::message::{Mode, SafeReason};
 
-    use super::super::view::tests::{reading, robot, view_of};
+    use super::super::report::TopReport;
+    use super::super::view::tests::{reading, reading_of, robot, view_of};
     use super::super::view::{Key, NetRow};
     use super::*;
+    use crate::cli::status::StatusReport;
     use crate::cli::terminal::tests::{self as terminal, assert_golden, coloured, text};
     use crate::reading::Reading;
 
@@ -605,6 +607,36 @@ mod tests {
             assert!(columns.len() <= before, "{width} columns");
             assert_eq!(columns[0].name, "slot");
             before = columns.len();
+        }
+    }
+
+    /// What a robot says is whatever it likes to say.
+    #[test]
+    fn numbers_at_their_ends_are_shown() {
+        let numbers = [0, 1, u64::from(u32::MAX), u64::MAX - 1, u64::MAX];
+        for (before, now) in numbers
+            .iter()
+            .flat_map(|one| numbers.map(|two| (*one, two)))
+        {
+            let mut view = View::new(robot());
+            view.take(reading_of(before));
+            view.press(Key::Reset);
+            view.take(reading_of(now));
+            for width in [40, 80, 200] {
+                drawn(&view, width, 30, false);
+            }
+            let reports = [
+                TopReport::new(robot(), reading_of(now)).to_string(),
+                StatusReport::new(robot(), reading_of(now)).to_string(),
+            ];
+            for said in reports {
+                assert!(said.contains(&now.to_string()), "{said}");
+            }
+            let json = [
+                serde_json::to_value(TopReport::new(robot(), reading_of(now))).unwrap(),
+                serde_json::to_value(StatusReport::new(robot(), reading_of(now))).unwrap(),
+            ];
+            assert!(json.iter().all(|json| json["steps"] == now), "{json:?}");
         }
     }
 

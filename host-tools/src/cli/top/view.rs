@@ -365,6 +365,57 @@ pub(super) mod tests {
         }
     }
 
+    /// What a robot says of itself whose numbers are all this, as far as they go so high.
+    pub fn reading_of(number: u64) -> Reading {
+        let most = u32::try_from(number).unwrap_or(u32::MAX);
+        let small = u16::try_from(number).unwrap_or(u16::MAX);
+        let mut reading = reading(1);
+        let status = &mut reading.status;
+        (status.steps, status.t_us) = (number, number);
+        (status.executed, status.missed, status.overruns) = (most, most, most);
+        (
+            status.max_delay_ns,
+            status.trace_dropped,
+            status.record_dropped,
+        ) = (most, most, most);
+        status.stack_bytes = Some(most);
+        for slot in &mut reading.slots {
+            slot.t_us = number;
+            slot.plan = SlotPlan {
+                number: most,
+                period_us: most,
+                duration_us: most,
+                start_us: most,
+            };
+            slot.counted = SlotReport::from(SlotCounters {
+                number: most,
+                executed: most,
+                missed: most,
+                overruns: most,
+                total_execution_ns: number,
+                min_execution_ns: most,
+                max_execution_ns: most,
+                min_delay_ns: most,
+                max_delay_ns: most,
+                first_bucket_ns: most,
+                delays: [small; _],
+            });
+        }
+        for task in &mut reading.tasks {
+            task.counted = Some(TaskCounters {
+                enabled: true,
+                busy: true,
+                overruns: small,
+            });
+        }
+        reading.line = LineReport {
+            requests_sent_again: number,
+            frames_spoiled: number,
+            bytes_sent: number,
+        };
+        reading
+    }
+
     /// A robot with two slots that has run for so many periods of 20 ms, all of them alike.
     pub fn reading(periods: u32) -> Reading {
         let rare = (periods / 50) as u16;
