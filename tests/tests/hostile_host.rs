@@ -18,7 +18,9 @@ use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use host_tools::world::World;
-use rt_firmware::link::access::{Access, KEY_BYTES, SEED_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::access::{
+    Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
+};
 use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use rt_firmware::link::message::{
     FromDevice, LinkError, Mode, Request, Response, Status, Swap, ToDevice,
@@ -54,7 +56,7 @@ fn frame(seq: u8, request: Request<'_>) -> Vec<u8> {
 /// One of the things that a host without the key may try.
 fn attempt(random: &mut Random, seq: u8, blob: &[u8]) -> Vec<u8> {
     let signature = [random.bits() as u8; SIGNATURE_BYTES];
-    let request = match random.below(14) {
+    let request = match random.below(18) {
         0 => Request::Start,
         1 => Request::Commit(Swap::default()),
         2 => Request::Confirm { mission: 1 },
@@ -67,7 +69,8 @@ fn attempt(random: &mut Random, seq: u8, blob: &[u8]) -> Vec<u8> {
         },
         6 => Request::InstallKey {
             key: &[1; KEY_BYTES],
-            seed: &[2; SEED_BYTES],
+            salt: &[2; SALT_BYTES],
+            secret: &[3; SECRET_BYTES],
             signature: &signature,
         },
         7 => Request::Begin {
@@ -83,6 +86,21 @@ fn attempt(random: &mut Random, seq: u8, blob: &[u8]) -> Vec<u8> {
             signature: &signature,
             request: &[7],
         },
+        13 => Request::Identify {
+            nonce: [random.bits() as u8; NONCE_BYTES],
+        },
+        14 => Request::OpenSession {
+            client: [1; NONCE_BYTES],
+            // Of a time that may be now.
+            robot: [0; NONCE_BYTES],
+            proof: [random.bits() as u8; PROOF_BYTES],
+        },
+        15 => Request::Proven {
+            number: random.bits() as u32,
+            proof: [random.bits() as u8; PROOF_BYTES],
+            request: &[4],
+        },
+        16 => Request::Abort,
         _ => Request::Sign {
             counter: random.bits(),
             signature: &signature,
@@ -101,12 +119,13 @@ struct Told {
 
 impl Told {
     fn hear(&mut self, frame: &mut [u8]) {
+        // A proven answer is one that the owner had already, to the last request: nobody else has a proof.
         let Ok(FromDevice::Reply { result, .. }) = decode(frame) else {
             return;
         };
         match result {
-            // A key that is asked for its nonce, the bytes of an upload, and a session that begins: all may.
-            Ok(Response::Challenge { .. } | Response::Received { .. } | Response::Hello(_)) => {}
+            // Who the robot is, and a session of anyone's that begins: all may.
+            Ok(Response::Identity(_) | Response::Hello(_)) => {}
             // Of sessions that are replayed.
             Ok(
                 Response::Status(_)
@@ -141,10 +160,22 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u6
                 attempt(&mut random, seq, blob)
             }
         };
-        line.send(&bytes).unwrap();
-        sent += bytes.len() as u64;
         let mut buffer = [0; 1024];
-        let count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
+        let mut rest = &bytes[..];
+        let mut count = 0;
+        while !rest.is_empty() {
+            // A line that is full takes more as soon as somebody reads what comes from it.
+            let piece = rest.len().min(64);
+            match line.send(&rest[..piece]) {
+                Ok(()) => rest = &rest[piece..],
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(error) => panic!("{error}"),
+            }
+            if count == 0 {
+                count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
+            }
+        }
+        sent += bytes.len() as u64;
         for byte in &buffer[..count] {
             if let Some(frame) = reader.push(*byte) {
                 told.hear(frame);
@@ -233,7 +264,8 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     assert_eq!(told.carried_out, Vec::<String>::new());
     for refusal in [
         LinkError::NeedsKey,
-        LinkError::WrongSignature,
+        LinkError::NoSession,
+        LinkError::WrongProof,
         LinkError::NoChallenge,
     ] {
         assert!(
