@@ -6,9 +6,39 @@ import json
 import os
 import sys
 
-from . import Client, Key, KeyProblem, LinkLost, Malformed, NoReply, NotBuiltIn, OtherKey, OtherVersion, Refused, open_port
+from . import (
+    Client,
+    Key,
+    KeyProblem,
+    LinkLost,
+    Malformed,
+    NoReply,
+    NotBuiltIn,
+    NotLocked,
+    NotStopped,
+    OtherKey,
+    OtherVersion,
+    Refused,
+    Unproven,
+    open_port,
+)
 
 DONE, REFUSED, WORLD_FAILED = 0, 1, 3
+
+
+def read_key(path):
+    return None if path is None else Key.read(path)
+
+
+def stop(client: Client, path) -> None:
+    """Stops the robot, whatever is the matter with the key."""
+    client.send_stop()
+    try:
+        client.use_key(read_key(path))
+    except KeyProblem:
+        client.stop()
+        raise
+    client.stop()
 
 
 def main(arguments=None) -> int:
@@ -31,9 +61,12 @@ def main(arguments=None) -> int:
     trace.add_argument("--seconds", type=float, default=5.0)
     options = parser.parse_args(arguments)
     try:
-        key = None if options.key is None else Key.read(options.key)
         with open_port(options.port, options.baud) as port:
-            client = Client(port, key=key)
+            client = Client(port)
+            if options.command == "stop":
+                stop(client, options.key)
+                return DONE
+            client.use_key(read_key(options.key))
             robot = client.hello()
             if options.command == "hello":
                 print(json.dumps(dataclasses.asdict(robot)))
@@ -62,10 +95,10 @@ def main(arguments=None) -> int:
             else:
                 getattr(client, options.command)()
         return DONE
-    except (NotBuiltIn, OtherKey, Refused) as error:
+    except (NotBuiltIn, NotLocked, OtherKey, Refused) as error:
         print(f"esm-link: {error}", file=sys.stderr)
         return REFUSED
-    except (KeyProblem, LinkLost, Malformed, NoReply, OtherVersion, OSError) as error:
+    except (KeyProblem, LinkLost, Malformed, NoReply, NotStopped, OtherVersion, Unproven, OSError) as error:
         print(f"esm-link: {error}", file=sys.stderr)
         return WORLD_FAILED
 

@@ -2,12 +2,13 @@
 
 import time
 import zlib
-from typing import Callable, Iterator, List, Optional, Tuple
+from dataclasses import dataclass
+from typing import Callable, Dict, Iterator, List, Optional, Tuple
 
 from . import messages
 from .frames import DELIMITER, FrameReader, encode
-from .keys import NO_UPLOAD, Key, command_message, new_seed, upload_message
-from .messages import Answer, Error, Malformed, Part
+from .keys import LAST_NUMBER, NO_UPLOAD, Key, OwnerSession, command_message, identity_proof, is_same, random_bytes, upload_message
+from .messages import Answer, Error, Malformed, Part, Raw
 from .trace import Assembler
 from .upload import Loss, Standing
 from .values import Field, Sample, ask_fields, ask_values, fields_of, part_of, sample_of
@@ -17,6 +18,8 @@ SHORTEST_WAIT_S = 0.04
 LONGEST_WAIT_S = 1.0
 BYTE_TIME_S = 0.0005
 SPOILED_WAIT_S = 0.01
+# A robot hears of a client that listens as often as this: a mission may watch for its host.
+CALL_INTERVAL_S = 0.2
 BUSY_WAIT_S = 0.005
 LONGEST_LOOK_S = 1.0
 # No robot looks at no signature for longer.
@@ -36,6 +39,8 @@ VERIFIED = (messages.SIGNED, messages.SIGN, messages.INSTALL_KEY)
 VERIFICATION_WAIT_S = 0.5
 
 BLOB_READS = 5
+# Its length is told in 16 bits.
+LONGEST_TEXT = 2**16 - 1
 MOST_DOUBLINGS = 2
 BEGIN_LIMIT = 20
 
@@ -56,11 +61,40 @@ class OtherVersion(Exception):
         self.robot = robot
 
 
+class Unproven(Exception):
+    """Answers came, and none with the proof that it is the robot's own."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"answers to `{name}` came, but none is proven to be the robot's own: "
+            "somebody answers in its place, or the robot has lost what it shares with its owner"
+        )
+
+
+class NotLocked(Exception):
+    """A key was named, and the robot says that it has none."""
+
+    def __init__(self, access: str) -> None:
+        super().__init__(
+            f"a key was named, and the robot says that it has none (its access is `{access}`): its memory was erased, "
+            "or somebody answers in its place. Without a key named here it is taken as it is, and can be given one again"
+        )
+        self.access = access
+
+
+class NotStopped(Exception):
+    """The robot took a stop, and does not stand still."""
+
+    def __init__(self, name: str, mode: str) -> None:
+        super().__init__(f"the robot took `{name}`, but its mode is `{mode}`: somebody else commands it. Switch it off by hand")
+        self.mode = mode
+
+
 class OtherKey(Exception):
-    """The robot has another key than this session, or this session has none."""
+    """The robot has another key than this client, or this client has none."""
 
     def __init__(self, robot: bytes, ours: Optional[bytes]) -> None:
-        have = "this session has none" if ours is None else f"this one is {ours.hex()}"
+        have = "this client has none" if ours is None else f"this one is {ours.hex()}"
         super().__init__(f"the robot has the key {robot.hex()}, {have}")
         self.robot = robot
         self.ours = ours
@@ -72,6 +106,10 @@ class NotBuiltIn(Exception):
     def __init__(self, feature: str) -> None:
         super().__init__(f"the robot's firmware was built without the feature `{feature}`")
         self.feature = feature
+
+
+class _OtherTotal(Exception):
+    """Parts of the same told that it has different lengths."""
 
 
 class Refused(Exception):
@@ -121,8 +159,11 @@ class _Patience:
     def lasts(self) -> bool:
         return self.silent < SILENT_DEADLINE_S and self.spent < NOISY_DEADLINE_S
 
-    def check(self, name: str) -> None:
+    def check(self, name: str, is_unproven: bool = False) -> None:
+        """Raises once it is over; where answers came without the right proof, it says so."""
         if not self.lasts():
+            if is_unproven:
+                raise Unproven(name)
             what = f"the robot did not answer `{name}` within {self.spent:.1f} s"
             if self.spoiled:
                 what += f"; {self.spoiled} frames came spoiled: look at cable, plugs and ground, or give the line a lower rate at both ends"
@@ -158,15 +199,52 @@ class _ReplyTime:
         return min(LONGEST_WAIT_S, (base + BYTE_TIME_S * request_bytes) * 2 ** min(MOST_DOUBLINGS, attempt // 3))
 
 
+@dataclass
+class _Frame:
+    """A request as it is sent, and what its answer must be."""
+
+    seq: int
+    message: bytes
+    #: Its kind, or that of the request that it holds.
+    kind: int
+    #: With which its answer is proven, if it must be, and its number there.
+    session: Optional[OwnerSession] = None
+    number: int = 0
+
+    def is_answered_by(self, answer: Answer) -> bool:
+        """Whether an answer says that it is to this request. Who said so is another question."""
+        return answer.seq == self.seq and answer.is_to(self.kind)
+
+    def accepts(self, answer: Answer) -> bool:
+        """Whether an answer is the robot's own, as far as anybody can tell."""
+        if self.session is None or answer.proof is None:
+            return self.session is None and answer.proof is None
+        return is_same(answer.proof, self.session.answer_proof(self.number, answer.proven))
+
+    def is_ended_by(self, answer: Answer) -> bool:
+        """Whether the robot knows nothing of the session. Whoever says so without a proof can do no more than have another one opened."""
+        if self.session is None or answer.proof is not None or not isinstance(answer.body, Error):
+            return False
+        has_expired = self.kind == messages.OPEN_SESSION and answer.body.name == "NoChallenge"
+        return has_expired or answer.body.name in ("NoSession", "WrongProof")
+
+
 class Client:
     """Talks to the robot behind `port`, which has `read(size)`, `write(bytes)` and `timeout` as a `serial.Serial` has. `hello` comes first.
 
-    `key` signs what a robot that has a key takes from nobody else.
+    `key` is that of the robot's owner: it opens a session, and signs what the robot takes from nobody else. With `insist`, which is so where
+    a key is given and nothing else is said, a robot that says that it has no key, or shows another one, is refused: somebody may answer in its
+    place. Without a key a robot that has one can be read and stopped.
     """
 
-    def __init__(self, port, number: Optional[int] = None, key: Optional[Key] = None) -> None:
+    def __init__(self, port, number: Optional[int] = None, key: Optional[Key] = None, insist: Optional[bool] = None) -> None:
         self._port = port
-        self._key = key
+        # Of the robot's owner, once it is open.
+        self._session: Optional[OwnerSession] = None
+        self.use_key(key, insist)
+        # Lets the robot hear that somebody is here, until it is answered.
+        self._calling: Optional[_Frame] = None
+        self._sent_at = time.monotonic()
         # Of the upload that was signed last.
         self._signed_upload = NO_UPLOAD
         # Not the number that the client before began with: its answers may still be on the line.
@@ -192,33 +270,35 @@ class Client:
         # What comes before this session has asked for streams is of another one.
         self._has_asked_for_streams = False
 
+    def use_key(self, key: Optional[Key], insist: Optional[bool] = None) -> None:
+        """From now on this client has that key, or none; `insist` as in `Client`. A session with another one ends."""
+        self._key = key
+        self._insists = key is not None if insist is None else insist
+        # There is no session to be had with this key.
+        self._only_reads = False
+        self._session = None
+
     # What a robot can be asked.
 
     def hello(self) -> messages.Hello:
         self._end_streams()
         robot = self._ask("hello", messages.Hello, messages.HELLO)
-        if robot.protocol != messages.PROTOCOL_VERSION:
-            raise OtherVersion(robot.protocol)
         self._robot = robot
-        # It may have another firmware than before.
+        # It may have another firmware than before. Its session goes on: anybody may have said this.
         self._features = None
+        self._only_reads = False
         return robot
 
     def features(self) -> messages.Features:
         """What the robot's firmware was built with. It is asked once a session."""
         if self._features is None:
-            patience = _Patience()
-            # A firmware of before there was this request does not understand it, however often it is sent; noise comes once.
-            for _ in range(2):
-                body = self._exchange("features", patience, messages.FEATURES)
-                if isinstance(body, messages.Features):
-                    break
-                if not isinstance(body, Error):
-                    raise Malformed(f"the robot answered `features` with {body}")
-                if body.name != "Malformed":
-                    raise Refused("features", body)
-                body = messages.UNTOLD
-            self._features = body
+            try:
+                self._features = self._ask("features", messages.Features, messages.FEATURES)
+            except Refused as refused:
+                # A firmware of before there was this request does not understand it, however often it is sent.
+                if refused.error.name != "Malformed":
+                    raise
+                self._features = messages.UNTOLD
         return self._features
 
     def require(self, feature: str) -> None:
@@ -234,11 +314,46 @@ class Client:
         return self._ask("clock", messages.Clock, messages.CLOCK).now_us
 
     def stop(self) -> None:
-        self._ask("stop", messages.Done, messages.STOP)
+        """Motors off, until `start`. This goes out before anything else; only a robot that says then that it does not run counts as stopped."""
+        self._halt("stop", messages.STOP, lambda mode: mode != "running")
 
     def emergency_stop(self) -> None:
         """Motors off, over missions and resets, until `release`."""
-        self._ask("emergency stop", messages.Done, messages.EMERGENCY_STOP)
+        self._halt("emergency stop", messages.EMERGENCY_STOP, lambda mode: mode == "emergency stop")
+
+    def send_stop(self) -> None:
+        """Sends a stop and waits for nothing. Whether the robot has stopped, `stop` tells."""
+        self._write(self._plain_frame(messages.without_number(messages.STOP)))
+
+    def _halt(self, name: str, kind: int, is_stopped: Callable[[str], bool]) -> None:
+        if self._robot is None or self._key is not None:
+            # Before anything else, whatever else is the matter. Without a key this is what is asked below.
+            self._write(self._plain_frame(messages.without_number(kind)))
+        if self._robot is None:
+            self.hello()
+        problem: Optional[Exception] = None
+        try:
+            self._enter_session(kind, _Patience())
+        except (NotLocked, OtherKey, Refused, Unproven) as other:
+            # Everyone may stop a robot: it is done as strangers do, and told then.
+            problem = other
+        is_owner = problem is None
+        try:
+            self._ask(name, messages.Done, kind, enters=is_owner)
+        except Refused as refused:
+            # It is stopped all the same.
+            if refused.error.name != "StopNotKept":
+                raise
+            problem = problem or refused
+        mode = self._ask("status", messages.Status, messages.STATUS, enters=is_owner).mode
+        if not is_stopped(mode):
+            raise NotStopped(name, mode)
+        if problem is not None:
+            raise problem
+
+    def identity(self) -> messages.Identity:
+        """Who the robot says that it is. Anybody may answer in its place: only in a session it has shown it."""
+        return self._ask("identify", messages.Identity, messages.IDENTIFY, Raw(random_bytes()))
 
     def release(self) -> None:
         """Ends an emergency stop: the robot is stopped then, and `start` starts it."""
@@ -312,13 +427,7 @@ class Client:
     def fields(self, mission: int, net: int) -> List[Field]:
         """What values on a net of the mission are made of, by its index in the blob."""
         self.require("telemetry")
-        text, total = b"", 1
-        while len(text) < total:
-            part = self._ask("fields", messages.TaskText, messages.VALUES, ask_fields(mission, net, len(text)))
-            text, total = text + part.text, part.total
-            if not part.text:
-                break
-        return fields_of(text.decode())
+        return fields_of(self._read_text("fields", lambda offset: (messages.VALUES, ask_fields(mission, net, offset))))
 
     def watch_values(self, mission: int, nets: List[int], period_ms: int = 0) -> int:
         """Lets the robot send values on these nets of the mission, by their indices in its blob, each period of the mission's time at most, or after each macro step.
@@ -343,31 +452,45 @@ class Client:
 
     def task(self, index: int) -> str:
         """The declaration of a task type, as `.esm` text."""
-        text, total = b"", 1
-        while len(text) < total:
-            part = self._ask("task", messages.TaskText, messages.TASK, messages.U8(index), len(text))
-            text, total = text + part.text, part.total
-            if not part.text:
-                break
-        return text.decode()
+        return self._read_text("task", lambda offset: (messages.TASK, messages.U8(index), offset))
 
     def read_blob(self) -> bytes:
         """The blob of the mission that runs."""
         # A robot that falls back while it is read gives parts of two missions, whose checksum is that of neither.
         for _ in range(BLOB_READS):
             blob = self._read_blob_once()
-            if zlib.crc32(blob[:-4]) == int.from_bytes(blob[-4:], "little"):
+            if blob is not None and zlib.crc32(blob[:-4]) == int.from_bytes(blob[-4:], "little"):
                 return blob
         raise Malformed(f"the blob of the running mission has not its checksum, {BLOB_READS} times in a row")
 
-    def _read_blob_once(self) -> bytes:
-        blob, total = b"", 1
-        while len(blob) < total:
-            part = self._ask("read the mission", messages.Blob, messages.READ_BLOB, len(blob))
-            blob, total = blob + part.data, part.total
-            if not part.data:
-                break
-        return blob
+    def _read_blob_once(self) -> Optional[bytes]:
+        """None where parts told different lengths: they are of two missions."""
+        limit = (self._robot or self.hello()).blob_bytes
+        try:
+            return self._read_all("read the mission", limit, messages.Blob, lambda offset: (messages.READ_BLOB, offset))
+        except _OtherTotal:
+            return None
+
+    def _read_text(self, name: str, request: Callable[[int], tuple]) -> str:
+        try:
+            return self._read_all(name, LONGEST_TEXT, messages.TaskText, request).decode()
+        except (UnicodeDecodeError, _OtherTotal) as cause:
+            raise Malformed(f"the robot answered `{name}` with parts that are no text") from cause
+
+    def _read_all(self, name: str, limit: int, wanted: type, request: Callable[[int], tuple]) -> bytes:
+        """Reads what comes in parts, each asked for by its offset. What never ends, or is longer than it can be, is refused."""
+        whole, total = b"", None
+        while total is None or len(whole) < total:
+            part = self._ask(name, wanted, *request(len(whole)))
+            if total is not None and part.total != total:
+                raise _OtherTotal(name)
+            total = part.total
+            if total > limit:
+                raise Malformed(f"the robot answered `{name}` with {total} bytes, of which there can be {limit}")
+            if len(whole) + len(part.data) > total or (not part.data and len(whole) < total):
+                raise Malformed(f"the robot answered `{name}` with {len(part.data)} bytes behind the first {len(whole)} of {total}")
+            whole += part.data
+        return whole
 
     def trace(self, seconds: float) -> Iterator[dict]:
         """Trace records as they come, for so long. `subscribe` asks for them."""
@@ -385,7 +508,19 @@ class Client:
             left = end - time.monotonic()
             if left <= 0:
                 return
-            self._receive(left)
+            self._call()
+            for answer in self._receive(min(left, CALL_INTERVAL_S)):
+                if self._calling is not None and self._calling.is_answered_by(answer) and self._calling.accepts(answer):
+                    self._calling = None
+
+    def _call(self) -> None:
+        """Lets the robot hear that somebody listens, if it has heard nothing for a while. The answer is not waited for."""
+        if time.monotonic() - self._sent_at < CALL_INTERVAL_S:
+            return
+        # The same as long as it is not answered: who keeps requests back has one of them at most.
+        if self._calling is None:
+            self._calling = self._next_frame(messages.without_number(messages.CLOCK))
+        self._write(self._calling)
 
     # Uploads.
 
@@ -411,10 +546,13 @@ class Client:
         stuck = Refused("upload", Error("NoUpload", {}))
         for _ in range(BEGIN_LIMIT):
             there = self._ask("upload", messages.Received, messages.BEGIN, len(blob), zlib.crc32(blob)).len
-            standing = Standing(len(blob), there, robot.chunk_bytes, robot.window_bytes)
+            if there > len(blob):
+                raise Malformed(f"the robot answered `upload` with {there} bytes that are there, of {len(blob)}")
+            chunk_bytes = min(robot.chunk_bytes, messages.MAX_CHUNK_BYTES)
+            standing = Standing(len(blob), there, chunk_bytes, robot.window_bytes)
             if not self._send_from(blob, standing, loss, progress or (lambda _: None)):
                 continue
-            if not self._is_locked():
+            if not self._has_owner():
                 return
             try:
                 return self._sign_upload(blob)
@@ -428,6 +566,9 @@ class Client:
     def _send_from(self, blob: bytes, standing: Standing, loss: Loss, progress: Callable[[int], None]) -> bool:
         """Sends what the robot lacks. False where it has forgotten the upload."""
         chunk_time = _ReplyTime()
+        # Chunks by the number of their message, the last one of each.
+        sent_frames: Dict[int, _Frame] = {}
+        is_unproven = False
         attempt = 0
         patience = _Patience()
         last_sign = time.monotonic()
@@ -438,10 +579,11 @@ class Client:
             chunk = standing.next_chunk(loss)
             if chunk is not None:
                 self.retries += chunk[0] < standing.unsent
-                self._seq = (self._seq + 1) % 256
-                self._write(messages.request(self._seq, messages.CHUNK, chunk[0], blob[chunk[0] : chunk[1]]))
+                frame = self._next_frame(messages.without_number(messages.CHUNK, chunk[0], blob[chunk[0] : chunk[1]]))
+                sent_frames[frame.seq] = frame
+                self._write(frame)
                 last_sign = time.monotonic()
-                standing.chunk_sent(self._seq, chunk, last_sign)
+                standing.chunk_sent(frame.seq, chunk, last_sign)
             elif chunk_time.is_known():
                 wait = chunk_time.wait(attempt, 0)
             else:
@@ -455,6 +597,15 @@ class Client:
                 attempt = 0
             for answer in answers:
                 body = answer.body
+                frame = sent_frames.get(answer.seq)
+                if frame is None or not frame.is_answered_by(answer):
+                    continue
+                if frame.is_ended_by(answer):
+                    # Another session goes on where this one was.
+                    return False
+                if not frame.accepts(answer):
+                    is_unproven = True
+                    continue
                 if isinstance(body, messages.Received):
                     there = body.len
                 elif isinstance(body, Error) and body.name == "WrongOffset":
@@ -475,7 +626,7 @@ class Client:
                 progress(standing.there)
                 patience = _Patience()
             else:
-                patience.check("upload")
+                patience.check("upload", is_unproven)
             if wait is not None and time.monotonic() - last_sign >= wait:
                 attempt += 1
                 standing.give_up_what_was_sent(loss)
@@ -484,74 +635,147 @@ class Client:
 
     # Keys (section 13).
 
-    def install_key(self, key: Key, seed: Optional[bytes] = None) -> None:
-        """From now on the robot takes commands only if this key has signed them. It must have none, or the session's.
+    def install_key(self, key: Key, salt: Optional[bytes] = None) -> None:
+        """From now on the robot takes commands only if this key has signed them. It must have none, or this client's.
 
-        The seed is what the robot makes its nonces from: 16 bytes that nobody can guess, or those of the system.
+        The salt is 16 random bytes, which need not be secret; without one it comes from the system.
         """
         self.require("keys")
-        seed = new_seed() if seed is None else seed
-        self._change_key("install a key", messages.INSTALL_KEY, key.public, seed, key.sign_installation(seed))
-        self._key = key
+        salt = random_bytes() if salt is None else salt
+
+        def fields() -> tuple:
+            secret = key.secret(salt)
+            # Anew for each session: the robot takes the mask off with the one that it has.
+            if self._session is not None:
+                secret = self._session.mask(secret, salt)
+            return key.public, salt, secret, key.sign_installation(salt, secret)
+
+        self._change_key("install a key", messages.INSTALL_KEY, fields)
+        self.use_key(key)
 
     def remove_key(self) -> None:
-        """From now on the robot takes commands from anyone."""
+        """From now on the robot takes commands from anyone, and this client has no key."""
         self.require("keys")
-        self._change_key("remove the key", messages.REMOVE_KEY)
+        self._change_key("remove the key", messages.REMOVE_KEY, tuple)
+        self.use_key(None)
 
-    def _change_key(self, name: str, kind: int, *fields) -> None:
+    def _change_key(self, name: str, kind: int, fields: Callable[[], tuple]) -> None:
         """Has the key changed, and asks what holds then: also where the flash is said not to have taken it."""
         try:
-            self._key_command(name, messages.Done, kind, *fields)
+            self._key_command(name, messages.Done, kind, fields)
         except Refused as refused:
             if refused.error.name == "NotKept":
+                self._session = None
                 self.hello()
             raise
+        self._session = None
         self.hello()
 
-    def _is_locked(self) -> bool:
-        return (self._robot or self.hello()).access == "locked"
+    def _has_owner(self) -> bool:
+        """Whether the robot has a key: in a session it has shown it, whatever is said outside."""
+        return self._session is not None or (self._robot or self.hello()).access in messages.OWNED
+
+    def _enter_session(self, kind: int, patience: _Patience) -> None:
+        """Opens a session with a robot that has a key, if a request is for one and there is none. Who has no key reads, and stops."""
+        if kind in messages.NEVER_PROVEN or (self._session is not None and self._session.number < LAST_NUMBER):
+            return
+        is_for_owner = kind in messages.SIGNED_ONLY or kind in messages.SESSION_ONLY
+        if self._key is None:
+            if is_for_owner and self._has_owner():
+                raise OtherKey(self.identity().key, None)
+            return
+        if not self._has_owner():
+            if self._insists:
+                raise NotLocked((self._robot or self.hello()).access)
+            return
+        if self._only_reads and not is_for_owner:
+            return
+        try:
+            self._session = self._open_session(self._key, patience)
+        except OtherKey:
+            if is_for_owner or self._insists:
+                raise
+            self._only_reads = True
+
+    def _open_session(self, key: Key, patience: _Patience) -> OwnerSession:
+        """The robot shows that it has the key's secret, and so does this side."""
+        name = "open a session"
+        while True:
+            client = random_bytes()
+            identity = self._identify(key, client, patience)
+            session = OwnerSession(key.secret(identity.salt), identity.salt, client, identity.nonce)
+            bare = messages.without_number(messages.OPEN_SESSION, Raw(client), Raw(identity.nonce), Raw(session.opening()))
+            frame = self._plain_frame(bare)
+            frame.session = session
+            body = self._exchange_frame(name, patience, messages.OPEN_SESSION, frame)
+            if isinstance(body, messages.Done):
+                return session
+            if not isinstance(body, Error):
+                raise Malformed(f"the robot answered `{name}` with {body}")
+            # It took too long, or another session was opened meanwhile.
+            if body.name not in ("NoSession", "NoChallenge") or not patience.lasts():
+                raise Refused(name, body)
+            self._pause(BUSY_WAIT_S, patience)
+
+    def _identify(self, key: Key, client: bytes, patience: _Patience) -> messages.Identity:
+        """Lets the robot show that it has the secret of this key."""
+        name = "identify"
+        while True:
+            body = self._exchange(name, patience, messages.IDENTIFY, Raw(client))
+            if isinstance(body, messages.Identity):
+                # Each salt has a secret of its own.
+                secret = key.secret(body.salt)
+                if is_same(body.proof, identity_proof(secret, client, body.key, body.salt, body.nonce, body.counter)):
+                    return body
+                if body.key != key.public:
+                    raise OtherKey(body.key, key.public)
+                # Somebody has answered in its place.
+                if not patience.lasts():
+                    raise Unproven(name)
+                self._pause(BUSY_WAIT_S, patience)
+            else:
+                self._is_to_repeat(name, messages.Identity, body, patience)
 
     def _challenge(self) -> Tuple[Key, messages.Challenge]:
         challenge = self._ask("challenge", messages.Challenge, messages.CHALLENGE)
-        if self._key is None or self._key.public != challenge.key:
-            raise OtherKey(challenge.key, None if self._key is None else self._key.public)
+        if self._key is None or self._session is None:
+            raise OtherKey(self.identity().key, None)
         return self._key, challenge
 
     def _sign_upload(self, blob: bytes) -> None:
         key, challenge = self._challenge()
         counter = challenge.counter + 1
-        signature = key.sign(upload_message(counter, blob))
+        if counter >= 2**64:
+            raise Refused("sign", Error("OldCounter", {"last": challenge.counter}))
+        # The challenge came in it.
+        assert self._session is not None
+        signature = key.sign(upload_message(self._session.salt, counter, blob))
         self._ask("sign", messages.Done, messages.SIGN, counter, signature)
         self._signed_upload = signature
 
     def _command(self, name: str, wanted: type, kind: int, *fields):
         """Asks for something that changes what the robot does. It is not done after its answer was waited for, and a robot that has a key takes it signed only."""
-        longer = self._longer(kind)
         begun = _Patience()
         while True:
+            self._enter_session(kind, begun)
+            longer = self._longer(kind)
             by_us = self.clock() + COMMAND_TIME_US
             # From here on, so that nobody gives up before that time.
             patience = _Patience()
-            fields_in_time = (by_us, messages.without_number(kind, *fields))
-            if self._is_locked():
-                upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
-                body = self._exchange_signed(name, patience, upload, messages.WITHIN, *fields_in_time, longer=longer)
-            else:
-                body = self._exchange(name, patience, messages.WITHIN, *fields_in_time, longer=longer)
+            bare = messages.without_number(messages.WITHIN, by_us, messages.without_number(kind, *fields))
+            upload = self._signed_upload if kind == messages.COMMIT else NO_UPLOAD
+            body = self._exchange_signed(name, patience, upload, lambda: bare, longer)
             begun.adopt(patience)
             if not self._is_to_repeat(name, wanted, body, begun):
                 return body
 
-    def _key_command(self, name: str, wanted: type, kind: int, *fields):
-        """Asks for something that is about keys. A robot that has one takes it signed only."""
-        longer = self._longer(kind)
+    def _key_command(self, name: str, wanted: type, kind: int, fields: Callable[[], tuple]):
+        """Asks for something that is about keys, whose fields may rest on the session. A robot that has a key takes it signed only."""
         patience = _Patience()
         while True:
-            if self._is_locked():
-                body = self._exchange_signed(name, patience, NO_UPLOAD, kind, *fields, longer=longer)
-            else:
-                body = self._exchange(name, patience, kind, *fields, longer=longer)
+            self._enter_session(kind, patience)
+            longer = self._longer(kind)
+            body = self._exchange_signed(name, patience, NO_UPLOAD, lambda: messages.without_number(kind, *fields()), longer)
             if not self._is_to_repeat(name, wanted, body, patience):
                 return body
 
@@ -559,10 +783,14 @@ class Client:
         """Seconds that the robot may take longer for this than for others."""
         return self.features().flash_ms / 1000 if kind in KEPT else 0.0
 
-    def _exchange_signed(self, name: str, patience: _Patience, upload: bytes, kind: int, *fields, longer: float) -> object:
-        """One exchange: it cannot be sent a second time after an answer, for the nonce is used up."""
-        request = messages.without_number(kind, *fields)
+    def _exchange_signed(self, name: str, patience: _Patience, upload: bytes, bare: Callable[[], bytes], longer: float) -> object:
+        """One exchange, signed where the robot has a key: it cannot be sent a second time after an answer, for the nonce is used up."""
+        if not self._has_owner():
+            request = bare()
+            return self._exchange_frame(name, patience, request[0], self._next_frame(request), longer)
         key, challenge = self._challenge()
+        # Only now, for the challenge may have opened another session.
+        request = bare()
         signature = key.sign(command_message(challenge.nonce, upload, request))
         return self._exchange(name, patience, messages.SIGNED, signature, request, longer=longer)
 
@@ -579,39 +807,67 @@ class Client:
             patience.is_misunderstood = True
         elif body.name == "Late":
             is_worth_while = patience.is_fresh()
+        elif body.name == "NoSession":
+            # The robot has started anew, or another session of its owner was opened: this one ends here.
+            is_worth_while = self._session is not None and patience.lasts()
+            self._session = None
         else:
             # Somebody else has sent it a wrong signature, where it is too soon.
             is_worth_while = body.name in ("Busy", "NoAnswer", "TooSoon") and patience.lasts()
         if not is_worth_while:
             raise Refused(name, body)
-        time.sleep(min(body.fields["ms"] / 1000, LONGEST_PAUSE_S) if body.name == "TooSoon" else BUSY_WAIT_S)
-        patience.look()
+        self._pause(min(body.fields["ms"] / 1000, LONGEST_PAUSE_S) if body.name == "TooSoon" else BUSY_WAIT_S, patience)
         return True
 
-    def _ask(self, name: str, wanted: type, kind: int, *fields):
+    def _pause(self, seconds: float, patience: _Patience) -> None:
+        time.sleep(seconds)
+        patience.look()
+
+    def _ask(self, name: str, wanted: type, kind: int, *fields, enters: bool = True):
+        """`enters`: in the owner's session, where there is one to be had."""
         patience = _Patience()
         while True:
+            if enters:
+                self._enter_session(kind, patience)
             body = self._exchange(name, patience, kind, *fields)
             if not self._is_to_repeat(name, wanted, body, patience):
                 return body
 
-    def _exchange(self, name: str, patience: _Patience, kind: int, *fields, longer: float = 0.0) -> object:
+    def _plain_frame(self, bare: bytes) -> _Frame:
+        """A request under a new number, as it is."""
         self._seq = (self._seq + 1) % 256
-        request = messages.request(self._seq, kind, *fields)
+        return _Frame(self._seq, bytes([self._seq]) + bare, messages.innermost_kind(bare))
+
+    def _next_frame(self, bare: bytes) -> _Frame:
+        """A request under a new number, in the owner's session where one is open."""
+        if self._session is None or bare[0] in messages.NEVER_PROVEN:
+            return self._plain_frame(bare)
+        number, proven = self._session.prove(bare)
+        frame = self._plain_frame(proven)
+        frame.session, frame.number = self._session, number
+        return frame
+
+    def _exchange(self, name: str, patience: _Patience, kind: int, *fields, longer: float = 0.0) -> object:
+        return self._exchange_frame(name, patience, kind, self._next_frame(messages.without_number(kind, *fields)), longer)
+
+    def _exchange_frame(self, name: str, patience: _Patience, kind: int, frame: _Frame, longer: float = 0.0) -> object:
+        """Sends a frame that holds a request of this kind until its answer is there."""
+        self._calling = None
         self._other_version = None
         self._has_asked_for_streams |= kind in (messages.SUBSCRIBE, messages.WATCH, messages.VALUES)
         is_first = True
+        is_unproven = False
         # Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
         attempt = 0
         heard_within = None
         while True:
-            self._write(request)
+            self._write(frame)
             sent = time.monotonic()
             known = self._reply_time
             if heard_within is not None and not known.is_known():
                 known = _ReplyTime()
                 known.seen(heard_within)
-            wait = known.wait(attempt, len(request) + 7)
+            wait = known.wait(attempt, len(frame.message) + 7)
             deadline = sent + (max(wait, VERIFICATION_WAIT_S) if kind in VERIFIED else wait) + longer
             attempt += 1
             while time.monotonic() < deadline:
@@ -627,27 +883,34 @@ class Client:
                 for answer in answers:
                     # With the number that a session happens to begin with, an answer of the session before may still be on its way.
                     is_old = kind == messages.HELLO and not isinstance(answer.body, messages.Hello)
-                    if answer.seq == self._seq and not is_old:
-                        took = time.monotonic() - sent
-                        if longer or kind in VERIFIED:
-                            # It says nothing of others.
-                            pass
-                        elif is_first:
-                            self._reply_time.seen(took)
-                        elif heard_within is not None and not self._reply_time.is_known():
-                            # On a bad line few are answered the first time: better this than nothing.
-                            self._reply_time.seen(max(took, heard_within))
-                        return answer.body
-            patience.check(name)
+                    if is_old or not frame.is_answered_by(answer):
+                        continue
+                    if frame.is_ended_by(answer):
+                        return Error("NoSession", {})
+                    if not frame.accepts(answer):
+                        is_unproven = True
+                        continue
+                    took = time.monotonic() - sent
+                    if longer or kind in VERIFIED:
+                        # It says nothing of others.
+                        pass
+                    elif is_first:
+                        self._reply_time.seen(took)
+                    elif heard_within is not None and not self._reply_time.is_known():
+                        # On a bad line few are answered the first time: better this than nothing.
+                        self._reply_time.seen(max(took, heard_within))
+                    return answer.body
+            patience.check(name, is_unproven)
             is_first = False
             self.retries += 1
 
     # Bytes.
 
-    def _write(self, message: bytes) -> None:
+    def _write(self, frame: _Frame) -> None:
+        self._sent_at = time.monotonic()
         try:
             # The delimiter in front gives noise an end.
-            self._port.write(DELIMITER + encode(message))
+            self._port.write(DELIMITER + encode(frame.message))
         except OSError as cause:
             raise LinkLost(f"the line to the robot is lost: {cause}") from cause
 
@@ -665,10 +928,14 @@ class Client:
             patience.look()
         answers = []
         for message in self._reader.feed(received):
+            # Before the rest, which may be another one in another version.
+            version = messages.version_in_hello(message)
+            if version is not None and version != messages.PROTOCOL_VERSION:
+                self._other_version = version
+                continue
             try:
                 read = messages.from_robot(message)
             except Malformed:
-                self._other_version = messages.version_in_hello(message)
                 self._reader.spoiled += 1
                 continue
             if isinstance(read, Answer):

@@ -3,8 +3,9 @@
 import zlib
 from typing import Iterator, Optional
 
-MAX_FRAME_BYTES = 194
-MAX_MESSAGE_BYTES = 188
+#: With its delimiter.
+MAX_FRAME_BYTES = 247
+MAX_MESSAGE_BYTES = 241
 CRC_BYTES = 4
 DELIMITER = b"\0"
 
@@ -49,7 +50,7 @@ class FrameReader:
         """Takes bytes, and gives the messages that they end."""
         for byte in received:
             if byte != 0:
-                if len(self._bytes) < MAX_FRAME_BYTES:
+                if len(self._bytes) < MAX_FRAME_BYTES - len(DELIMITER):
                     self._bytes.append(byte)
                 else:
                     self._overflow = True

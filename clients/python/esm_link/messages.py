@@ -3,14 +3,29 @@
 from dataclasses import dataclass
 from typing import List, Optional, Tuple, Union
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
     CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
     CLOCK, WITHIN, FEATURES, VALUES,
-) = range(33)  # fmt: skip
+    IDENTIFY, OPEN_SESSION, PROVEN,
+) = range(36)  # fmt: skip
+
+#: `of` in the answer to a message that was no request.
+NO_REQUEST = 255
+#: Bytes of a chunk at most, whatever a robot says.
+MAX_CHUNK_BYTES = 176
+NONCE_BYTES = SALT_BYTES = PROOF_BYTES = 16
+KEY_BYTES = 32
+
+# What a robot with a key takes within `Signed` only.
+SIGNED_ONLY = (COMMIT, START, CONFIRM, FALL_BACK, INSTALL_KEY, REMOVE_KEY, SET_PARAM, SAVE_PARAMS, RELEASE)
+# What it takes in its owner's session only.
+SESSION_ONLY = (BEGIN, CHUNK, ABORT, CHALLENGE, SIGNED, SIGN)
+# What begins a session, or is no part of one.
+NEVER_PROVEN = (HELLO, IDENTIFY, OPEN_SESSION, PROVEN)
 
 RESETS = ("power on", "reset pin", "watchdog", "panic", "processor fault", "brown-out", "software")
 SAFE_REASONS = (
@@ -44,7 +59,9 @@ SLOT_STATES = (
 )
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before")
 CHANNELS = ("trace", "log", "record", "values")
-ACCESS = ("unsupported", "open", "locked", "unreadable")
+ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering")
+# Where a robot remembers its owner's key.
+OWNED = ("locked", "recovering")
 # Each by its bit.
 FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry")
 CAUSES = ("begun", "period", "mission", "trial", "mode")
@@ -112,8 +129,15 @@ class Fields:
         except UnicodeDecodeError as cause:
             raise Malformed("a text that is no UTF-8") from cause
 
-    def rest(self) -> bytes:
-        return self.take(len(self._message) - self._at)
+    def left(self) -> int:
+        return len(self._message) - self._at
+
+    def rest(self, but: int = 0) -> bytes:
+        """All that is left, but for so many bytes at the end."""
+        count = self.left() - but
+        if count < 0:
+            raise Malformed("it ends too early")
+        return self.take(count)
 
     def end(self) -> None:
         if self._at != len(self._message):
@@ -134,6 +158,10 @@ class U8(int):
     """A field of one byte, where other numbers have as many as they need."""
 
 
+class Raw(bytes):
+    """Bytes of a length that both sides know."""
+
+
 def request(seq: int, kind: int, *fields: Union[int, bytes]) -> bytes:
     """The message of a request."""
     return bytes([seq]) + without_number(kind, *fields)
@@ -143,13 +171,29 @@ def without_number(kind: int, *fields: Union[int, bytes]) -> bytes:
     """The message of a request without its number, as it is signed."""
     message = bytes([kind])
     for field in fields:
-        if isinstance(field, bytes):
+        if isinstance(field, Raw):
+            message += field
+        elif isinstance(field, bytes):
             message += number(len(field)) + field
         elif isinstance(field, (U8, bool)):
             message += bytes([field])
         else:
             message += number(field)
     return message
+
+
+def innermost_kind(bare: bytes) -> int:
+    """The kind of a request without a message's number, or of the one that it holds: its answer's `of`."""
+    while bare[0] in (WITHIN, SIGNED, PROVEN):
+        fields = Fields(bare[1:])
+        if bare[0] == SIGNED:
+            fields.bytes()
+        else:
+            fields.number()
+        if bare[0] == PROVEN:
+            fields.take(PROOF_BYTES)
+        bare = fields.bytes()
+    return bare[0]
 
 
 @dataclass
@@ -278,7 +322,7 @@ UNTOLD = Features(2**32 - 1, 0)
 @dataclass
 class TaskText:
     total: int
-    text: bytes
+    data: bytes
 
 
 @dataclass
@@ -353,7 +397,17 @@ class BlackBox:
 class Challenge:
     nonce: bytes
     counter: int
+
+
+@dataclass
+class Identity:
+    """Who a robot says that it is; `proof` shows it to those who know the secret of this salt."""
+
     key: bytes
+    salt: bytes
+    nonce: bytes
+    counter: int
+    proof: bytes
 
 
 @dataclass
@@ -372,6 +426,17 @@ class Error:
 class Answer:
     seq: int
     body: object
+    #: The kind of the request that it is to.
+    of: int
+    #: None of an answer without one.
+    proof: Optional[bytes] = None
+    #: What the proof is of.
+    proven: bytes = b""
+
+    def is_to(self, kind: int) -> bool:
+        """Whether it is to a request of this kind. A robot that did not understand a message cannot tell which it was."""
+        is_misunderstood = isinstance(self.body, Error) and self.body.name == "Malformed"
+        return self.of == kind or (self.of == NO_REQUEST and is_misunderstood)
 
 
 @dataclass
@@ -420,8 +485,12 @@ def from_robot(message: bytes) -> Union[Answer, Part, News]:
     """Reads a message from a robot."""
     fields = Fields(message)
     kind = fields.number(32)
-    if kind == 0:
+    if kind in (0, 3):
         seq = fields.u8()
+        proof, proven = None, b""
+        if kind == 3:
+            proof = fields.take(PROOF_BYTES)
+            proven = message[len(message) - fields.left() :]
         result = fields.number(32)
         if result == 0:
             body = _answer(fields)
@@ -429,7 +498,7 @@ def from_robot(message: bytes) -> Union[Answer, Part, News]:
             body = _error(fields)
         else:
             raise Malformed("neither an answer nor an error")
-        read: Union[Answer, Part, News] = Answer(seq, body)
+        read: Union[Answer, Part, News] = Answer(seq, body, fields.u8(), proof, proven)
     elif kind == 1:
         read = Part(fields.one_of(CHANNELS), fields.u8(), fields.boolean(), fields.number(32), fields.bytes())
     elif kind == 2:
@@ -487,7 +556,7 @@ def _answer(fields: Fields) -> object:
         end, records = fields.number(32), fields.bytes()
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
     if kind == 12:
-        return Challenge(fields.take(16), fields.number(64), fields.take(32))
+        return Challenge(fields.take(NONCE_BYTES), fields.number(64))
     if kind == 13:
         return Param(fields.number(32), fields.number(32), fields.option_u32())
     if kind == 14:
@@ -498,6 +567,9 @@ def _answer(fields: Fields) -> object:
         return Clock(fields.number())
     if kind == 17:
         return Features(fields.number(32), fields.number(16))
+    if kind == 18:
+        key, salt, nonce = fields.take(KEY_BYTES), fields.take(SALT_BYTES), fields.take(NONCE_BYTES)
+        return Identity(key, salt, nonce, fields.number(64), fields.take(PROOF_BYTES))
     raise Malformed(f"an answer of kind {kind}")
 
 
@@ -573,6 +645,9 @@ def _error(fields: Fields) -> Error:
         35: "EmergencyStopped",
         36: "StopNotKept",
         37: "Late",
+        38: "NoSession",
+        39: "WrongProof",
+        41: "DeadlineTooFar",
     }
     if kind in plain:
         return Error(plain[kind], {})
@@ -585,8 +660,8 @@ def _error(fields: Fields) -> Error:
         if refusal == "checksum":
             return Error("Invalid", {"refusal": refusal, **u32("stored", "computed")})
         if refusal in ("section length", "record"):
-            # What follows belongs to the blob's format.
-            return Error("Invalid", {"refusal": refusal, "detail": fields.rest().hex()})
+            # What follows belongs to the blob's format, but for `of` at the end.
+            return Error("Invalid", {"refusal": refusal, "detail": fields.rest(but=1).hex()})
         return Error("Invalid", {"refusal": refusal})
     if kind == 31:
         return Error("ParamOutside", u32("min", "max"))
@@ -606,6 +681,8 @@ def _error(fields: Fields) -> Error:
         return Error("ParamOutOfRange", u16("task", "param"))
     if kind == 22:
         return Error("OldCounter", {"last": fields.number(64)})
+    if kind == 40:
+        return Error("CounterTooFar", {"last": fields.number(64)})
     if kind == 27:
         return Error("TooSoon", u32("ms"))
     raise Malformed(f"an error of kind {kind}")

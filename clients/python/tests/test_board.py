@@ -12,7 +12,7 @@ import unittest
 import zlib
 from unittest import mock
 
-from esm_link import Client, Key, NoReply, OtherKey, Refused, messages, open_port
+from esm_link import Client, Key, NoReply, NotLocked, OtherKey, Refused, messages, open_port
 
 ESM = os.environ.get("ESM_BINARY")
 BLOB = os.environ.get("ESM_LINK_BLOB")
@@ -41,7 +41,7 @@ class HostBoard(unittest.TestCase):
         with open_port(self.port) as port:
             client = Client(port)
             robot = client.hello()
-            self.assertEqual((robot.protocol, robot.board, robot.mission), (3, "host", None))
+            self.assertEqual((robot.protocol, robot.board, robot.mission), (4, "host", None))
             self.assertTrue(all(client.task(index).startswith("task ") for index in range(robot.task_types)))
             with self.assertRaises(Refused) as refused:
                 client.upload(self.blob[:-1] + b"?")
@@ -107,24 +107,55 @@ class HostBoard(unittest.TestCase):
             self.assertEqual(client.status().mode, "running")
         for key in (None, other):
             with open_port(self.port) as port:
-                client = Client(port, key=key)
+                client = Client(port, key=key, insist=False)
                 self.assertEqual(client.hello().access, "locked")
-                for act in (lambda: client.upload(self.blob), client.start, client.remove_key):
+                for act in (lambda: client.upload(self.blob), client.start, client.remove_key, client.abort):
                     with self.assertRaises(OtherKey):
                         act()
                 self.assertEqual((client.status().mission, client.status().mode), (mission, "running"))
         with open_port(self.port) as port:
-            client = Client(port)
+            client = Client(port, key=other)
             client.hello()
-            client.stop()  # Whoever sees it do harm may.
+            with self.assertRaises(OtherKey):
+                client.status()
         with open_port(self.port) as port:
-            client = Client(port, key=mine)
-            client.hello()
-            client.start()
-            client.install_key(other)
-            client.remove_key()
-            self.assertEqual(client.hello().access, "open")
-            client.upload(self.blob)
+            Client(port).stop()  # Whoever sees it do harm may.
+            owner = Client(port, key=mine)
+            owner.hello()
+            self.assertEqual(owner.status().mode, "stopped")
+            owner.start()
+            with self.assertRaises(OtherKey):
+                Client(port, key=other).stop()
+            self.assertEqual(owner.status().mode, "stopped")
+            owner.emergency_stop()
+            owner.release()
+            owner.start()
+            owner.install_key(other)
+            # The robot has the secret that belongs to it: the owner's session is open again.
+            self.assertEqual(owner.status().mode, "running")
+            owner.remove_key()
+            self.assertEqual(owner.hello().access, "open")
+            owner.upload(self.blob)
+            owner.use_key(mine)
+            with self.assertRaises(NotLocked):
+                owner.status()
+
+    @unittest.skipUnless(importlib.util.find_spec("cryptography"), "the package `cryptography` is not there")
+    def test_a_session_that_another_one_has_ended(self):
+        key = Key(os.urandom(32))
+        with open_port(self.port) as port:
+            first = Client(port)
+            first.hello()
+            first.install_key(key)
+            first.status()
+            second = Client(port, key=key)
+            second.hello()
+            second.upload(self.blob)
+            mission = first.upload(self.blob)
+            self.assertEqual(second.status().mission, mission)
+            # The salt is another one now, and so are secret and session.
+            second.install_key(key)
+            self.assertEqual(first.status().mode, "running")
 
     @unittest.skipUnless(importlib.util.find_spec("cryptography"), "the package `cryptography` is not there")
     def test_the_command_with_a_key(self):
@@ -141,6 +172,14 @@ class HostBoard(unittest.TestCase):
                 1: esm_link("--key", other, "upload", BLOB),
                 3: esm_link("--key", os.path.join(folder, "none"), "upload", BLOB),
             }
+            # A stop needs no key, and who cannot read it is told so all the same.
+            self.assertEqual(json.loads(esm_link("status").stdout)["mode"], "running")
+            stopped = esm_link("--key", os.path.join(folder, "none"), "stop")
+            self.assertEqual((stopped.returncode, json.loads(esm_link("status").stdout)["mode"]), (3, "stopped"))
+            for at, status in ((key, 0), (other, 1)):
+                self.assertEqual(esm_link("--key", key, "start").returncode, 0)
+                self.assertEqual(esm_link("--key", at, "stop").returncode, status)
+                self.assertEqual(json.loads(esm_link("status").stdout)["mode"], "stopped")
             for status, run in ran.items():
                 self.assertEqual(run.returncode, status, run.stderr)
             for path in (key, other):

@@ -88,13 +88,13 @@ class Line:
         if kind == messages.HELLO:
             capacities = bytes(7)
             uploads = messages.number(176) + messages.number(528)
-            return bytes([0, number, 0, 0, 3, 5]) + b"robot" + bytes([30]) + b"line" * 7 + b"li" + capacities + bytes(2) + uploads + b"\0"
+            return bytes([0, number, 0, 0, messages.PROTOCOL_VERSION, 5]) + b"robot" + bytes([30]) + b"line" * 7 + b"li" + capacities + bytes(2) + uploads + bytes([0, kind])
         if kind == messages.CHUNK:
             offset, data = fields.number(32), fields.bytes()
             if offset > len(self.blob):
-                return bytes([0, number, 1, WRONG_OFFSET]) + messages.number(len(self.blob))
+                return bytes([0, number, 1, WRONG_OFFSET]) + messages.number(len(self.blob)) + bytes([kind])
             self.blob += data[len(self.blob) - offset :]
-        return bytes([0, number, 0, 1]) + messages.number(len(self.blob))
+        return bytes([0, number, 0, 1]) + messages.number(len(self.blob)) + bytes([kind])
 
 
 class Noise(unittest.TestCase):

@@ -5,11 +5,11 @@ import zlib
 from unittest import mock
 
 import vectors
-from esm_link import Client, Malformed, NoReply, NotBuiltIn, Refused, client, frames, messages
+from esm_link import Client, Malformed, NoReply, NotBuiltIn, NotStopped, Refused, client, frames, messages
 from esm_link.frames import FrameReader
 
 # Errors, by their numbers.
-MALFORMED, NO_ANSWER, TOO_SOON = 0, 14, 27
+MALFORMED, NO_ANSWER, TOO_SOON, STOP_NOT_KEPT = 0, 14, 27, 36
 
 DONE = b"\x03"
 
@@ -21,9 +21,14 @@ def error(kind: int, *fields: int) -> bytes:
     return b"\x01" + bytes([kind]) + b"".join(map(messages.number, fields))
 
 
-def hello() -> bytes:
-    [message] = vectors.named("answer hello").all("message")
-    return message[2:]
+def hello(access: str = "open", blob_bytes: int = 4096) -> bytes:
+    name, numbers = b"a robot", [messages.number(number) for number in (blob_bytes, 1000, 8, 8, 8, 8)]
+    uploads = messages.number(176) + messages.number(528)
+    return bytes([0, 0, messages.PROTOCOL_VERSION, len(name)]) + name + bytes([0, 3]) + b"".join(numbers) + bytes(2) + uploads + bytes([messages.ACCESS.index(access)])
+
+
+def status(mode: int) -> bytes:
+    return bytes([0, 4, mode]) + bytes(19)
 
 
 def part(channel: int, number: int, stream: bytes) -> bytes:
@@ -42,6 +47,7 @@ class Robot:
         self.now = 0.0
         self.timeout = 0.0
         self.asked = []
+        self.numbers = []
         self.line = b""
         #: Messages behind the answer to a request, by its kind.
         self.behind = {}
@@ -59,9 +65,10 @@ class Robot:
         for message in self._reader.feed(sent):
             seq, kind = message[:2]
             self.asked.append(kind)
+            self.numbers.append(seq)
             answer = self._says(kind, message[2:])
             if answer is not None:
-                self.send(bytes([0, seq]) + answer)
+                self.send(bytes([0, seq]) + answer + bytes([kind]))
             for message in self.behind.get(kind, []):
                 self.send(message)
 
@@ -88,14 +95,14 @@ class Refusals(Scripted):
     def test_what_no_robot_understands_is_sent_again_once(self):
         robot, session = self.session(lambda *_: error(MALFORMED))
         with self.assertRaises(Refused) as refused:
-            session.abort()
+            session.last_words()
         self.assertEqual(refused.exception.error.name, "Malformed")
         self.assertEqual(len(robot.asked), 2)
 
     def test_a_robot_that_looks_at_no_signature_is_asked_after_its_time(self):
         answers = [error(NO_ANSWER), error(TOO_SOON, 300), b"\0" + DONE]
         robot, session = self.session(lambda *_: answers.pop(0))
-        session.abort()
+        session._ask("anything", messages.Done, messages.SUBSCRIBE, False, False, False)
         self.assertGreater(robot.now, 0.3)
         self.assertLess(robot.now, 0.4)
 
@@ -136,7 +143,9 @@ class Readings(Scripted):
 
         asked = []
 
-        def says(_, fields):
+        def says(kind, fields):
+            if kind == messages.HELLO:
+                return hello()
             offset = messages.Fields(fields).number(32)
             asked.append(offset)
             # The robot falls back behind the first part, or all the time.
@@ -175,7 +184,7 @@ class Readings(Scripted):
         for feature, act in (
             ("telemetry", lambda: session.fields(1, 0)),
             ("telemetry", lambda: session.watch_values(1, [0])),
-            ("keys", lambda: session.install_key(None, bytes(16))),
+            ("keys", lambda: session.install_key(None)),
             ("keys", session.remove_key),
         ):
             with self.assertRaises(NotBuiltIn) as lacking:
@@ -188,11 +197,121 @@ class Readings(Scripted):
         self.assertEqual(robot.asked, [messages.FEATURES])
 
 
+    def parts(self, *parts):
+        """What is read from a robot that answers with these totals and parts of a text, the last one for ever."""
+        left = list(parts)
+
+        def says(kind, _):
+            if kind == messages.HELLO:
+                return hello(blob_bytes=1000)
+            total, data = left.pop(0) if len(left) > 1 else left[0]
+            answer = 6 if kind == messages.READ_BLOB else 5
+            return bytes([0, answer]) + messages.number(total) + messages.number(len(data)) + data
+
+        return self.session(says)
+
+    def test_parts_that_do_not_fit_together_are_refused(self):
+        robot, session = self.parts((5, b"abc"), (5, b"de"))
+        self.assertEqual(session.task(0), "abcde")
+        for parts in (
+            # No progress, another length, more than was told.
+            [(5, b"abc"), (5, b"")],
+            [(5, b"abc"), (6, b"de")],
+            [(5, b"abc"), (5, b"def")],
+            [(3, b"ab\xff")],
+        ):
+            robot, session = self.parts(*parts)
+            with self.assertRaises(Malformed):
+                session.task(0)
+            self.assertLess(len(robot.asked), 5)
+        # More than a blob of this robot can have, and other lengths each time.
+        robot, session = self.parts((1001, b"a"))
+        with self.assertRaises(Malformed):
+            session.read_blob()
+        self.assertEqual(robot.asked.count(messages.READ_BLOB), 1)
+        robot, session = self.parts(*((900 + at, b"a") for at in range(20)))
+        with self.assertRaises(Malformed):
+            session.read_blob()
+        self.assertLess(len(robot.asked), 20)
+
+    def test_an_upload_that_has_more_than_there_is_is_refused(self):
+        robot, session = self.session(lambda kind, _: hello() if kind == messages.HELLO else b"\0\1" + messages.number(11))
+        with self.assertRaises(Malformed):
+            session.stage(bytes(10))
+        self.assertEqual(robot.asked, [messages.HELLO, messages.BEGIN])
+
+
+class Answers(Scripted):
+    def test_an_answer_to_another_request_is_passed_over(self):
+        robot, session = self.session(lambda kind, _: b"\0\x10" + messages.number(7))
+        for stale in (bytes([0, 1, 0, 3, messages.STOP]), bytes([0, 1, 1, NO_ANSWER, messages.NO_REQUEST]), bytes([3, 1]) + bytes(16) + b"\0\x10\1" + bytes([messages.CLOCK])):
+            robot.send(stale)
+        self.assertEqual(session.clock(), 7)
+        # What was no request, the robot cannot tell the kind of.
+        robot.send(bytes([0, 2, 1, MALFORMED, messages.NO_REQUEST]))
+        self.assertEqual(session.clock(), 7)
+        self.assertEqual(len(robot.asked), 3)
+
+    def test_the_kind_is_that_of_the_innermost_request(self):
+        start = messages.without_number(messages.START)
+        within = messages.without_number(messages.WITHIN, 2**40, start)
+        signed = messages.without_number(messages.SIGNED, bytes(64), within)
+        proven = messages.without_number(messages.PROVEN, 300, messages.Raw(bytes(16)), signed)
+        for request in (start, within, signed, proven):
+            self.assertEqual(messages.innermost_kind(request), messages.START)
+
+
+class Stops(Scripted):
+    def robot(self, modes, **options):
+        """A robot whose modes are these, one after the other, when it is asked."""
+        left = list(modes)
+
+        def says(kind, _):
+            if kind == messages.HELLO:
+                return hello()
+            return status(left.pop(0)) if kind == messages.STATUS else b"\0" + DONE
+
+        return self.session(says, **options)
+
+    def test_a_stop_goes_out_first_and_the_robot_says_how_it_is(self):
+        robot, session = self.robot([2, 1, 4, 0])
+        session.stop()
+        self.assertEqual(robot.asked, [messages.STOP, messages.HELLO, messages.STOP, messages.STATUS])
+        robot.asked.clear()
+        with self.assertRaises(NotStopped) as running:
+            session.stop()
+        self.assertEqual((running.exception.mode, robot.asked), ("running", [messages.STOP, messages.STATUS]))
+        session.emergency_stop()
+        with self.assertRaises(NotStopped):
+            session.emergency_stop()
+
+    def test_a_stop_that_the_flash_did_not_take_is_told_and_is_one(self):
+        left = [4, 2]
+        says = {messages.HELLO: lambda: hello(), messages.STATUS: lambda: status(left.pop(0)), messages.EMERGENCY_STOP: lambda: error(STOP_NOT_KEPT)}
+        robot, session = self.session(lambda kind, _: says[kind]())
+        with self.assertRaises(Refused) as refused:
+            session.emergency_stop()
+        self.assertEqual(refused.exception.error.name, "StopNotKept")
+        with self.assertRaises(NotStopped):
+            session.emergency_stop()
+
+
+class Listening(Scripted):
+    def test_a_robot_hears_of_who_listens(self):
+        """The same frame until it is answered, and then another one."""
+        answers = [None, None, b"\0\x10" + messages.number(1), None]
+        robot, session = self.session(lambda kind, _: answers.pop(0) if answers else None)
+        list(session.trace(0.9))
+        self.assertEqual(robot.asked, [messages.CLOCK] * 4)
+        self.assertEqual(robot.numbers, [1, 1, 1, 2])
+
+
 class Waits(Scripted):
     def test_a_signature_takes_its_time_to_be_verified(self):
         clock = b"\0\x10" + messages.number(0)
-        for kind, fields in ((messages.SIGN, (1, bytes(64))), (messages.SIGNED, (bytes(64), b"\x07")), (messages.INSTALL_KEY, (bytes(32), bytes(16), bytes(64)))):
-            robot, session = self.session(lambda kind, _: clock if kind == messages.CLOCK else None)
+        for kind, fields in ((messages.SIGN, (1, bytes(64))), (messages.SIGNED, (bytes(64), b"\x07")), (messages.INSTALL_KEY, (bytes(32), bytes(16), bytes(16), bytes(64)))):
+            robot, session = self.session(lambda kind, _: {messages.CLOCK: clock, messages.HELLO: hello()}.get(kind))
+            session.hello()
             for _ in range(20):
                 session.clock()
             robot.asked.clear()
