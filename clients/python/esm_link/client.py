@@ -223,7 +223,9 @@ class _Frame:
 
     def is_ended_by(self, answer: Answer) -> bool:
         """Whether the robot knows nothing of the session. Whoever says so without a proof can do no more than have another one opened."""
-        if self.session is None or answer.proof is not None or not isinstance(answer.body, Error):
+        # A robot that does not take the proof does not look at what is in `Proven`.
+        is_to_it = answer.seq == self.seq and answer.of in (self.kind, messages.PROVEN)
+        if self.session is None or not is_to_it or answer.proof is not None or not isinstance(answer.body, Error):
             return False
         has_expired = self.kind == messages.OPEN_SESSION and answer.body.name == "NoChallenge"
         return has_expired or answer.body.name in ("NoSession", "WrongProof")
@@ -598,11 +600,13 @@ class Client:
             for answer in answers:
                 body = answer.body
                 frame = sent_frames.get(answer.seq)
-                if frame is None or not frame.is_answered_by(answer):
+                if frame is None:
                     continue
                 if frame.is_ended_by(answer):
                     # Another session goes on where this one was.
                     return False
+                if not frame.is_answered_by(answer):
+                    continue
                 if not frame.accepts(answer):
                     is_unproven = True
                     continue
@@ -883,10 +887,10 @@ class Client:
                 for answer in answers:
                     # With the number that a session happens to begin with, an answer of the session before may still be on its way.
                     is_old = kind == messages.HELLO and not isinstance(answer.body, messages.Hello)
-                    if is_old or not frame.is_answered_by(answer):
-                        continue
                     if frame.is_ended_by(answer):
                         return Error("NoSession", {})
+                    if is_old or not frame.is_answered_by(answer):
+                        continue
                     if not frame.accepts(answer):
                         is_unproven = True
                         continue

@@ -247,6 +247,7 @@ class Answers(Scripted):
         for stale in (bytes([0, 1, 0, 3, messages.STOP]), bytes([0, 1, 1, NO_ANSWER, messages.NO_REQUEST]), bytes([3, 1]) + bytes(16) + b"\0\x10\1" + bytes([messages.CLOCK])):
             robot.send(stale)
         self.assertEqual(session.clock(), 7)
+        self.assertEqual(len(robot.asked), 1)
         # What was no request, the robot cannot tell the kind of.
         robot.send(bytes([0, 2, 1, MALFORMED, messages.NO_REQUEST]))
         self.assertEqual(session.clock(), 7)
