@@ -1,23 +1,35 @@
 """The client against the protocol's vectors."""
 
 import importlib.util
+import itertools
 import os
 import tempfile
 import unittest
+from unittest import mock
 
 import vectors
-from esm_link import Client, Key, KeyProblem, NotBuiltIn, OtherKey, OtherVersion, Refused, frames, keys, messages, values
+from esm_link import Client, Key, KeyProblem, NotBuiltIn, OtherVersion, Refused, frames, keys, messages, values
 from esm_link.frames import FrameReader
-from esm_link.messages import Answer, Malformed, Part
+from esm_link.messages import Answer, Error, Malformed, Part, Raw
 
 JUNK = bytes((i * 31 + i // 256) % 256 for i in range(700))
 
 HAS_KEYS = importlib.util.find_spec("cryptography") is not None
 
 
+def test_vector() -> vectors.Vector:
+    [vector] = vectors.of_kind("key")
+    return vector
+
+
 def test_key() -> Key:
-    [private] = vectors.named("for tests only").all("private")
+    [private] = test_vector().all("private")
     return Key(private)
+
+
+def nonces():
+    """Those of the client's sessions in exchanges."""
+    return (f"client nonce {number:03}".encode() for number in itertools.count(1))
 
 
 def line(name: str) -> vectors.Line:
@@ -88,7 +100,7 @@ class Messages(unittest.TestCase):
             "request challenge": (messages.CHALLENGE,),
             "request signed": (messages.SIGNED, bytes([0xA5] * 64), messages.without_number(messages.START)),
             "request sign": (messages.SIGN, 2**64 - 1, bytes([0x5A] * 64)),
-            "request install key": (messages.INSTALL_KEY, bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x33] * 64)),
+            "request install key": (messages.INSTALL_KEY, bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x44] * 16), bytes([0x33] * 64)),
             "request remove key": (messages.REMOVE_KEY,),
             "request param": (messages.PARAM, 0x1234ABCD, 300),
             "request clock": (messages.CLOCK,),
@@ -96,6 +108,9 @@ class Messages(unittest.TestCase):
             "request fields": (messages.VALUES, values.ask_fields(0x1234ABCD, 300, 128)),
             "request values": (messages.VALUES, values.ask_values(0x1234ABCD, 100, [3, 300])),
             "request no values": (messages.VALUES, b""),
+            "request identify": (messages.IDENTIFY, Raw(bytes([0x66] * 16))),
+            "request open session": (messages.OPEN_SESSION, *(Raw(bytes([byte] * 16)) for byte in (0x66, 0x77, 0x88))),
+            "request proven": (messages.PROVEN, 300, Raw(bytes([0x99] * 16)), messages.without_number(messages.STATUS)),
             "request within a time": (messages.WITHIN, 2**40, messages.without_number(messages.START)),
         }
         for name, (kind, *fields) in requests.items():
@@ -105,7 +120,7 @@ class Messages(unittest.TestCase):
 
     def test_all_answers_can_be_read(self):
         for vector in vectors.of_kind("frame"):
-            if vector.name.startswith(("answer", "stream", "news")) and "version 300" not in vector.name:
+            if vector.name.startswith(("answer", "proven", "stream", "news")) and "version 300" not in vector.name:
                 with self.subTest(vector.name):
                     read = self.read(vector.name)
                     self.assertIsInstance(read, (Answer, Part, messages.News))
@@ -119,7 +134,7 @@ class Messages(unittest.TestCase):
 
     def test_fields_have_the_values_that_were_sent(self):
         hello = self.read("answer hello").body
-        self.assertEqual((hello.protocol, hello.firmware, hello.board), (3, "a robot 1.2", "a board"))
+        self.assertEqual((hello.protocol, hello.firmware, hello.board), (4, "a robot 1.2", "a board"))
         self.assertEqual((hello.nets, hello.mission, hello.reset), (23, 0x1234ABCD, "brown-out"))
         self.assertEqual((hello.chunk_bytes, hello.window_bytes), (176, 528))
         status = self.read("answer status").body
@@ -137,6 +152,15 @@ class Messages(unittest.TestCase):
         features = self.read("answer features").body
         self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
         self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry"])
+        identity = self.read("answer identity").body
+        self.assertEqual((identity.key, identity.salt, identity.nonce), (bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x77] * 16)))
+        self.assertEqual((identity.counter, identity.proof), (2**40, bytes([0x88] * 16)))
+        self.assertEqual(self.read("answer error counter too far").body, Error("CounterTooFar", {"last": 2**40}))
+        proven = self.read("proven answer done")
+        self.assertEqual((proven.seq, proven.body, proven.of), (200, messages.Done(), messages.STOP))
+        self.assertEqual((proven.proof, proven.proven), (bytes([0x99] * 16), bytes([0, 3, messages.STOP])))
+        self.assertEqual((self.read("answer identity").of, self.read("answer identity").proof), (messages.STATUS, None))
+        self.assertEqual(self.read("answer to what is no request").of, messages.NO_REQUEST)
         error = self.read("answer error capacity exceeded").body
         self.assertEqual(error.fields, {"what": "nets", "needed": 400, "available": 24})
         news = self.read("news")
@@ -173,8 +197,8 @@ class Values(unittest.TestCase):
     def test_values_that_end_with_the_mission(self):
         name = "values of a mission, and their end"
         port = line(name)
-        sent = [frames.decode(frame[1:-1]) for frame in vectors.named(name).all(">")]
-        blob = b"".join(_data_of(message) for message in sent if message[1] == messages.CHUNK)
+        sent = [_bare(frames.decode(frame[1:-1])) for frame in vectors.named(name).all(">")]
+        blob = b"".join(_data_of(bare) for bare in sent if bare[0] == messages.CHUNK)
         client = Client(port, number=0)
         client.hello()
         mission = client.upload(blob)
@@ -190,14 +214,15 @@ class Values(unittest.TestCase):
 
 class WhatIsSigned(unittest.TestCase):
     def messages(self):
-        [public], [seed] = vectors.named("for tests only").all("public"), vectors.named("for tests only").all("seed")
+        [public], [salt] = test_vector().all("public"), test_vector().all("salt")
+        [secret] = vectors.of_kind("session")[0].all("secret")
         nonce = bytes([0xC3] * 16)
         [upload] = vectors.named("upload").all("signature")
         start = messages.without_number(messages.START)
         commit = messages.without_number(messages.COMMIT, True, 10_000)
         return {
-            "key": keys.install_message(public, seed),
-            "upload": keys.upload_message(300, JUNK[:100]),
+            "key": keys.install_message(public, salt, secret),
+            "upload": keys.upload_message(salt, 300, JUNK[:100]),
             "start": keys.command_message(nonce, keys.NO_UPLOAD, start),
             "commit": keys.command_message(nonce, upload, commit),
         }
@@ -212,14 +237,43 @@ class WhatIsSigned(unittest.TestCase):
     @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
     def test_signatures_are_as_the_vectors_say(self):
         key = test_key()
-        self.assertEqual([key.public], vectors.named("for tests only").all("public"))
+        self.assertEqual([key.public], test_vector().all("public"))
         for name, message in self.messages().items():
             with self.subTest(name):
                 self.assertEqual([key.sign(message)], vectors.named(name).all("signature"))
 
     @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
+    def test_the_secret_is_as_the_vectors_say(self):
+        [session], [salt] = vectors.of_kind("session"), test_vector().all("salt")
+        self.assertEqual([test_key().secret(salt)], session.all("secret"))
+
+    def test_proofs_are_as_the_vectors_say(self):
+        [vector] = vectors.of_kind("session")
+        [secret], [client], [robot], [key] = map(vector.all, ("secret", "client", "robot", "session"))
+        [public], [salt] = test_vector().all("public"), test_vector().all("salt")
+        self.assertEqual(keys.mac(secret, "esm session v1", client, robot), key)
+        session = keys.OwnerSession(secret, salt, client, robot)
+        stop = messages.without_number(messages.STOP)
+        session.number = 70_000 - 1
+        number, proven = session.prove(stop)
+        made = {
+            "identity": keys.identity_proof(secret, client, public, salt, robot, 300),
+            "opening": session.opening(),
+            "request": proven[4:20],
+            "answer": session.answer_proof(number, bytes([0, 3, messages.STOP])),
+            # Of a secret of zeros, that is the mask.
+            "mask": session.mask(bytes(16), salt),
+        }
+        self.assertEqual(proven[:4] + proven[20:], bytes([messages.PROVEN]) + messages.number(70_000) + bytes([1]) + stop)
+        self.assertEqual(set(made), {vector.name for vector in vectors.of_kind("proof")})
+        for name, proof in made.items():
+            with self.subTest(name):
+                [vector] = [vector for vector in vectors.of_kind("proof") if vector.name == name]
+                self.assertEqual([proof], vector.all("proof"))
+
+    @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
     def test_a_key_is_read_from_a_file_of_its_owner_alone(self):
-        [private] = vectors.named("for tests only").all("private")
+        [private] = test_vector().all("private")
         secret = private.hex()
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "key")
@@ -254,15 +308,20 @@ class Exchanges(unittest.TestCase):
     @unittest.skipUnless(HAS_KEYS, "the package `cryptography` is not there")
     def test_a_key_an_upload_and_a_start_that_it_signs(self):
         name = "a key, an upload and a start that it signs"
-        sent = [frames.decode(frame[1:-1]) for frame in vectors.named(name).all(">")]
-        blob = b"".join(_data_of(message) for message in sent if message[1] == messages.CHUNK)
-        [seed] = vectors.named("for tests only").all("seed")
+        sent = [_bare(frames.decode(frame[1:-1])) for frame in vectors.named(name).all(">")]
+        blob = b"".join(_data_of(bare) for bare in sent if bare[0] == messages.CHUNK)
+        [salt] = test_vector().all("salt")
         port = line(name)
+        given = nonces()
+        patched = mock.patch("esm_link.client.random_bytes", lambda: next(given))
+        patched.start()
+        self.addCleanup(patched.stop)
         client = Client(port, number=0)
         self.assertEqual(client.hello().access, "open")
-        client.install_key(test_key(), seed)
+        client.install_key(test_key(), salt)
         mission = client.upload(blob)
-        client.stop()
+        # In the session alone, as this client had sent it.
+        client._ask("stop", messages.Done, messages.STOP)
         client.start()
         self.assertEqual(client.status().mission, mission)
         client.remove_key()
@@ -274,20 +333,15 @@ class Exchanges(unittest.TestCase):
         told = [answer.body.name for answer in map(messages.from_robot, robot) if isinstance(answer.body, messages.Error)]
         self.assertEqual(
             told,
-            ["NeedsKey", "WrongSignature", "TooSoon", "NoChallenge", "WrongSignature", "NeedsKey", "NotSigned", "OldCounter", "WrongSignature"],
+            [
+                # To somebody else.
+                *("NeedsKey", "NoSession", "NoSession", "WrongProof", "NoSession"),
+                # To the owner without a signature, and to somebody else meanwhile.
+                *("NeedsKey", "NoSession", "WrongProof"),
+                *("WrongSignature", "TooSoon", "NoChallenge", "WrongSignature"),
+                *("NeedsKey", "NotSigned", "OldCounter", "CounterTooFar", "WrongSignature", "NoChallenge"),
+            ],
         )
-
-    def test_without_the_robots_key_nothing_is_sent_to_be_signed(self):
-        [public] = vectors.named("for tests only").all("public")
-        challenge = messages.Challenge(bytes(16), 0, public)
-        client = Client(None, number=0)
-        client._robot = messages.Hello(*[None] * 14, "locked")
-        answers = {messages.CHALLENGE: challenge, messages.CLOCK: messages.Clock(0)}
-        client._features = messages.UNTOLD
-        client._ask = lambda name, wanted, kind, *fields: answers.get(kind) or self.fail(name)
-        for act in (client.start, lambda: client.confirm(1), lambda: client.set_param(1, 2, 3), client.remove_key):
-            with self.assertRaises(OtherKey):
-                act()
 
     def test_what_comes_too_late_is_refused_and_what_was_done_in_time_stays_so(self):
         said = [answer for said in vectors.named("requests that come too late").all("<") for answer in FrameReader().feed(said)]
@@ -373,7 +427,7 @@ class Exchanges(unittest.TestCase):
             def write(self, sent: bytes) -> None:
                 self.asked += 1
                 seq = frames.decode(sent[1:-1])[0]
-                self.answer = frames.encode(bytes([0, seq, 1, 0]))
+                self.answer = frames.encode(bytes([0, seq, 1, 0, messages.NO_REQUEST]))
 
             def read(self, size: int) -> bytes:
                 answer, self.answer = self.answer[:size], self.answer[size:]
@@ -385,9 +439,8 @@ class Exchanges(unittest.TestCase):
 
     def test_a_mission_its_trace_and_a_stop(self):
         port = line("a mission, its trace, a stop")
-        sent = [frames.decode(frame[1:-1]) for frame in vectors.named("a mission, its trace, a stop").all(">")]
-        chunks = [message for message in sent if message[1] == messages.CHUNK]
-        blob = b"".join(_data_of(message) for message in chunks)
+        sent = [_bare(frames.decode(frame[1:-1])) for frame in vectors.named("a mission, its trace, a stop").all(">")]
+        blob = b"".join(_data_of(bare) for bare in sent if bare[0] == messages.CHUNK)
         client = Client(port, number=0)
         client.hello()
         client.subscribe(trace=True)
@@ -401,8 +454,8 @@ class Exchanges(unittest.TestCase):
         slot = client._ask("slot", messages.Slot, messages.SLOT_COUNTERS, messages.U8(1))
         self.assertEqual((slot.number, slot.missed), (2, 0))
         client._ask("task", messages.TaskInstance, messages.TASK_COUNTERS, 0)
+        # It asks for the status, too.
         client.stop()
-        self.assertEqual(client.status().mode, "stopped")
         client.start()
         client.subscribe()
         self.assertTrue(port.is_done())
@@ -431,8 +484,19 @@ class Exchanges(unittest.TestCase):
         self.assertEqual(other.exception.robot, 300)
 
 
-def _data_of(message: bytes) -> bytes:
-    fields = messages.Fields(message[2:])
+def _bare(message: bytes) -> bytes:
+    """A request without its number, also where it is in the owner's session."""
+    bare = message[1:]
+    if bare[0] != messages.PROVEN:
+        return bare
+    fields = messages.Fields(bare[1:])
+    fields.number(32)
+    fields.take(messages.PROOF_BYTES)
+    return fields.bytes()
+
+
+def _data_of(bare: bytes) -> bytes:
+    fields = messages.Fields(bare[1:])
     fields.number(32)
     return fields.bytes()
 

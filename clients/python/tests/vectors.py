@@ -20,14 +20,18 @@ class Vector:
 
 def read() -> List[Vector]:
     vectors: List[Vector] = []
+    # A vector begins behind an empty line: some lines in one are named as others are.
+    is_first = True
     for line in FILE.read_text().splitlines():
-        if not line or line.startswith("#"):
+        if line.startswith("#"):
             continue
-        mark, value = line.split(" ", 1)
-        if mark in ("frame", "spoiled", "key", "signed", "exchange"):
-            vectors.append(Vector(mark, value))
-        else:
-            vectors[-1].lines.append((mark, value))
+        if line:
+            mark, value = line.split(" ", 1)
+            if is_first:
+                vectors.append(Vector(mark, value))
+            else:
+                vectors[-1].lines.append((mark, value))
+        is_first = not line
     return vectors
 
 
