@@ -115,9 +115,12 @@ class _OtherTotal(Exception):
 class Refused(Exception):
     """The robot refused a request."""
 
-    def __init__(self, name: str, error: Error) -> None:
-        super().__init__(f"the robot refused `{name}`: {error}")
+    def __init__(self, name: str, error: Error, may_be_done: bool = False) -> None:
+        lost = "; a session ended before it was answered, so that it may have been done before: `status` tells"
+        super().__init__(f"the robot refused `{name}`: {error}{lost if may_be_done else ''}")
         self.error = error
+        #: It was asked for in a session before, and was not answered there.
+        self.may_be_done = may_be_done
 
 
 def open_port(name: str, baud: int = 115_200):
@@ -136,6 +139,8 @@ class _Patience:
         self.spoiled = 0
         # The robot has answered `Malformed` already. Noise whose checksum is right comes once; a firmware that does not know the request never does.
         self.is_misunderstood = False
+        # It was asked for in a session that has ended, or of which somebody said so.
+        self.has_lost_session = False
 
     def look(self) -> None:
         now = time.monotonic()
@@ -814,12 +819,13 @@ class Client:
         elif body.name == "NoSession":
             # The robot has started anew, or another session of its owner was opened: this one ends here.
             is_worth_while = self._session is not None and patience.lasts()
+            patience.has_lost_session |= self._session is not None
             self._session = None
         else:
             # Somebody else has sent it a wrong signature, where it is too soon.
             is_worth_while = body.name in ("Busy", "NoAnswer", "TooSoon") and patience.lasts()
         if not is_worth_while:
-            raise Refused(name, body)
+            raise Refused(name, body, patience.has_lost_session)
         self._pause(min(body.fields["ms"] / 1000, LONGEST_PAUSE_S) if body.name == "TooSoon" else BUSY_WAIT_S, patience)
         return True
 

@@ -3,6 +3,7 @@
 import hashlib
 import hmac
 import importlib.util
+import random
 import unittest
 from unittest import mock
 
@@ -15,7 +16,7 @@ SALT = bytes(range(100, 116))
 BLOB = bytes(at * 7 % 256 for at in range(900))
 
 # Errors, by their numbers.
-BUSY, OLD_COUNTER, NO_CHALLENGE, NO_SESSION, WRONG_PROOF = 13, 22, 23, 38, 39
+WRONG_OFFSET, BUSY, NOT_ON_TRIAL, OLD_COUNTER, NO_CHALLENGE, NO_SESSION, WRONG_PROOF = 2, 13, 18, 22, 23, 38, 39
 
 ERROR = b"\x01"
 
@@ -42,6 +43,10 @@ class Robot:
         self.signed = []
         #: Called with a message before it is looked at.
         self.before = lambda message: None
+        #: Whether the line loses the next frame, either way.
+        self.loses = lambda: False
+        # The last request of a session, and its answer.
+        self._last = (0, b"", b"")
         #: Answers nothing.
         self.is_silent = False
         self.modes = [1]
@@ -67,13 +72,14 @@ class Robot:
         return received
 
     def say(self, message: bytes) -> None:
-        self.line += frames.encode(message)
+        if not self.loses():
+            self.line += frames.encode(message)
 
     def write(self, sent: bytes) -> None:
         self.now += 0.002
         for message in self._reader.feed(sent):
             self.before(message)
-            if not self.is_silent:
+            if not self.is_silent and not self.loses():
                 self._take(message)
 
     def reset(self) -> None:
@@ -89,13 +95,24 @@ class Robot:
         refusal = NO_SESSION if self.session is None else WRONG_PROOF
         if self.session is None or mac(self.session, b"esm request v1", little(number, 4), request)[:16] != proof:
             return self.say(bytes([0, seq]) + ERROR + bytes([refusal, messages.PROVEN]))
+        last, sent, answered = self._last
+        if number < last:
+            return
+        if number == last:
+            assert message == sent, "a number has one message"
+            return self.say(answered)
         self.came.append((number, request[0]))
         session = self.session
-        body = self._answer(request)
-        self.prove(seq, number, body + bytes([messages.innermost_kind(request)]), session)
+        behind = self._answer(request) + bytes([messages.innermost_kind(request)])
+        answer = self.proven(seq, number, behind, session)
+        self._last = (number, message, answer)
+        self.say(answer)
+
+    def proven(self, seq: int, number: int, behind: bytes, session: bytes) -> bytes:
+        return bytes([3, seq]) + mac(session, b"esm answer v1", little(number, 4), behind)[:16] + behind
 
     def prove(self, seq: int, number: int, behind: bytes, session: bytes) -> None:
-        self.say(bytes([3, seq]) + mac(session, b"esm answer v1", little(number, 4), behind)[:16] + behind)
+        self.say(self.proven(seq, number, behind, session))
 
     def _take_plain(self, seq: int, kind: int, fields: messages.Fields) -> None:
         if kind == messages.IDENTIFY:
@@ -105,11 +122,14 @@ class Robot:
         elif kind == messages.OPEN_SESSION:
             nonce, robot, proof = fields.take(16), fields.take(16), fields.take(16)
             session = mac(self.secret, b"esm session v1", nonce, robot)
-            if robot != self._nonce or proof != mac(session, b"esm opening v1")[:16]:
-                body = ERROR + bytes([NO_CHALLENGE])
+            if session == self.session:
+                # The answer to it was lost.
+                pass
+            elif robot != self._nonce or proof != mac(session, b"esm opening v1")[:16]:
+                return self.say(bytes([0, seq]) + ERROR + bytes([NO_CHALLENGE, kind]))
             else:
-                self.session = session
-                return self.prove(seq, 0, b"\0" + DONE + bytes([kind]), session)
+                self.session, self._last = session, (0, b"", b"")
+            return self.prove(seq, 0, b"\0" + DONE + bytes([kind]), session)
         else:
             request = bytes([kind]) + fields.rest()
             body, kind = self._answer(request), messages.innermost_kind(request)
@@ -142,6 +162,8 @@ class Robot:
             return b"\0\2" + messages.number(7) + messages.number(0)
         if kind == messages.CHUNK:
             offset, data = fields.number(32), fields.bytes()
+            if offset > len(self.blob):
+                return ERROR + bytes([WRONG_OFFSET]) + messages.number(len(self.blob))
             self.blob += data[len(self.blob) - offset :]
         if kind in (messages.BEGIN, messages.CHUNK):
             return b"\0\1" + messages.number(len(self.blob))
@@ -254,6 +276,33 @@ class Sessions(Owned):
         self.assertEqual(robot.signed, [])
         self.assertLess(robot.now, 40)
 
+    def test_what_was_done_before_a_session_ended_is_not_told_as_refused_alone(self):
+        robot, owner = self.robot(self.key)
+        owner.clock()
+        answer, confirmed = robot._answer, []
+
+        def once(request):
+            if request[0] != messages.CONFIRM:
+                return answer(request)
+            confirmed.append(request)
+            return b"\0" + DONE if len(confirmed) == 1 else ERROR + bytes([NOT_ON_TRIAL])
+
+        def instead(message):
+            # The robot takes it, and somebody else answers.
+            if message[1] == messages.PROVEN and not confirmed:
+                robot._take(message)
+                if confirmed:
+                    robot.line = b""
+                    robot.say(bytes([0, message[0]]) + ERROR + bytes([NO_SESSION, messages.CONFIRM]))
+
+        robot._answer, robot.before = once, instead
+        with self.assertRaisesRegex(Refused, "may have been done") as refused:
+            owner.confirm(7)
+        self.assertTrue(refused.exception.may_be_done)
+        with self.assertRaises(Refused) as refused:
+            owner.confirm(7)
+        self.assertFalse(refused.exception.may_be_done)
+
     def test_a_nonce_that_is_too_old_is_asked_for_anew(self):
         robot, owner = self.robot(self.key)
         left = [None]
@@ -274,6 +323,17 @@ class Sessions(Owned):
             owner.status()
         self.assertLess(robot.now, 40)
         self.assertNotIn(("plain", messages.OPEN_SESSION), robot.came)
+
+    def test_a_line_that_loses_frames_costs_time_and_nothing_else(self):
+        for seed in range(3):
+            robot, owner = self.robot(self.key)
+            lots = random.Random(seed)
+            robot.loses = lambda: lots.random() < 0.2
+            self.assertEqual(owner.upload(BLOB), 7)
+            owner.start()
+            self.assertEqual(robot.blob, BLOB)
+            self.assertEqual([messages.innermost_kind(request) for _, _, request in robot.signed], [messages.COMMIT, messages.START])
+            self.assertGreater(owner.retries, 0)
 
     def test_numbers_do_not_wrap(self):
         robot, owner = self.robot(self.key)
