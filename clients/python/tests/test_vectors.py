@@ -339,7 +339,7 @@ class Exchanges(unittest.TestCase):
                 # To the owner without a signature, and to somebody else meanwhile.
                 *("NeedsKey", "NoSession", "WrongProof"),
                 *("WrongSignature", "TooSoon", "NoChallenge", "WrongSignature"),
-                *("NeedsKey", "NotSigned", "OldCounter", "CounterTooFar", "WrongSignature", "NoChallenge"),
+                *("NeedsKey", "NotSigned", "OldCounter", "CounterTooFar", "WrongSignature", "NoChallenge", "DeadlineTooFar"),
             ],
         )
 

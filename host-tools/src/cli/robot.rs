@@ -238,6 +238,7 @@ impl From<ClientError> for CommandError {
     fn from(error: ClientError) -> Self {
         match error {
             ClientError::Refused { .. }
+            | ClientError::MayBeDone { .. }
             | ClientError::OtherKey { .. }
             | ClientError::NotBuiltIn { .. } => CommandError::Input(error.into()),
             _ => CommandError::World(error.into()),

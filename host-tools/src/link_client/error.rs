@@ -66,6 +66,17 @@ pub enum ClientError {
         /// Why.
         error: LinkError,
     },
+    /// The robot refused, but the session with it had ended while this was under way: it may have been done before.
+    #[error(
+        "the robot refused `{request}`: {}; but its session had ended while that was under way, so that it may have been done before: `esm status` tells",
+        reason(*error)
+    )]
+    MayBeDone {
+        /// What was asked.
+        request: &'static str,
+        /// Why.
+        error: LinkError,
+    },
     /// The robot's firmware was built without what was to be asked for.
     #[error(
         "the robot's firmware was built without the feature `{}`: {}; build it with that feature of its board's crate (`cargo xtask firmware` builds lm3s6965 with all of them) and flash it",
@@ -117,7 +128,9 @@ impl ClientError {
     /// Why the robot refused, if it was a refusal.
     pub fn refusal(&self) -> Option<LinkError> {
         match self {
-            ClientError::Refused { error, .. } | ClientError::UploadStuck { error } => Some(*error),
+            ClientError::Refused { error, .. }
+            | ClientError::MayBeDone { error, .. }
+            | ClientError::UploadStuck { error } => Some(*error),
             _ => None,
         }
     }

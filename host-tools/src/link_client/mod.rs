@@ -899,6 +899,8 @@ impl<L: ByteLink> LinkClient<L> {
             Duration::ZERO
         };
         let mut is_misunderstood = false;
+        // It was on its way when the session ended.
+        let mut may_be_done = false;
         loop {
             let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
                 self.exchange_in_time(name, request, longer, &mut patience, &mut read)?
@@ -915,8 +917,14 @@ impl<L: ByteLink> LinkClient<L> {
                     is_misunderstood = true;
                     self.pause(BUSY_WAIT, &mut patience);
                 }
-                // The robot has started anew, or another session of its owner was begun: this one ends here.
-                Err(LinkError::NoSession) if self.signing.session.is_some() && patience.lasts() => {
+                // The robot has started anew, or another session of its owner was begun: this one ends here. What is
+                // masked for it is to be masked anew.
+                Err(LinkError::NoSession)
+                    if self.signing.session.is_some()
+                        && !matches!(request, Request::InstallKey { .. })
+                        && patience.lasts() =>
+                {
+                    may_be_done |= needs(&request) == Needs::Key;
                     self.signing.session = None;
                     self.pause(BUSY_WAIT, &mut patience);
                     self.open_session_for(&request, &mut patience)?;
@@ -932,6 +940,12 @@ impl<L: ByteLink> LinkClient<L> {
                 Err(LinkError::TooSoon { ms }) if patience.lasts() => {
                     let wait = Duration::from_millis(ms.into()).min(LONGEST_PAUSE);
                     self.pause(wait, &mut patience);
+                }
+                Err(error) if may_be_done => {
+                    return Err(ClientError::MayBeDone {
+                        request: name,
+                        error,
+                    });
                 }
                 Err(error) => {
                     return Err(ClientError::Refused {
@@ -1049,13 +1063,15 @@ impl<L: ByteLink> LinkClient<L> {
                         && !matches!(received.result, Ok(Response::Hello(_)))
                         && !planted!(OldHelloTaken);
                     let is_its_own = received.seq == frame.seq || planted!(StaleAnswerTaken);
-                    if !is_its_own || is_old || answer.is_some() || !received.is_of(kind) {
+                    if !is_its_own || is_old || answer.is_some() {
                         return;
                     }
-                    if frame.expected.accepts(received) {
-                        answer = Some(received.result.map(&mut *read));
-                    } else if frame.expected.is_ended_by(received) {
+                    if frame.expected.is_ended_by(received) {
                         answer = Some(Err(LinkError::NoSession));
+                    } else if !received.is_of(kind) {
+                        // To another request, under the same number.
+                    } else if frame.expected.accepts(received) {
+                        answer = Some(received.result.map(&mut *read));
                     } else {
                         unproven = true;
                     }

@@ -51,6 +51,7 @@ bugs! {
     OtherKindTaken: "an answer to a request of another kind is taken for the present one's",
     UnprovenTaken: "an answer without a proof is taken in an owner's session",
     ForgeryTaken: "an answer with a wrong proof is taken in an owner's session",
+    SessionEndIgnored: "a session goes on that the robot does not know any more",
     IdentityBelieved: "a robot is believed that does not know the secret of its key",
 }
 
@@ -176,12 +177,14 @@ mod owned {
         Forged,
         /// Another salt, for the first time.
         Identity,
+        /// That there is no session, of a robot that has started anew.
+        Reset,
     }
 
     /// The time that the owner's session is told, of which the robot's own is 2.
     pub(super) fn told(before: Before) -> Result<u64, Broken> {
         let mut session: Option<Session> = None;
-        let mut is_first = true;
+        let (mut is_first, mut is_reset, mut time_told) = (true, false, 2);
         let robot = move |seq: u8, request: &Request<'_>| {
             let of = request.kind();
             match *request {
@@ -216,20 +219,28 @@ mod owned {
                     Some(session) if session.opening() == proof => {
                         vec![proven(seq, 0, &session, Response::Done, of)]
                     }
-                    _ => vec![reply(seq, Err(LinkError::WrongProof), of)],
+                    _ => {
+                        // An opening to a secret that is not the robot's.
+                        time_told = 3;
+                        vec![reply(seq, Err(LinkError::WrongProof), of)]
+                    }
                 },
                 Request::Proven { number, .. } => {
+                    if before == Before::Reset && !is_reset {
+                        is_reset = true;
+                        session = None;
+                    }
                     let Some(session) = session else {
-                        return vec![];
+                        return vec![reply(seq, Err(LinkError::NoSession), of)];
                     };
                     let of = Request::Clock.kind();
                     let clock = |now_us| Response::Clock { now_us };
                     let first = match before {
                         Before::Unproven => reply(seq, Ok(clock(1)), of),
                         Before::Forged => proven(seq, number ^ 1, &session, clock(1), of),
-                        Before::Identity => vec![],
+                        Before::Identity | Before::Reset => vec![],
                     };
-                    vec![first, proven(seq, number, &session, clock(2), of)]
+                    vec![first, proven(seq, number, &session, clock(time_told), of)]
                 }
                 _ => vec![],
             }
@@ -453,6 +464,9 @@ const LAWS: &[(&str, Law)] = &[
             holds("its own answer", told(before)? == 2)?;
         }
         Ok(())
+    }),
+    ("a robot that has started anew gets another session", || {
+        holds("it answers in it", owned::told(owned::Before::Reset)? == 2)
     }),
     ("a request is sent again as it was", || {
         let seen = Arc::new(Mutex::new(Vec::new()));

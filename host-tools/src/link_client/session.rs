@@ -4,7 +4,7 @@
 //! What a robot says outside of it may be anybody's. So nothing that a signature rests on is taken
 //! from there, and where a session is open, an answer without its proof is none.
 
-use rt_firmware::link::access::{MAX_PROVEN_BYTES, SALT_BYTES};
+use rt_firmware::link::access::{MAX_PROVEN_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 use rt_firmware::link::message::{LinkError, Request, Response, UNKNOWN};
 use rt_firmware::link::proof::{Proof, Session, is_same};
 
@@ -86,13 +86,28 @@ impl Expected {
         }
     }
 
-    /// Whether the robot may say without a proof that it knows of no session. Whoever says so can
-    /// do no more than have another one begun.
+    /// Whether the robot may say so without a proof: it knows of no session, or of another one. Whoever else
+    /// says so can do no more than have another one begun.
     pub(super) fn is_ended_by(&self, answer: &Answer<'_>) -> bool {
+        const PROVEN: u8 = Request::Proven {
+            number: 0,
+            proof: [0; PROOF_BYTES],
+            request: &[],
+        }
+        .kind();
+        const OPEN: u8 = Request::OpenSession {
+            client: [0; NONCE_BYTES],
+            robot: [0; NONCE_BYTES],
+            proof: [0; PROOF_BYTES],
+        }
+        .kind();
         matches!(self, Expected::Proven { .. })
+            && answer.proof.is_none()
+            && !planted!(SessionEndIgnored)
             && matches!(
-                answer.result,
-                Err(LinkError::NoSession | LinkError::NoChallenge)
+                (answer.of, answer.result),
+                (PROVEN, Err(LinkError::NoSession | LinkError::WrongProof))
+                    | (OPEN, Err(LinkError::NoChallenge | LinkError::WrongProof))
             )
     }
 }

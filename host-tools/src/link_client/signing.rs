@@ -267,28 +267,35 @@ impl<L: ByteLink> LinkClient<L> {
     /// [`ClientError`]
     pub fn install_key(&mut self, key: &SigningKey) -> Result<(), ClientError> {
         const NAME: &str = "install a key";
+        /// Sessions may end, and what is masked for one is of no use in another.
+        const ATTEMPTS: u32 = 5;
         let public = key.public().0;
         let salt: [u8; SALT_BYTES] = keys::random()?;
-        let mut secret = key.secret(&salt);
-        let first = Request::InstallKey {
-            key: &public,
-            salt: &salt,
-            secret: &[],
-            signature: &[],
-        };
-        self.open_session_for(&first, &mut Patience::new(self.clock.now()))?;
-        if let Some(open) = &self.signing.session {
-            // Who listens does not learn it.
-            secret = mask(secret, &open.session, &salt);
+        let mut attempt = 1;
+        loop {
+            self.open_session_for(&Request::RemoveKey, &mut Patience::new(self.clock.now()))?;
+            let mut secret = key.secret(&salt);
+            if let Some(open) = &self.signing.session {
+                // Who listens does not learn it.
+                secret = mask(secret, &open.session, &salt);
+            }
+            let signature = key.sign(&access::install(&public, &salt, &secret.0));
+            let request = Request::InstallKey {
+                key: &public,
+                salt: &salt,
+                secret: &secret.0,
+                signature: &signature,
+            };
+            match self.change_key(NAME, request) {
+                Err(error)
+                    if attempt < ATTEMPTS && error.refusal() == Some(LinkError::NoSession) =>
+                {
+                    self.signing.end_session();
+                    attempt += 1;
+                }
+                changed => return changed,
+            }
         }
-        let signature = key.sign(&access::install(&public, &salt, &secret.0));
-        let request = Request::InstallKey {
-            key: &public,
-            salt: &salt,
-            secret: &secret.0,
-            signature: &signature,
-        };
-        self.change_key(NAME, request)
     }
 
     /// From now on the robot has no key.

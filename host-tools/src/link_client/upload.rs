@@ -170,13 +170,13 @@ impl Standing {
     /// Whether an answer is the robot's own, and to a chunk. Anybody may say that there is no session.
     fn accepts(&mut self, answer: &Answer<'_>) -> bool {
         let chunk = (self.sent.iter()).rfind(|chunk| chunk.seq == answer.seq);
-        let Some(chunk) = chunk.filter(|_| answer.is_of(CHUNK_KIND)) else {
+        let Some(chunk) = chunk else {
             return planted!(StaleChunkAnswerTaken);
         };
         if chunk.expected.is_ended_by(answer) {
             self.forgotten = true;
         }
-        chunk.expected.accepts(answer)
+        answer.is_of(CHUNK_KIND) && chunk.expected.accepts(answer)
     }
 
     /// Takes the answer to the request of this number, and lets it tell how bad the line is. Answers when the chunk was sent, if it was one.

@@ -194,11 +194,12 @@ impl Desk<'_, '_> {
             }
             *request = deserialized(bytes)?;
         }
-        let mut by_us = take_out(request)?;
+        let deadline = take_out(request)?;
         let latest_us = port.now_us().saturating_add(MAX_DEADLINE_US);
-        if by_us != NO_DEADLINE && by_us > latest_us && !planted!(DeadlineUnlimited) {
+        if deadline.is_some_and(|by_us| by_us > latest_us) && !planted!(DeadlineUnlimited) {
             return Err(LinkError::DeadlineTooFar);
         }
+        let mut by_us = deadline.unwrap_or(NO_DEADLINE);
         // Beside damaged records nothing is kept but a key of the same owner, which begins them anew.
         if access == Access::Recovering
             && needs(request) != Needs::Nothing
@@ -351,18 +352,17 @@ impl Desk<'_, '_> {
 }
 
 /// Takes a request out of the one that brings its deadline, if it is in one. Answers that.
-fn take_out(request: &mut Request<'_>) -> Result<u64, LinkError> {
+fn take_out(request: &mut Request<'_>) -> Result<Option<u64>, LinkError> {
     let Request::Within {
         by_us,
         request: bytes,
     } = *request
     else {
-        return Ok(NO_DEADLINE);
+        return Ok(None);
     };
     *request = deserialized(bytes)?;
     if may_have_deadline(request) {
-        // What goes beyond that is as far away.
-        Ok(by_us.min(NO_DEADLINE))
+        Ok(Some(by_us))
     } else {
         Err(LinkError::Malformed)
     }
