@@ -8,6 +8,7 @@
 //! interpreter.
 //! [`benchmark`] is what measures machines and tells it.
 
+pub mod attack;
 pub mod benchmark;
 pub mod calibration;
 pub mod command;
