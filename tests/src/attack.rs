@@ -16,11 +16,11 @@ use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
-use rt_firmware::link::access::{Access, PROOF_BYTES};
+use rt_firmware::link::access::{Access, NONCE_BYTES, PROOF_BYTES};
 use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, encode, parse, unpack};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
 use rt_firmware::link::message::{
-    FromDevice, LinkError, Mode, Request, Response, Status, ToDevice,
+    FromDevice, LinkError, Mode, Request, Response, Status, ToDevice, UNKNOWN,
 };
 use rt_firmware::{
     About, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
@@ -32,6 +32,17 @@ use crate::subject;
 
 const BLOB_BYTES: usize = 2_048;
 const SLOTS: usize = 4;
+
+/// Kinds of requests.
+const STATUS: u8 = Request::Status.kind();
+const CLOCK: u8 = Request::Clock.kind();
+const CHALLENGE: u8 = Request::Challenge.kind();
+const SET_PARAM: u8 = Request::SetParam {
+    mission: 0,
+    param: 0,
+    value: 0,
+}
+.kind();
 
 /// How long a frame takes on the line.
 const FRAME_US: u64 = 5_000;
@@ -191,6 +202,10 @@ struct Line<'q, 'm> {
     kept: Vec<(Way, Vec<u8>)>,
     held: Vec<Held>,
     attacks: Attacks,
+    /// Number and kind of the request that the owner sent last.
+    asked: (u8, u8),
+    /// Until then nothing of the owner's arrives.
+    cut_until_us: u64,
     /// Values of the parameter that the owner has signed, when each was, and how.
     signed: Vec<(u32, u64, Vec<u8>)>,
     /// Values that arrived at the robot, by the number of the message.
@@ -335,6 +350,10 @@ impl Line<'_, '_> {
             let place = self.random.below(KEPT_FRAMES);
             self.kept[place] = (way, frame.clone());
         }
+        if way == Way::ToRobot && self.now_us() < self.cut_until_us {
+            self.attacks.dropped += 1;
+            return;
+        }
         if self.random.below(self.one_in) > 0 {
             self.deliver(way, &frame);
             return;
@@ -346,6 +365,10 @@ impl Line<'_, '_> {
                 let longest = [30_000, 1_000_000, 12_000_000, LONGEST_HOLD_US];
                 let longest = longest[self.random.below(longest.len())];
                 let at_us = self.now_us() + 1 + self.random.below(longest) as u64;
+                if self.random.below(4) == 0 {
+                    // Nothing overtakes it, so that its number stays the next.
+                    self.cut_until_us = at_us;
+                }
                 self.held.push(Held { at_us, way, frame });
             }
             2 => {
@@ -366,7 +389,7 @@ impl Line<'_, '_> {
             }
             _ => {
                 self.attacks.invented += 1;
-                let invented = self.invented(&frame);
+                let invented = self.invented();
                 self.deliver(Way::ToOwner, &invented);
                 self.deliver(way, &frame);
             }
@@ -386,38 +409,36 @@ impl Line<'_, '_> {
         framed(&message)
     }
 
-    /// What a robot might say to what was sent last, under its number.
-    fn invented(&mut self, frame: &[u8]) -> Vec<u8> {
-        let mut frame = frame.to_vec();
-        let seq = match unpack(&mut frame) {
-            // An answer has its number behind its kind.
-            Ok(&[0 | 3, seq, ..]) => seq,
-            Ok(&[seq, ..]) => seq,
-            _ => 0,
-        };
-        let of = self.random.below(40) as u8;
+    /// What a robot might say to what was sent last: under its number, of its kind, and mostly of its form.
+    fn invented(&mut self) -> Vec<u8> {
+        let (seq, of) = self.asked;
         let status = self.said.last().map(|(_, status)| *status);
-        let result = match self.random.below(9) {
-            0 => Ok(Response::Done),
-            1 => Ok(Response::Challenge {
-                nonce: [self.random.bits() as u8; 16],
-                counter: u64::MAX - 1,
+        let bits = self.random.bits();
+        let fitting = match (of, status) {
+            _ if self.random.below(4) == 0 => None,
+            (STATUS, Some(status)) => Some(Response::Status(Status {
+                mode: Mode::Stopped,
+                steps: bits,
+                ..status
+            })),
+            (CLOCK, _) => Some(Response::Clock { now_us: bits }),
+            (CHALLENGE, _) => Some(Response::Challenge {
+                nonce: [bits as u8; NONCE_BYTES],
+                counter: bits,
             }),
-            2 => Ok(Response::Clock { now_us: 1 << 60 }),
-            3 => Ok(Response::ParamSet { before: 77 }),
-            4 => Err(LinkError::NoSession),
-            5 => Err(LinkError::NoKey),
-            6 => Err(LinkError::Late),
-            7 => match status {
-                Some(status) => Ok(Response::Status(Status {
-                    mode: Mode::Stopped,
-                    steps: u64::MAX,
-                    ..status
-                })),
-                None => Ok(Response::Done),
-            },
-            _ => Ok(Response::Committed {
-                mission: self.random.bits() as u32,
+            (SET_PARAM, _) => Some(Response::ParamSet {
+                before: bits as u32,
+            }),
+            _ => Some(Response::Done),
+        };
+        let result = match (fitting, self.random.below(5)) {
+            (Some(fitting), _) => Ok(fitting),
+            (None, 0) => Err(LinkError::NoSession),
+            (None, 1) => Err(LinkError::NoKey),
+            (None, 2) => Err(LinkError::Late),
+            (None, 3) => Err(LinkError::Busy),
+            (None, _) => Ok(Response::Committed {
+                mission: bits as u32,
                 carried: 0,
             }),
         };
@@ -437,6 +458,9 @@ impl Line<'_, '_> {
 
     /// Looks at what the owner sends: when each value was signed.
     fn look(&mut self, frame: &[u8]) {
+        if let Some((seq, request)) = request_in(frame) {
+            self.asked = (seq, kind_of(&request));
+        }
         if let Some((_, value, signature)) = value_in(frame)
             && !self
                 .signed
@@ -445,6 +469,26 @@ impl Line<'_, '_> {
         {
             self.signed.push((value, self.now_us(), signature));
         }
+    }
+}
+
+/// The request in a frame as it is serialized, and the number of its message.
+fn request_in(frame: &[u8]) -> Option<(u8, Vec<u8>)> {
+    let mut frame = frame.to_vec();
+    let (seq, request) = unpack(&mut frame).ok()?.split_first()?;
+    Some((*seq, request.to_vec()))
+}
+
+/// The kind of a request, or of what it holds.
+fn kind_of(request: &[u8]) -> u8 {
+    match postcard::from_bytes(request) {
+        Ok(
+            Request::Proven { request, .. }
+            | Request::Signed { request, .. }
+            | Request::Within { request, .. },
+        ) => kind_of(request),
+        Ok(request) => request.kind(),
+        Err(_) => UNKNOWN,
     }
 }
 
@@ -577,6 +621,8 @@ pub fn attack(seed: u64, attacks: u64) -> Outcome {
         kept: Vec::new(),
         held: Vec::new(),
         attacks: Attacks::default(),
+        asked: (0, UNKNOWN),
+        cut_until_us: 0,
         signed: Vec::new(),
         arrived: HashMap::new(),
         taken: Vec::new(),
@@ -602,6 +648,7 @@ pub fn attack(seed: u64, attacks: u64) -> Outcome {
         }
         // The attacker goes, and takes along what was held back.
         line.one_in = 0;
+        line.cut_until_us = 0;
         line.held.clear();
         if let Err(problem) = owner_commands(&mut line, &blob, false) {
             outcome.wrong.push(problem);

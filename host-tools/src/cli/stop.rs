@@ -59,5 +59,11 @@ pub fn execute(args: &StopArgs, console: &mut Console) -> Result<(), CommandErro
         }
     };
     writeln!(console.out(), "{told}")?;
+    if !robot.is_proven() {
+        writeln!(
+            console.out(),
+            "the robot has an owner, and this is not the owner's key: that it has stopped is what it says, and not proven"
+        )?;
+    }
     Ok(())
 }

@@ -113,6 +113,11 @@ impl<L: ByteLink> LinkClient<L> {
         self.signing.insists = true;
     }
 
+    /// Whether what the robot says is proven to be its own, as far as it must be: it has an owner, and this is its session.
+    pub fn is_proven(&self) -> bool {
+        self.signing.session.is_some() || !self.signing.has_owner()
+    }
+
     /// Which key the robot says that it has. Anybody may answer in its place: in a session with the owner of that key it has shown it.
     ///
     /// # Errors
@@ -153,10 +158,16 @@ impl<L: ByteLink> LinkClient<L> {
         match self.open_session(patience) {
             // A stop needs no key, nor does who reads.
             Err(ClientError::NoKey | ClientError::Key(_) | ClientError::OtherKey { .. })
-                if only_reads || request.is_stop() =>
+                if only_reads || request.is_stop() && !self.signing.insists =>
             {
                 self.signing.only_reads = true;
                 Ok(())
+            }
+            // The robot is to stop, whoever will say that it has.
+            Err(error) if request.is_stop() => {
+                let stop = self.frame("stop", *request, Expected::Plain)?;
+                self.send_wire(stop.wire())?;
+                Err(error)
             }
             opened => opened,
         }
