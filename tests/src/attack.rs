@@ -153,9 +153,9 @@ pub struct Attacks {
 }
 
 impl Attacks {
-    /// All of them.
+    /// All of them but what was dropped, which teaches nobody anything.
     pub fn total(&self) -> u64 {
-        self.altered + self.held + self.repeated + self.dropped + self.invented
+        self.altered + self.held + self.repeated + self.invented
     }
 }
 
@@ -365,7 +365,7 @@ impl Line<'_, '_> {
                 let longest = [30_000, 1_000_000, 12_000_000, LONGEST_HOLD_US];
                 let longest = longest[self.random.below(longest.len())];
                 let at_us = self.now_us() + 1 + self.random.below(longest) as u64;
-                if self.random.below(4) == 0 {
+                if self.random.below(16) == 0 {
                     // Nothing overtakes it, so that its number stays the next.
                     self.cut_until_us = at_us;
                 }
