@@ -13,7 +13,7 @@ use super::access::{
     self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Recurrence,
     SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
-use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept};
+use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept, WriteError};
 use super::message::{Identity, LinkError};
 pub(crate) use super::proof::Session;
 use super::proof::{Proof, Secret, is_same, mask};
@@ -401,7 +401,7 @@ impl Keys {
         safe: &mut dyn KeySafe,
         record: KeyRecord,
         bytes: &[u8],
-    ) -> Result<(), NotKept> {
+    ) -> Result<(), WriteError> {
         let written = safe.write(record, bytes);
         if written.is_err() {
             let before = self.lock.secret();

@@ -261,6 +261,8 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             before: store.before,
             upload: None,
             ended: store.ended,
+            erases: store.erases,
+            floor: store.floor,
         });
         World {
             nor,
@@ -892,6 +894,7 @@ fn put_mission<const WRITE: usize, const ERASE: usize>(
         seq,
         len,
         crc: crc_of(bytes),
+        erases: 1,
     };
     let mut nor = world.nor.borrow_mut();
     let blocks = [
@@ -1253,6 +1256,8 @@ fn every_planted_defect_breaks_a_law() {
         let result = with_planted(*bug, || {
             records_power_cuts::laws(4, 500)?;
             records_power_cuts::bits_flip()?;
+            damages::laws(damages::Size::SMALL)?;
+            erases::laws()?;
             laws(&mut Search::new(FEW), 1)
         });
         let verdict = match &result {
@@ -1274,6 +1279,10 @@ enum Check {
     /// Records that are kept, power cut once.
     Records,
     DamagedRecords,
+    /// Records and journal that are damaged in any way.
+    Damages,
+    /// How often the flash is erased.
+    Erases,
     Histories,
     LyingHeaders,
     Refused,
@@ -1312,8 +1321,24 @@ impl Check {
             | Bug::RecordUnsettled
             | Bug::RecordKeptInMemoryOnly
             | Bug::RecordTwice => Check::Records,
-            Bug::SealAlone | Bug::RecordOnce | Bug::DamageGivesWay | Bug::EmptyTakenForNew => {
+            Bug::SealAlone | Bug::RecordOnce | Bug::DamageGivesWay | Bug::JournalBegunLate => {
                 Check::DamagedRecords
+            }
+            Bug::EmptyTakenForNew
+            | Bug::JournalUnread
+            | Bug::JournalForgotten
+            | Bug::JournalMissing
+            | Bug::JournalChecksumForgotten
+            | Bug::DamagedEntryTakenForCut
+            | Bug::EntryOnce
+            | Bug::NewestHalfErased
+            | Bug::KeyBeforeDamageTaken
+            | Bug::RolledBack
+            | Bug::AnythingTakenForNew
+            | Bug::FlawsUntold
+            | Bug::RenewedWithoutStop => Check::Damages,
+            Bug::BudgetForgotten | Bug::ReleasesUnpaid | Bug::StopsPaid | Bug::StopNotPutOff => {
+                Check::Erases
             }
             Bug::OffsetUnchecked
             | Bug::LengthUnchecked
@@ -1348,6 +1373,8 @@ impl Check {
         match self {
             Check::Records => records_power_cuts::laws(4, 500),
             Check::DamagedRecords => records_power_cuts::bits_flip(),
+            Check::Damages => damages::laws(damages::Size::SMALL),
+            Check::Erases => erases::laws(),
             Check::Histories => without_cuts(),
             Check::LyingHeaders => headers_lie(),
             Check::Refused => refused_missions_stay(),
@@ -1390,6 +1417,8 @@ impl Check {
         match self {
             Check::Records => "records, power cut once",
             Check::DamagedRecords => "records, bits that flip",
+            Check::Damages => "damaged records and journals",
+            Check::Erases => "erases that are asked for",
             Check::Histories => "histories without a cut",
             Check::LyingHeaders => "headers that lie",
             Check::Refused => "missions that are refused",

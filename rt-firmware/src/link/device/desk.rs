@@ -260,7 +260,8 @@ impl Desk<'_, '_> {
             }
             Request::Status => {
                 let kept = port.keeper().map(|keeper| keeper.kept());
-                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
+                let flash = port.keeper().map(|keeper| keeper.flash_health());
+                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept, flash))
             }
             Request::Stop => self.ask(Letter::Stop),
             Request::Start => self.ask(Letter::Start),
