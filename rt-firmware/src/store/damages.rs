@@ -112,6 +112,13 @@ fn owned_and_stopped(more: u32) -> Chip {
     chip
 }
 
+/// A robot that has a key, and of which nothing else was ever kept.
+fn young() -> Chip {
+    let chip = Chip::of(&vec![0xFF; END]);
+    with_keep(&chip, |keep| keep.write_of_key(KeyRecord::Key, &KEY)).unwrap();
+    chip
+}
+
 /// What a start makes of a flash.
 #[derive(Debug)]
 struct Found {
@@ -150,9 +157,23 @@ fn start(cells: &[u8]) -> Found {
 
 /// Holds the laws against what a start makes of the damaged flash of a robot with a key that was stopped.
 fn judge(cells: &[u8], what: &dyn Fn() -> String) -> Result<(), Broken> {
+    if start(cells).is_stopped {
+        judge_locked(cells, what)
+    } else {
+        Err(format!("{}: released", what()))
+    }
+}
+
+/// The same for one that was not stopped.
+fn judge_locked(cells: &[u8], what: &dyn Fn() -> String) -> Result<(), Broken> {
     let found = start(cells);
+    let is_damaged = matches!(
+        found.state,
+        RecordsState::Unreadable(_) | RecordsState::Older(_)
+    );
     let is_kept_out = found.remembered.as_ref().is_none_or(|key| key[..] == KEY);
-    if found.is_locked && found.is_stopped && found.is_told() && is_kept_out {
+    let is_stopped = found.is_stopped || !is_damaged;
+    if found.is_locked && is_stopped && found.is_told() && is_kept_out {
         Ok(())
     } else {
         Err(format!("{}: {found:x?}", what()))
@@ -291,11 +312,11 @@ fn places(cells: &[u8]) -> Vec<(usize, usize)> {
 /// Bits that change by themselves.
 fn flipped(size: Size) -> Result<(), Broken> {
     let mut random = Random(0x2545_F491_4F6C_DD1D);
-    for more in 0..size.histories {
-        let chip = owned_and_stopped(more);
-        let cells = chip.cells();
+    for history in 0..=size.histories {
+        let more = history.checked_sub(1);
+        let cells = more.map_or_else(young, owned_and_stopped).cells();
         let found = start(&cells);
-        if found.is_told() || !found.is_locked || !found.is_stopped {
+        if found.is_told() || !found.is_locked || found.is_stopped != more.is_some() {
             return Err(format!("undamaged: {found:x?}"));
         }
         let places = places(&cells);
@@ -307,9 +328,11 @@ fn flipped(size: Size) -> Result<(), Broken> {
                 let bit = random.below(8 * len);
                 broken[at + bit / 8] ^= 1 << (bit % 8);
             }
-            judge(&broken, &|| {
-                format!("{chosen:?} of the places after {more} more")
-            })
+            let what = || format!("{chosen:?} of the places after {more:?} more");
+            match more {
+                Some(_) => judge(&broken, &what),
+                None => judge_locked(&broken, &what),
+            }
         };
         // Each choice of up to so many places.
         let mut chosen = vec![0];
@@ -330,7 +353,7 @@ fn flipped(size: Size) -> Result<(), Broken> {
             }
         }
         // And any four, of which some may be in one place.
-        for _ in 0..size.samples / size.histories {
+        for _ in 0..size.samples / (size.histories + 1) {
             let count = 1 + random.below(4);
             let chosen: Vec<usize> = (0..count).map(|_| random.below(places.len())).collect();
             hit(&chosen, &mut random)?;
@@ -342,6 +365,7 @@ fn flipped(size: Size) -> Result<(), Broken> {
             let header = HEAD_BYTES as usize / BLOCK_BYTES - 1;
             let second = (copies) / 2;
             hit(&[0, header, second, second + header], &mut random)?;
+            // The header of each, and both copies; the tables, and both copies.
             for payload in [header + 1, header] {
                 let areas = [payload, second + payload];
                 hit(

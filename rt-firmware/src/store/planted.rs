@@ -60,6 +60,7 @@ bugs! {
     JournalUnread: "what the journal says of records that cannot be read is not looked at",
     JournalForgotten: "a record is acknowledged without an entry in the journal",
     JournalBegunLate: "the first table is written before the journal says so",
+    JournalEager: "the journal says that there are records before there is one",
     JournalMissing: "a table is trusted without a journal",
     JournalChecksumForgotten: "an entry of the journal counts whatever its checksum",
     DamagedEntryTakenForCut: "an entry of the journal that is damaged is taken for one whose writing was cut",

@@ -1279,6 +1279,11 @@ enum Check {
     /// Records that are kept, power cut once.
     Records,
     DamagedRecords,
+    /// Power that is cut twice while records are kept: in this operation of a history, and then in any of a recovery.
+    RecordsCutTwice {
+        history: usize,
+        at: usize,
+    },
     /// Records and journal that are damaged in any way.
     Damages,
     /// How often the flash is erased.
@@ -1306,7 +1311,6 @@ impl Check {
         };
         match bug {
             Bug::HeaderFirst
-            | Bug::SealBeforeHeader
             | Bug::AcknowledgedEarly
             | Bug::TailForgotten
             | Bug::OlderWins
@@ -1321,9 +1325,7 @@ impl Check {
             | Bug::RecordUnsettled
             | Bug::RecordKeptInMemoryOnly
             | Bug::RecordTwice => Check::Records,
-            Bug::SealAlone | Bug::RecordOnce | Bug::DamageGivesWay | Bug::JournalBegunLate => {
-                Check::DamagedRecords
-            }
+            Bug::RecordOnce | Bug::DamageGivesWay | Bug::JournalBegunLate => Check::DamagedRecords,
             Bug::EmptyTakenForNew
             | Bug::JournalUnread
             | Bug::JournalForgotten
@@ -1337,6 +1339,7 @@ impl Check {
             | Bug::AnythingTakenForNew
             | Bug::FlawsUntold
             | Bug::RenewedWithoutStop => Check::Damages,
+            Bug::JournalEager => Check::RecordsCutTwice { history: 0, at: 14 },
             Bug::BudgetForgotten | Bug::ReleasesUnpaid | Bug::StopsPaid | Bug::StopNotPutOff => {
                 Check::Erases
             }
@@ -1363,7 +1366,7 @@ impl Check {
             Bug::ConfirmationTaken => cut_twice(0, 8, 2),
             Bug::CutPromotionForgotten => cut_twice(0, 15, 2),
             Bug::PromotedUntried => cut_twice(0, 15, 0),
-            Bug::ErasedUnnoted => cut_twice(0, 0, 0),
+            Bug::ErasedUnnoted | Bug::SealAlone | Bug::SealBeforeHeader => cut_twice(0, 0, 0),
             Bug::CutNoteForgotten => cut_twice(1, 13, 2),
             Bug::PromotionForgotten => cut_twice(4, 13, 0),
         }
@@ -1373,6 +1376,7 @@ impl Check {
         match self {
             Check::Records => records_power_cuts::laws(4, 500),
             Check::DamagedRecords => records_power_cuts::bits_flip(),
+            Check::RecordsCutTwice { history, at } => records_power_cuts::cut_twice(history, at),
             Check::Damages => damages::laws(damages::Size::SMALL),
             Check::Erases => erases::laws(),
             Check::Histories => without_cuts(),
@@ -1417,6 +1421,7 @@ impl Check {
         match self {
             Check::Records => "records, power cut once",
             Check::DamagedRecords => "records, bits that flip",
+            Check::RecordsCutTwice { .. } => "records, power cut twice",
             Check::Damages => "damaged records and journals",
             Check::Erases => "erases that are asked for",
             Check::Histories => "histories without a cut",
@@ -1437,7 +1442,10 @@ fn every_planted_defect_of_the_store_is_noticed_by_its_check() {
     for (bug, what) in planted::ALL {
         let check = Check::of(*bug);
         // The other checks are tests of their own, or parts of one.
-        if matches!(check, Check::CutTwice { .. }) {
+        if matches!(
+            check,
+            Check::CutTwice { .. } | Check::RecordsCutTwice { .. }
+        ) {
             assert_eq!(check.run(), Ok(()), "with nothing planted: {check:?}");
         }
         let noticed = match with_planted(*bug, || check.run()) {

@@ -411,7 +411,10 @@ impl<'m, F: NorFlash> Records<'m, F> {
             return false;
         };
         let (floor, key) = (Some(floor), self.key());
+        // The table before the first record may be there by words that were cut, in both areas: should it go again, nothing was lost.
+        let is_before_first = self.len == 0 && self.journal.floor().is_none();
         self.is_entered = planted!(JournalForgotten)
+            || is_before_first && !planted!(JournalEager)
             || self.journal.says(floor, &key)
             || self.journal.append(&mut self.store.flash, floor, key);
         self.is_entered

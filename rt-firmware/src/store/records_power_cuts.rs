@@ -322,6 +322,32 @@ pub(super) fn laws(tears: usize, one_in: usize) -> Result<(), Broken> {
     Ok(())
 }
 
+/// Of one history, with this operation cut in each way, and each of what follows.
+pub(super) fn cut_twice(history: usize, at: usize) -> Result<(), Broken> {
+    let start = World::new(Rewrite::Refuse);
+    let steps = HISTORIES.get(history).copied().unwrap_or_default();
+    let log = {
+        let mut whole = start.clone();
+        whole.run(steps, None)?;
+        whole.nor.log
+    };
+    for tear in TEARS.iter().take(4) {
+        let mut world = start.clone();
+        let cut = Cut {
+            at,
+            kind: log[at],
+            tear: *tear,
+            is_loss: true,
+        };
+        world.run(steps, Some(cut))?;
+        for recovery in RECOVERIES {
+            let mut go_on = |mut world: World| world.ends_well();
+            cut_each(&world, recovery, 3, &mut |_, _| false, &mut go_on)?;
+        }
+    }
+    Ok(())
+}
+
 /// Bits that change by themselves, and readings that fail once, when a history has come to its end and where it was cut.
 pub(super) fn bits_flip() -> Result<(), Broken> {
     for history in HISTORIES {
