@@ -683,7 +683,7 @@ def _error(fields: Fields) -> Error:
             # What follows belongs to the blob's format, but for `of` at the end.
             return Error("Invalid", {"refusal": refusal, "detail": fields.rest(but=1).hex()})
         return Error("Invalid", {"refusal": refusal})
-    if kind == 38:
+    if kind == 42:
         return Error("FlashBudget", u32("s"))
     if kind == 31:
         return Error("ParamOutside", u32("min", "max"))

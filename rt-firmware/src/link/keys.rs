@@ -141,7 +141,7 @@ impl Keys {
     }
 
     /// The number of this start, which no other one has.
-    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, NotKept> {
+    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, WriteError> {
         if let Some(start) = self.start {
             return Ok(start);
         }

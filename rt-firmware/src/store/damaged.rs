@@ -7,7 +7,7 @@ use super::kept_flash::{BLOB_BYTES, ERASE, blank, with_keep};
 use super::layout::HEAD_BYTES;
 use super::nor::Rewrite;
 use super::records::{Found, Key, PutError, RecordsState, WayIn};
-use crate::link::key_safe::{KeyRecord, NotKept};
+use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, NotKept};
 use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
@@ -17,7 +17,7 @@ fn a_robot_whose_records_are_damaged_is_stopped_and_keeps_them_as_they_are() {
     let flash = blank(Rewrite::Merge);
     with_keep(&flash, None, |keep| {
         keep.records()
-            .write_of_key(KeyRecord::Key, &[7; 48])
+            .write_of_key(KeyRecord::Key, &[7; KEY_RECORD_BYTES])
             .unwrap();
         assert!(!keep.is_emergency_stopped());
     });
@@ -77,7 +77,10 @@ fn a_flash_that_comes_with_anything_in_it_is_to_be_erased_first() {
                 assert_eq!(key, Err(NotKept));
                 assert_eq!(keep.remembered_key(room), Err(NotKept));
             }
-            assert_eq!(keep.records().put(Key(1), &[7; 48]), Err(PutError::Damaged));
+            assert_eq!(
+                keep.records().put(Key(1), &[7; KEY_RECORD_BYTES]),
+                Err(PutError::Damaged)
+            );
         });
     }
     let erased = blank(Rewrite::Merge);
@@ -85,9 +88,9 @@ fn a_flash_that_comes_with_anything_in_it_is_to_be_erased_first() {
         assert_eq!(keep.flash_health().records, RecordsState::New);
         assert!(!keep.is_emergency_stopped());
         assert_eq!(keep.read_of_key(KeyRecord::Key, &mut [0; 64]), Ok(0));
-        keep.records().put(Key(1), &[7; 48]).unwrap();
+        keep.records().put(Key(1), &[7; KEY_RECORD_BYTES]).unwrap();
     });
     with_keep(&erased, None, |keep| {
-        assert_eq!(keep.records().get(Key(1)), Some(&[7; 48][..]));
+        assert_eq!(keep.records().get(Key(1)), Some(&[7; KEY_RECORD_BYTES][..]));
     });
 }

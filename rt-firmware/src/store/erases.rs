@@ -7,7 +7,7 @@ use super::budget::{KEYS, RECORDS, UPLOADS};
 use super::keep::Keep;
 use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep};
 use super::nor::{Chip, Rewrite};
-use crate::link::key_safe::{KeyRecord, WriteError};
+use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, WriteError};
 use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
@@ -60,7 +60,7 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
             "keys",
             KEYS.burst + HOURS * KEYS.per_hour,
             &|keep, number| {
-                let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; 48]);
+                let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
             },
         ),
         (
@@ -196,7 +196,8 @@ fn ordinary_use_passes() -> Result<(), Broken> {
     let flash = blank(Rewrite::Refuse);
     with_keep(&flash, None, |keep| {
         chosen(keep);
-        keep.write_of_key(KeyRecord::Key, &[7; 48]).unwrap();
+        keep.write_of_key(KeyRecord::Key, &[7; KEY_RECORD_BYTES])
+            .unwrap();
         for number in 0..20_u32 {
             let counter = u64::from(number) + 1;
             keep.write_of_key(KeyRecord::Counter, &counter.to_le_bytes())
@@ -209,7 +210,7 @@ fn ordinary_use_passes() -> Result<(), Broken> {
         let mut now_us = 0;
         for number in 0..3_u8 {
             let refused = (0..=KEYS.burst as u8).find_map(|other| {
-                let key = [0x80 | (KEYS.burst as u8 + 1) * number + other; 48];
+                let key = [0x80 | (KEYS.burst as u8 + 1) * number + other; KEY_RECORD_BYTES];
                 keep.write_of_key(KeyRecord::Key, &key).err()
             });
             let Some(WriteError::Budget { s }) = refused else {
@@ -217,7 +218,7 @@ fn ordinary_use_passes() -> Result<(), Broken> {
             };
             now_us += u64::from(s) * SECOND_US;
             keep.tick(now_us);
-            keep.write_of_key(KeyRecord::Key, &[0x40 | number; 48])
+            keep.write_of_key(KeyRecord::Key, &[0x40 | number; KEY_RECORD_BYTES])
                 .map_err(|error| format!("after {s} s: {error:?}"))?;
         }
         Ok(())
