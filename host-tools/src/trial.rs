@@ -251,6 +251,7 @@ pub(crate) mod tests {
             record_pending: false,
             saved_params: 0,
             stop_pressed: false,
+            flash: None,
         }
     }
 

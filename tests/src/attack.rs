@@ -18,7 +18,7 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
 use rt_firmware::link::access::{Access, NONCE_BYTES, PROOF_BYTES};
 use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, encode, parse, unpack};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
 use rt_firmware::link::message::{
     FromDevice, LinkError, Mode, Request, Response, Status, ToDevice, UNKNOWN,
 };
@@ -132,8 +132,8 @@ impl KeySafe for Wire {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.safe.read(record, room)
     }
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.safe.write(record, bytes)
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+        Ok(self.safe.write(record, bytes)?)
     }
 }
 

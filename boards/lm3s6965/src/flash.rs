@@ -26,14 +26,15 @@ static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 /// Bytes of the flash.
 pub const BYTES: u32 = keep::flash_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
 
-/// Milliseconds that it takes at most to keep a mission that is signed: its slot is erased and written, and before it a table of records, three times if it is the first of all; reading it
+/// Milliseconds that it takes at most to keep a mission that is signed: its slot is erased and written, and before it a table of records, three times if it is the first of all, and a half of its journal; reading it
 /// back, checking it and the slots that run meanwhile take as long again.
 pub const LONGEST_MS: u16 = {
     const fn written_us(bytes: u32) -> u32 {
         let slot_bytes = keep::slot_bytes(bytes, ERASE_BYTES as u32);
         slot_bytes / ERASE_BYTES as u32 * ERASE_US + slot_bytes / WRITE_BYTES as u32 * WRITE_US
     }
-    let us = written_us(settings::BLOB_BYTES as u32) + 3 * written_us(keep::RECORD_BYTES as u32);
+    let us =
+        written_us(settings::BLOB_BYTES as u32) + 4 * written_us(keep::RECORD_BYTES as u32);
     (2 * us / 1_000) as u16
 };
 

@@ -8,7 +8,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
 #[cfg(feature = "keys")]
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide};
@@ -192,11 +192,21 @@ impl LinkPort for LinkEnd {
 impl KeySafe for LinkEnd {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
-        keep.records().read_of_key(record, room)
+        keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
-        keep.records().write_of_key(record, bytes)
+        keep.write_of_key(record, bytes)
+    }
+
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.remembered_key(room)
+    }
+
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.renew(key)
     }
 }

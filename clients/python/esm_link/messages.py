@@ -59,7 +59,7 @@ SLOT_STATES = (
 )
 CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before")
 CHANNELS = ("trace", "log", "record", "values")
-ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering")
+ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering", "damaged")
 # Where a robot remembers its owner's key.
 OWNED = ("locked", "recovering")
 # Each by its bit.
@@ -252,6 +252,17 @@ class Kept:
 
 
 @dataclass
+class FlashHealth:
+    """How the robot's flash is; `way_in` says who gets into a robot whose records are damaged."""
+
+    records: str
+    way_in: Optional[str]
+    flaws: int
+    mission_erases: int
+    record_erases: int
+
+
+@dataclass
 class Status:
     mode: str
     mission: Optional[int]
@@ -273,6 +284,7 @@ class Status:
     record_pending: bool
     saved_params: int
     stop_pressed: bool
+    flash: Optional[FlashHealth]
 
 
 @dataclass
@@ -599,10 +611,18 @@ def _status(fields: Fields) -> Status:
     kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
     changed_params, record_dropped, record_pending, saved_params = fields.u8(), fields.number(32), fields.boolean(), fields.u8()
     stop_pressed = fields.boolean()
+    flash = _flash_health(fields) if fields.boolean() else None
     return Status(
         mode, mission, steps, t_us, *counts, busy, stack, reset, trial, fell_back, kept, changed_params, record_dropped, record_pending, saved_params,
-        stop_pressed,
+        stop_pressed, flash,
     )
+
+
+def _flash_health(fields: Fields) -> FlashHealth:
+    records, way_in = fields.one_of(("new", "whole", "once", "unreadable", "older")), None
+    if records in ("unreadable", "older"):
+        way_in = fields.one_of(("key", "anybody", "nobody"))
+    return FlashHealth(records, way_in, fields.number(16), fields.number(32), fields.number(32))
 
 
 def _slot_state(fields: Fields) -> str:
@@ -663,6 +683,8 @@ def _error(fields: Fields) -> Error:
             # What follows belongs to the blob's format, but for `of` at the end.
             return Error("Invalid", {"refusal": refusal, "detail": fields.rest(but=1).hex()})
         return Error("Invalid", {"refusal": refusal})
+    if kind == 42:
+        return Error("FlashBudget", u32("s"))
     if kind == 31:
         return Error("ParamOutside", u32("min", "max"))
     if kind == 32:

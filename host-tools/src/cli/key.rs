@@ -157,7 +157,7 @@ fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
                         ..Shown::of_key(&identity.key)
                     }
                 }
-                Access::Unreadable => Shown::UNREADABLE,
+                Access::Unreadable | Access::Damaged => Shown::UNREADABLE,
                 Access::Unsupported | Access::Open => Shown::NONE,
             }
         }
@@ -213,7 +213,7 @@ fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError
     let key = SigningKey::read(&keys::path(args.robot.key.as_deref())?)?;
     let (mut robot, info) = args.robot.connect_quietly()?;
     match (info.access, &args.present) {
-        (Access::Open, _) => {}
+        (Access::Open | Access::Damaged, _) => {}
         (Access::Locked, Some(present)) => {
             let present = present.clone();
             robot.use_key(Box::new(move || SigningKey::read(&present)));

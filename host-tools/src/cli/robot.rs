@@ -168,6 +168,9 @@ fn warning(access: Access) -> Option<&'static str> {
         Access::Recovering => Some(
             "this robot takes no commands but `esm stop`: its memory is damaged; `esm key install` by its owner begins it anew",
         ),
+        Access::Damaged => Some(
+            "this robot takes no commands but `esm stop`: its memory is damaged; `esm key install` begins it anew",
+        ),
         Access::Unreadable => Some(
             "this robot takes no commands but `esm stop`: its key cannot be read, its memory is damaged",
         ),

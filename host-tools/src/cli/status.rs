@@ -7,7 +7,8 @@ use rt_firmware::features::Feature;
 use rt_firmware::link::message::{LastWords, Mode, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
 use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{Kept, Source};
+use rt_firmware::store::keep::{FlashHealth, Kept, Source};
+use rt_firmware::store::records::{RecordsState, WayIn};
 use rt_firmware::supervision::Silent;
 use serde::Serialize;
 
@@ -61,6 +62,8 @@ pub struct StatusReport {
     pub fell_back: Option<FallBackReport>,
     /// What its flash has; none of a robot that keeps no missions.
     pub kept: Option<KeptReport>,
+    /// How its flash is; none of a robot that keeps nothing.
+    pub flash: Option<FlashReport>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
     /// Values of parameters that were saved for the mission.
@@ -226,6 +229,77 @@ impl From<Kept> for KeptReport {
     }
 }
 
+/// How a robot's flash is, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FlashReport {
+    /// How its records are: `new`, `whole`, `once`, `unreadable` or `older`.
+    pub records: &'static str,
+    /// Who gets into a robot whose records are damaged: `key`, `anybody` or `nobody`; none where they are not.
+    pub way_in: Option<&'static str>,
+    /// Places of its records that were neither blank nor whole at the start.
+    pub flaws: u16,
+    /// How often a slot for a mission was erased, both counted together.
+    pub mission_erases: u32,
+    /// How often an area for records was erased, both counted together.
+    pub record_erases: u32,
+}
+
+impl From<FlashHealth> for FlashReport {
+    fn from(health: FlashHealth) -> Self {
+        let (records, way_in) = match health.records {
+            RecordsState::New => ("new", None),
+            RecordsState::Whole => ("whole", None),
+            RecordsState::Once => ("once", None),
+            RecordsState::Unreadable(way_in) => ("unreadable", Some(way_in)),
+            RecordsState::Older(way_in) => ("older", Some(way_in)),
+        };
+        FlashReport {
+            records,
+            way_in: way_in.map(|way_in| match way_in {
+                WayIn::Key => "key",
+                WayIn::NoKey => "anybody",
+                WayIn::Erase => "nobody",
+            }),
+            flaws: health.flaws,
+            mission_erases: health.mission_erases,
+            record_erases: health.record_erases,
+        }
+    }
+}
+
+impl FlashReport {
+    /// How its records are, and what to do about it.
+    fn records_in_words(&self) -> String {
+        let records = match self.records {
+            "new" => "nothing was ever kept",
+            "whole" => "whole",
+            "once" => {
+                "whole, but its flash takes no second copy: the next damage loses them, replace it"
+            }
+            "older" => {
+                "DAMAGED, what can be read is not what was kept last: the robot is stopped and takes nothing"
+            }
+            _ => "DAMAGED, none can be read: the robot is stopped and takes nothing",
+        };
+        let way = match self.way_in {
+            Some("key") => {
+                "; its owner gets in with the key that it had: `esm key install` with that key"
+            }
+            Some("anybody") => "; it had no key: `esm key install` with a new one",
+            Some(_) => "; erase its flash at the programmer, for it does not know its key any more",
+            None => "",
+        };
+        let flaws = match self.flaws {
+            0 => String::new(),
+            flaws if self.way_in.is_some() => format!(" ({flaws} damaged places)"),
+            flaws => format!(
+                "; {flaws} places were damaged or cut by a loss of power, and nothing was lost"
+            ),
+        };
+        format!("{records}{way}{flaws}")
+    }
+}
+
 /// What is in a slot, in a word or two.
 fn slot_state(state: SlotState) -> &'static str {
     match state {
@@ -323,6 +397,7 @@ impl StatusReport {
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
             kept: status.kept.map(KeptReport::from),
+            flash: status.flash.map(FlashReport::from),
             changed_params: status.changed_params,
             saved_params: status.saved_params,
             active: reading.active,
@@ -415,6 +490,16 @@ impl fmt::Display for StatusReport {
             row(
                 "kept",
                 format!("{from}; slot A: {slot_a}, slot B: {slot_b}"),
+            )?;
+        }
+        if let Some(flash) = &self.flash {
+            row("records", flash.records_in_words())?;
+            row(
+                "flash wear",
+                format!(
+                    "{} erases of a slot for missions, {} of an area for records; each counts for one of two places",
+                    flash.mission_erases, flash.record_erases
+                ),
             )?;
         }
         row("slots executed", self.slots_executed.to_string())?;

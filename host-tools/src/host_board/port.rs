@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rt_firmware::LinkPort;
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
 
@@ -49,12 +49,22 @@ struct Safe<'k> {
 impl KeySafe for Safe<'_> {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
-        keep.records().read_of_key(record, room)
+        keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
-        keep.records().write_of_key(record, bytes)
+        keep.write_of_key(record, bytes)
+    }
+
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.remembered_key(room)
+    }
+
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        keep.renew(key)
     }
 }
 

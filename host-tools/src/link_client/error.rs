@@ -234,6 +234,9 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::StopNotKept => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),
         LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),
         LinkError::FlashRefused => "its flash did not take it; what was in it before is what it starts with".into(),
+        LinkError::FlashBudget { s } => format!(
+            "its flash was erased too often of late, and would wear out: nothing has changed; try again in {s} s. A key keeps others from using it up: `esm key install`"
+        ),
         LinkError::OtherMission => "another mission runs there by now; ask again".into(),
         LinkError::ParamNoValue => "that is no value of the parameter's type; NaN and infinity are no numbers there".into(),
         // The bits mean something to who knows the parameter's type.

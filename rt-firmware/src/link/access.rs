@@ -60,6 +60,9 @@ pub enum Access {
     /// Its records cannot be read, but it remembers the key that it had. It takes nothing but a key
     /// that this one has signed: that begins its records anew.
     Recovering,
+    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a key,
+    /// from anyone: that begins its records anew.
+    Damaged,
 }
 
 /// What a robot with a key asks for.

@@ -21,6 +21,24 @@ pub enum KeyRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotKept;
 
+/// Why a record was not written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WriteError {
+    /// The flash did not take it, or there is damage.
+    NotKept,
+    /// The flash was erased too often of late.
+    Budget {
+        /// Seconds until it may be tried again.
+        s: u32,
+    },
+}
+
+impl From<NotKept> for WriteError {
+    fn from(_: NotKept) -> Self {
+        WriteError::NotKept
+    }
+}
+
 /// Where a board keeps what belongs to its key.
 pub trait KeySafe {
     /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or an empty one.
@@ -32,8 +50,28 @@ pub trait KeySafe {
     /// Replaces a record. When it returns, the new one outlasts a loss of power; cut before, the old one stays as it was.
     ///
     /// # Errors
-    /// [`NotKept`]: the old one may have stayed.
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept>;
+    /// [`WriteError::NotKept`]: the old one may have stayed. [`WriteError::Budget`]: it has.
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError>;
+
+    /// Where the records cannot be read: reads the [key record](KeyRecord::Key) that was written last into the beginning of `room`. Answers its length; 0 where it is
+    /// certain that there was none.
+    ///
+    /// # Errors
+    /// [`NotKept`]: it is not known, or has no room; or a board keeps no such thing.
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        let _ = room;
+        Err(NotKept)
+    }
+
+    /// Where the records cannot be read: writes them anew, with this key record and an emergency stop that is latched, and with nothing else. When it returns, they can be read.
+    /// To be called for who has proven to be the owner of the key that is [remembered](KeySafe::remembered_key). The counter of uploads starts anew.
+    ///
+    /// # Errors
+    /// They are damaged as before; or new ones are there all the same, and can be read.
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        let _ = key;
+        Err(WriteError::NotKept)
+    }
 }
 
 /// A place that keeps nothing beyond a reset: for a board that is a part of a process, and for tests.
@@ -78,6 +116,15 @@ impl Volatile {
             KeyRecord::Starts => self.starts = kept(bytes)?,
         }
         Ok(())
+    }
+}
+
+impl From<WriteError> for LinkError {
+    fn from(error: WriteError) -> Self {
+        match error {
+            WriteError::NotKept => LinkError::NotKept,
+            WriteError::Budget { s } => LinkError::FlashBudget { s },
+        }
     }
 }
 

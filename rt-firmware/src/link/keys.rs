@@ -13,7 +13,7 @@ use super::access::{
     self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Recurrence,
     SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
-use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept};
+use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept, WriteError};
 use super::message::{Identity, LinkError};
 pub(crate) use super::proof::Session;
 use super::proof::{Proof, Secret, is_same, mask};
@@ -86,13 +86,15 @@ enum Lock {
     Unreadable,
     /// The records are damaged, and this is the owner from before that.
     Recovering(Owner),
+    /// The records are damaged, and there was no owner.
+    Damaged,
 }
 
 impl Lock {
     fn secret(&self) -> Option<Secret> {
         match self {
             Lock::Locked(owner) | Lock::Recovering(owner) => Some(owner.secret),
-            Lock::Unread | Lock::Open | Lock::Unreadable => None,
+            Lock::Unread | Lock::Open | Lock::Unreadable | Lock::Damaged => None,
         }
     }
 }
@@ -121,6 +123,7 @@ impl Keys {
             Lock::Locked(_) => Access::Locked,
             Lock::Unread | Lock::Unreadable => Access::Unreadable,
             Lock::Recovering(_) => Access::Recovering,
+            Lock::Damaged => Access::Damaged,
         }
     }
 
@@ -135,13 +138,13 @@ impl Keys {
         self.look(safe);
         match self.lock {
             Lock::Locked(owner) | Lock::Recovering(owner) => Ok(owner),
-            Lock::Open | Lock::Unread => Err(LinkError::NoKey),
+            Lock::Open | Lock::Unread | Lock::Damaged => Err(LinkError::NoKey),
             Lock::Unreadable => Err(LinkError::NotKept),
         }
     }
 
     /// The number of this start, which no other one has.
-    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, NotKept> {
+    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, WriteError> {
         if let Some(start) = self.start {
             return Ok(start);
         }
@@ -369,7 +372,13 @@ impl Keys {
         for (place, byte) in record.iter_mut().zip(bytes) {
             *place = *byte;
         }
-        self.write(safe, KeyRecord::Key, &record)?;
+        if matches!(self.lock, Lock::Recovering(_) | Lock::Damaged) {
+            safe.renew(&record)?;
+            // Signatures of before hold another salt.
+            self.counter = 0;
+        } else {
+            self.write(safe, KeyRecord::Key, &record)?;
+        }
         self.lock = Lock::Locked(Owner { key, salt, secret });
         self.end_session();
         Ok(())
@@ -401,13 +410,14 @@ impl Keys {
         safe: &mut dyn KeySafe,
         record: KeyRecord,
         bytes: &[u8],
-    ) -> Result<(), NotKept> {
+    ) -> Result<(), WriteError> {
         let written = safe.write(record, bytes);
         if written.is_err() {
             let before = self.lock.secret();
             match read(safe) {
                 // Where nobody knows whether there is a key now, the one before stays.
-                (Lock::Unreadable, _) if matches!(self.lock, Lock::Locked(_)) => {}
+                (Lock::Unreadable | Lock::Recovering(_) | Lock::Damaged, _)
+                    if matches!(self.lock, Lock::Locked(_)) => {}
                 kept => (self.lock, self.counter) = kept,
             }
             if self.lock.secret() != before {
@@ -528,8 +538,18 @@ fn number(safe: &mut dyn KeySafe, record: KeyRecord) -> Result<u64, NotKept> {
 fn read(safe: &mut dyn KeySafe) -> (Lock, u64) {
     match read_records(safe) {
         Ok(kept) => kept,
+        Err(NotKept) => (remembered(safe), u64::MAX),
+    }
+}
+
+/// Who may have the records begun anew, where they cannot be read.
+fn remembered(safe: &mut dyn KeySafe) -> Lock {
+    let mut bytes = [0; KEY_RECORD_BYTES];
+    match safe.remembered_key(&mut bytes) {
+        Ok(0) => Lock::Damaged,
+        Ok(KEY_RECORD_BYTES) => owner_of(&bytes).map_or(Lock::Unreadable, Lock::Recovering),
         // Where nobody knows whether there is a key, nobody may.
-        Err(NotKept) => (Lock::Unreadable, u64::MAX),
+        _ => Lock::Unreadable,
     }
 }
 

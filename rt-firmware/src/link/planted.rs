@@ -12,7 +12,7 @@ use std::vec::Vec;
 use super::access::MAX_DEADLINE_US;
 use super::device::{LinkPort, LinkSide};
 use super::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
+use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
 use super::message::{FromDevice, Request, Swap, ToDevice};
 #[cfg(feature = "telemetry")]
 use super::telemetry::MAX_ASK_BYTES;
@@ -142,8 +142,8 @@ impl KeySafe for Wire {
         self.kept.read(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.kept.write(record, bytes)
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+        Ok(self.kept.write(record, bytes)?)
     }
 }
 

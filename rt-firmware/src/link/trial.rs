@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::message::{LinkError, SafeReason};
 use crate::realtime::params::SavedParams;
-use crate::store::keep::{Kept, Start};
+use crate::store::keep::{FlashHealth, Kept, Start};
 
 /// A mission that runs on trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -77,6 +77,12 @@ pub trait MissionKeeper {
     /// there was no mission before since the start, and now the one that was confirmed last is due.
     fn trial_failed(&mut self, mission: u32) -> bool;
 
+    /// The time, in microseconds since the robot started: the allowance of erases fills up with it, and what was put off for want of it is done. To be called often.
+    fn tick(&mut self, now_us: u64);
+
+    /// How the flash is.
+    fn flash_health(&mut self) -> FlashHealth;
+
     /// Puts the mission that the robot is to start with into the beginning of `room`: one that `accepts` takes.
     fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start;
 
@@ -98,7 +104,8 @@ pub trait MissionKeeper {
     /// An emergency stop is latched, or released. The host is told after this has come back.
     ///
     /// # Errors
-    /// What the host is to be told. Until the next loss of power it is so all the same.
+    /// What the host is to be told. Until the next loss of power it is so all the same. A release that was put off for want of erases is kept later, unless there is another stop
+    /// before.
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError>;
 }
 

@@ -6,8 +6,8 @@ use super::keep::{RECORD_BYTES, slot_bytes};
 use super::kept_flash::{BLOB_BYTES, ERASE, blank, with_keep};
 use super::layout::HEAD_BYTES;
 use super::nor::Rewrite;
-use super::records::{Found, Key, PutError};
-use crate::link::key_safe::{KeyRecord, NotKept};
+use super::records::{Found, Key, PutError, RecordsState, WayIn};
+use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, NotKept};
 use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
@@ -17,7 +17,7 @@ fn a_robot_whose_records_are_damaged_is_stopped_and_keeps_them_as_they_are() {
     let flash = blank(Rewrite::Merge);
     with_keep(&flash, None, |keep| {
         keep.records()
-            .write_of_key(KeyRecord::Key, &[7; 48])
+            .write_of_key(KeyRecord::Key, &[7; KEY_RECORD_BYTES])
             .unwrap();
         assert!(!keep.is_emergency_stopped());
     });
@@ -49,8 +49,8 @@ fn a_robot_whose_records_are_damaged_is_stopped_and_keeps_them_as_they_are() {
 }
 
 #[test]
-fn a_flash_that_comes_with_anything_in_it_is_one_without_records() {
-    let noise: Vec<u8> = (0..4096_u32)
+fn a_flash_that_comes_with_anything_in_it_is_to_be_erased_first() {
+    let noise: Vec<u8> = (0..10_240_u32)
         .map(|at| (at.wrapping_mul(2_654_435_761) >> 13) as u8)
         .collect();
     let fills = [0, 1, 0x5A, 0x69, 0x96, 0xC3, 0xFE];
@@ -61,16 +61,36 @@ fn a_flash_that_comes_with_anything_in_it_is_one_without_records() {
     });
     let noisy = blank(Rewrite::Merge);
     noisy.borrow_mut().put(0, &noise);
-    for flash in flashes.chain([noisy]) {
+    // The journal alone was erased, or the areas alone.
+    let areas = blank(Rewrite::Merge);
+    areas.borrow_mut().put(0, &noise[..8192]);
+    let journal = blank(Rewrite::Merge);
+    journal.borrow_mut().put(8192, &noise[8192..]);
+    for flash in flashes.chain([noisy, areas, journal]) {
         with_keep(&flash, None, |keep| {
-            assert_eq!(keep.records().found(), Found::Nothing);
-            assert!(!keep.is_emergency_stopped());
-            let key = keep.records().read_of_key(KeyRecord::Key, &mut [0; 64]);
-            assert_eq!(key, Ok(0));
-            keep.records().put(Key(1), &[7; 48]).unwrap();
-        });
-        with_keep(&flash, None, |keep| {
-            assert_eq!(keep.records().get(Key(1)), Some(&[7; 48][..]));
+            assert_eq!(keep.records().found(), Found::Damage);
+            let state = keep.flash_health().records;
+            assert_eq!(state, RecordsState::Unreadable(WayIn::Erase));
+            assert!(keep.is_emergency_stopped());
+            for room in [&mut [0; 64][..], &mut []] {
+                let key = keep.read_of_key(KeyRecord::Key, room);
+                assert_eq!(key, Err(NotKept));
+                assert_eq!(keep.remembered_key(room), Err(NotKept));
+            }
+            assert_eq!(
+                keep.records().put(Key(1), &[7; KEY_RECORD_BYTES]),
+                Err(PutError::Damaged)
+            );
         });
     }
+    let erased = blank(Rewrite::Merge);
+    with_keep(&erased, None, |keep| {
+        assert_eq!(keep.flash_health().records, RecordsState::New);
+        assert!(!keep.is_emergency_stopped());
+        assert_eq!(keep.read_of_key(KeyRecord::Key, &mut [0; 64]), Ok(0));
+        keep.records().put(Key(1), &[7; KEY_RECORD_BYTES]).unwrap();
+    });
+    with_keep(&erased, None, |keep| {
+        assert_eq!(keep.records().get(Key(1)), Some(&[7; KEY_RECORD_BYTES][..]));
+    });
 }

@@ -3,11 +3,13 @@
 use embedded_storage::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
 
-use super::records::{Found, Key, PutError, Records};
+use super::budget::{self, Budget};
+use super::records::{Found, Key, PutError, Records, RecordsState};
 use super::{
     AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, SlotState,
-    Store, TrialError,
+    Store, TrialError, journal,
 };
+use crate::link::key_safe::{KeyRecord, NotKept, WriteError};
 use crate::link::message::{Capacity, LinkError};
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
@@ -21,6 +23,7 @@ const SAVED_PARAMS: Key = Key(4);
 /// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where `erase_bytes` are erased at once.
 pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
     2 * (slot_bytes(blob_bytes, erase_bytes) + slot_bytes(RECORD_BYTES as u32, erase_bytes))
+        + journal::bytes(erase_bytes)
 }
 
 /// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for them.
@@ -42,6 +45,19 @@ impl Kept {
     pub fn is_on_trial(&self) -> bool {
         self.slots.contains(&SlotState::OnTrial)
     }
+}
+
+/// How a robot's flash is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FlashHealth {
+    /// How its records are.
+    pub records: RecordsState,
+    /// Places of the records that were neither blank nor whole at the start: bits that have changed, or what a loss of power has left. Where the records can be read, nothing was lost by it.
+    pub flaws: u16,
+    /// How often a slot for a mission was erased, both counted together.
+    pub mission_erases: u32,
+    /// How often an area for records was erased, both counted together.
+    pub record_erases: u32,
 }
 
 /// Where a mission is kept.
@@ -94,6 +110,11 @@ pub enum KeepError {
     },
     /// The flash did not take it.
     Flash,
+    /// The flash was erased too often of late.
+    Budget {
+        /// Seconds until it may be tried again.
+        s: u32,
+    },
 }
 
 /// Missions and records of a robot.
@@ -105,6 +126,38 @@ pub struct Keep<'m, F> {
     /// It was the one to start with.
     own_ran: bool,
     kept: Kept,
+    budgets: Budgets,
+    /// An emergency stop was latched, or released, and the flash does not say so yet.
+    stop_put_off: Option<bool>,
+}
+
+/// What may still be erased.
+struct Budgets {
+    uploads: Budget,
+    records: Budget,
+    keys: Budget,
+    /// When they were filled last.
+    filled: u32,
+}
+
+impl Budgets {
+    const FULL: Budgets = Budgets {
+        uploads: Budget::new(budget::UPLOADS),
+        records: Budget::new(budget::RECORDS),
+        keys: Budget::new(budget::KEYS),
+        filled: 0,
+    };
+
+    fn fill(&mut self, now_us: u64) {
+        let unit = budget::unit(now_us);
+        let units = unit.saturating_sub(self.filled);
+        if units > 0 {
+            self.filled = unit;
+            for budget in [&mut self.uploads, &mut self.records, &mut self.keys] {
+                budget.fill(units);
+            }
+        }
+    }
 }
 
 impl<'m, F: NorFlash + Clone> Keep<'m, F> {
@@ -133,12 +186,59 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
                 runs: Source::Nothing,
                 slots: [SlotState::Empty; 2],
             },
+            budgets: Budgets::FULL,
+            stop_put_off: None,
         })
     }
 
-    /// The records.
+    /// The records. What is kept there is not paid for.
     pub fn records(&mut self) -> &mut Records<'m, F> {
         &mut self.records
+    }
+
+    /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
+    ///
+    /// # Errors
+    /// [`NotKept`]: there is damage, or the record has no room.
+    pub fn read_of_key(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.records.read_of_key(record, room)
+    }
+
+    /// Keeps what belongs to the robot's key, as [`KeySafe::write`](crate::link::key_safe::KeySafe::write) does.
+    ///
+    /// # Errors
+    /// [`WriteError`]
+    pub fn write_of_key(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+        if self.records.is_kept(record.into(), bytes) {
+            return Ok(());
+        }
+        let paid = match record {
+            KeyRecord::Key => self.budgets.keys.take(budget::ONE),
+            // An upload was signed.
+            KeyRecord::Counter => self.budgets.uploads.take(budget::ONE),
+            // Once each start.
+            KeyRecord::Starts => Ok(()),
+        };
+        paid.map_err(|s| WriteError::Budget { s })?;
+        Ok(self.records.write_of_key(record, bytes)?)
+    }
+
+    /// The key record that was kept last, where the records are damaged, as [`KeySafe::remembered_key`](crate::link::key_safe::KeySafe::remembered_key) reads it.
+    ///
+    /// # Errors
+    /// [`NotKept`]: it is not known, or has no room.
+    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.records.remembered_key(room)
+    }
+
+    /// Writes records that are damaged anew, as [`KeySafe::renew`](crate::link::key_safe::KeySafe::renew) does.
+    ///
+    /// # Errors
+    /// [`WriteError`]
+    pub fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        let paid = self.budgets.keys.take(budget::ONE);
+        paid.map_err(|s| WriteError::Budget { s })?;
+        (self.records.renew(key)).map_err(|_| WriteError::NotKept)
     }
 
     /// Which mission runs, and why.
@@ -198,6 +298,10 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     }
 
     fn write(&mut self, len: u32, blob: &[u8]) -> Result<(), KeepError> {
+        if self.kept.is_on_trial() {
+            return Err(KeepError::OnTrial);
+        }
+        (self.budgets.uploads.take(budget::ONE)).map_err(|s| KeepError::Budget { s })?;
         let crc = esm_core::format::crc32(blob);
         self.missions
             .prepare(len, crc)
@@ -267,7 +371,50 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     }
 }
 
+impl<F: NorFlash> Keep<'_, F> {
+    /// Lets the flash know of the emergency stop, or of its release, that it does not know of yet.
+    fn keep_stop(&mut self) -> Result<(), LinkError> {
+        let Some(latched) = self.stop_put_off else {
+            return Ok(());
+        };
+        let value: &[u8] = if latched { &[1] } else { &[] };
+        if !self.records.is_kept(Key::EMERGENCY_STOP, value) {
+            let is_paid = if latched {
+                // The release before it has paid, and there is no other way to come to a stop that is not kept.
+                !planted!(StopsPaid) || self.budgets.records.take(budget::ONE).is_ok()
+            } else {
+                planted!(ReleasesUnpaid)
+                    || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok()
+            };
+            if !is_paid {
+                if planted!(StopNotPutOff) {
+                    self.stop_put_off = None;
+                }
+                return Err(LinkError::StopNotKept);
+            }
+        }
+        // A flash that does not take it wears out by asking again.
+        self.stop_put_off = None;
+        (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotKept)
+    }
+}
+
 impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
+    fn tick(&mut self, now_us: u64) {
+        self.budgets.fill(now_us);
+        // Who asked for it was told that it is late.
+        let _ = self.keep_stop();
+    }
+
+    fn flash_health(&mut self) -> FlashHealth {
+        FlashHealth {
+            records: self.records.state(),
+            flaws: u16::try_from(self.records.flaws()).unwrap_or(u16::MAX),
+            mission_erases: self.missions.erases(),
+            record_erases: self.records.erases(),
+        }
+    }
+
     fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
         // None is on trial any more: where the flash did not take a confirmation, it is to take it now.
         self.confirm()?;
@@ -300,6 +447,9 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError> {
         let mut room = [0; SavedParams::MAX_BYTES];
         let bytes = saved.put_into(&mut room);
+        if !self.records.is_kept(SAVED_PARAMS, bytes) {
+            (self.budgets.records.take(budget::ONE)).map_err(|s| LinkError::FlashBudget { s })?;
+        }
         let kept = self.records.put(SAVED_PARAMS, bytes);
         kept.map_err(|_| LinkError::FlashRefused)
     }
@@ -315,8 +465,8 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     }
 
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
-        let value: &[u8] = if latched { &[1] } else { &[] };
-        (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotKept)
+        self.stop_put_off = Some(latched);
+        self.keep_stop()
     }
 }
 
@@ -330,6 +480,7 @@ impl From<KeepError> for LinkError {
                 available: capacity,
             },
             KeepError::Flash => LinkError::FlashRefused,
+            KeepError::Budget { s } => LinkError::FlashBudget { s },
         }
     }
 }

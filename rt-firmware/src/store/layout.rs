@@ -141,6 +141,11 @@ impl Layout {
         }
     }
 
+    /// Bytes of a slot.
+    pub(super) const fn slot_bytes(&self) -> u32 {
+        self.slot_bytes
+    }
+
     /// First byte of a slot, and the first after it.
     pub(super) const fn bounds(&self, slot: Slot) -> (u32, u32) {
         let start = self.address(slot, 0);
@@ -193,20 +198,22 @@ pub(super) struct Header {
     pub(super) len: u32,
     /// Its checksum.
     pub(super) crc: u32,
+    /// How often a slot was erased until then, this time included; both slots count.
+    pub(super) erases: u32,
 }
 
 /// `esmS`
 const MAGIC: u32 = 0x536D_7365;
 /// The layout that is described here.
 const FORMAT: u32 = 1;
-/// Words of a header. Two are not used yet and stay erased.
+/// Words of a header. One is not used yet and stays erased.
 const WORDS: usize = BLOCK_BYTES / size_of::<u32>();
 
 impl Header {
     /// The block of this header.
     pub(super) fn encode(&self) -> Block {
         let mut block = BLANK;
-        let words = [MAGIC, FORMAT, self.seq, self.len, self.crc];
+        let words = [MAGIC, FORMAT, self.seq, self.len, self.crc, self.erases];
         for (place, word) in block.as_chunks_mut().0.iter_mut().zip(words) {
             *place = word.to_le_bytes();
         }
@@ -223,7 +230,7 @@ impl Header {
         for (word, bytes) in words.iter_mut().zip(block.as_chunks().0) {
             *word = u32::from_le_bytes(*bytes);
         }
-        let [magic, format, seq, len, crc, _, _, own_crc] = words;
+        let [magic, format, seq, len, crc, erases, _, own_crc] = words;
         if *block == BLANK {
             Err(SlotState::Empty)
         } else if magic != MAGIC || own_crc != checksum(block) {
@@ -233,7 +240,14 @@ impl Header {
         } else if (len == 0 || len > capacity) && !planted!(LengthAtBootUnchecked) {
             Err(SlotState::TooLong)
         } else {
-            Ok(Header { seq, len, crc })
+            // An earlier firmware left it erased.
+            let erases = if erases == u32::MAX { 0 } else { erases };
+            Ok(Header {
+                seq,
+                len,
+                crc,
+                erases,
+            })
         }
     }
 }

@@ -18,11 +18,11 @@
 //! | 96 | 5 × 32 | confirmed: all bytes 0x96 in one of them once the mission was confirmed |
 //! | 256 | 2 × 32 | promoted: all bytes 0x96 in one of them before it is confirmed |
 //! | 320 | 21 × 32 | advanced: all bytes 0x96 in one more each time that the other slot is about to be erased and holds a mission |
-//! | 992 | 32 | header: magic `esmS`, format (1), sequence number, length, CRC-32 of the payload, 8 bytes not used (0xFF), CRC-32 of the 28 bytes before |
+//! | 992 | 32 | header: magic `esmS`, format (1), sequence number, length, CRC-32 of the payload, erases of both slots so far, 4 bytes not used (0xFF), CRC-32 of the 28 bytes before |
 //! | 1024 | length | payload; its last block is filled up with 0xFF |
 //!
 //! Every word is its own block, so that flashes that program up to 32 bytes at once can be used. What is kept besides missions (saved parameters, the counter
-//! of signed uploads) are [`records`], behind slot B, in two more slots.
+//! of signed uploads) are [`records`], behind slot B, in two more slots; behind those is their journal.
 //!
 //! # Torn words
 //! A write that is cut leaves any of its bits programmed, and some of them *weak*: they read like this today and like that tomorrow, and no reading tells. So no
@@ -77,8 +77,14 @@ macro_rules! planted {
     };
 }
 
+pub mod budget;
 #[cfg(test)]
 mod damaged;
+#[cfg(test)]
+mod damages;
+#[cfg(test)]
+mod erases;
+mod journal;
 pub mod keep;
 #[cfg(test)]
 mod kept_flash;
@@ -116,6 +122,10 @@ pub struct Store<F> {
     upload: Option<Upload>,
     /// The slot of the upload that has ended and that nobody has tried.
     ended: Option<Slot>,
+    /// How often a slot was erased, as far as that is known: from the headers, and since the start.
+    erases: u32,
+    /// Uploads get numbers beyond this one, whatever is in the slots.
+    floor: Option<u32>,
 }
 
 #[derive(Clone, Copy)]
@@ -340,6 +350,8 @@ impl<F: NorFlash> Store<F> {
             before: None,
             upload: None,
             ended: None,
+            erases: 0,
+            floor: None,
         })
     }
 
@@ -360,6 +372,9 @@ impl<F: NorFlash> Store<F> {
         self.running = None;
         self.before = None;
         let [a, b] = [Slot::A, Slot::B].map(|slot| self.head(slot));
+        for header in [a.header, b.header].into_iter().flatten() {
+            self.erases = self.erases.max(header.erases);
+        }
         let first = newest([a.sealed_rank(), b.sealed_rank()]).unwrap_or(Slot::A);
         let mut mission = None;
         let mut slots = [SlotState::Empty; 2];
@@ -386,7 +401,7 @@ impl<F: NorFlash> Store<F> {
         room: &mut [u8],
         accepts: &mut impl FnMut(&[u8]) -> bool,
     ) -> SlotState {
-        let Header { seq, len, crc } = match head.header {
+        let Header { seq, len, crc, .. } = match head.header {
             Ok(header) => header,
             Err(state) => return state,
         };
@@ -572,6 +587,11 @@ impl<F: NorFlash> Store<F> {
         let [a, b] = &heads;
         let ranks = [a.rank(), b.rank()];
         let mut newest_rank = newest(ranks).and_then(|slot| slot.of(ranks)).unwrap_or(0);
+        if let Some(floor) = self.floor
+            && is_newer(floor, newest_rank)
+        {
+            newest_rank = floor;
+        }
         let slot = match running {
             Some(running) if planted!(RunningErased) => running.slot,
             Some(running) => running.slot.other(),
@@ -621,7 +641,13 @@ impl<F: NorFlash> Store<F> {
         } else {
             UPLOAD_LEAD
         });
-        let header = Header { seq, len, crc };
+        self.erases = self.erases.saturating_add(1);
+        let header = Header {
+            seq,
+            len,
+            crc,
+            erases: self.erases,
+        };
         if planted!(HeaderFirst) {
             let _ = self.record(slot, HEADER_AT, &header.encode())
                 && self.record(slot, HEADED_AT, &HEADED)
@@ -765,6 +791,67 @@ impl<F: NorFlash> Store<F> {
         self.upload = None;
     }
 
+    /// How often a slot was erased, both counted together, as far as their headers tell. An upload that was cut before its header is not counted.
+    #[must_use]
+    pub fn erases(&self) -> u32 {
+        self.erases
+    }
+
+    /// The sequence number of what is in a slot.
+    pub(super) fn seq(&mut self, slot: Slot) -> Option<u32> {
+        Some(self.head(slot).header.ok()?.seq)
+    }
+
+    /// Uploads get numbers beyond this one from now on.
+    pub(super) fn stay_beyond(&mut self, floor: Option<u32>) {
+        self.floor = floor;
+    }
+
+    /// Zeros in both slots: none of a chip that was never written.
+    pub(super) fn zeros(&mut self) -> u32 {
+        let mut zeros = 0;
+        for slot in [Slot::A, Slot::B] {
+            for offset in (0..self.layout.slot_bytes()).step_by(BLOCK_BYTES) {
+                let block = self.read_again(slot, offset).unwrap_or([0; BLOCK_BYTES]);
+                zeros += block.iter().map(|byte| byte.count_zeros()).sum::<u32>();
+            }
+        }
+        zeros
+    }
+
+    /// Blocks of a slot that are neither blank nor what is written there: damage, or what a cut has left.
+    pub(super) fn flaws(&mut self, slot: Slot) -> u32 {
+        let head = self.head(slot);
+        let written = head.header.map_or(0, |header| header.len as usize);
+        let mut flaws = 0;
+        for offset in (0..self.layout.slot_bytes()).step_by(BLOCK_BYTES) {
+            let block = self.read_again(slot, offset);
+            let word = match offset {
+                HEADED_AT => Some(HEADED),
+                SEALED_AT => Some(SEALED),
+                TRIED_AT => Some(TRIED),
+                HEADER_AT => block.filter(|_| head.header.is_ok()),
+                _ if offset < HEADER_AT => Some(NOTE),
+                // The payload has a checksum; its last block is filled up with what is blank.
+                _ => {
+                    let of_payload = written.saturating_sub((offset - HEAD_BYTES) as usize);
+                    let filling = of_payload.min(BLOCK_BYTES)..BLOCK_BYTES;
+                    block.filter(|block| block.get(filling.clone()) == BLANK.get(filling.clone()))
+                }
+            };
+            let is_fine = block == Some(BLANK) || block.is_some() && block == word;
+            flaws += u32::from(!is_fine);
+        }
+        if let Ok(header) = head.header
+            && head.is_sealed
+            && self.payload_crc(slot, header.len, &mut []) != Some(header.crc)
+            && self.payload_crc(slot, header.len, &mut []) != Some(header.crc)
+        {
+            flaws += 1;
+        }
+        flaws
+    }
+
     /// What a slot says of itself.
     fn head(&mut self, slot: Slot) -> Head {
         let capacity = self.layout.payload_capacity();
@@ -825,6 +912,11 @@ impl<F: NorFlash> Store<F> {
         let address = self.layout.address(slot, offset);
         self.flash.read(address, &mut block).ok()?;
         Some(block)
+    }
+
+    /// The same; what cannot be read is tried once more.
+    fn read_again(&mut self, slot: Slot, offset: u32) -> Option<Block> {
+        self.read(slot, offset).or_else(|| self.read(slot, offset))
     }
 
     /// The checksum of the first `len` bytes of a payload, which must be within its slot. What was read is in `room` afterwards, as far as there is

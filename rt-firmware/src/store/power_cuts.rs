@@ -261,6 +261,8 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
             before: store.before,
             upload: None,
             ended: store.ended,
+            erases: store.erases,
+            floor: store.floor,
         });
         World {
             nor,
@@ -892,6 +894,7 @@ fn put_mission<const WRITE: usize, const ERASE: usize>(
         seq,
         len,
         crc: crc_of(bytes),
+        erases: 1,
     };
     let mut nor = world.nor.borrow_mut();
     let blocks = [
@@ -1253,6 +1256,8 @@ fn every_planted_defect_breaks_a_law() {
         let result = with_planted(*bug, || {
             records_power_cuts::laws(4, 500)?;
             records_power_cuts::bits_flip()?;
+            damages::laws(damages::Size::SMALL)?;
+            erases::laws()?;
             laws(&mut Search::new(FEW), 1)
         });
         let verdict = match &result {
@@ -1274,6 +1279,15 @@ enum Check {
     /// Records that are kept, power cut once.
     Records,
     DamagedRecords,
+    /// Power that is cut twice while records are kept: in this operation of a history, and then in any of a recovery.
+    RecordsCutTwice {
+        history: usize,
+        at: usize,
+    },
+    /// Records and journal that are damaged in any way.
+    Damages,
+    /// How often the flash is erased.
+    Erases,
     Histories,
     LyingHeaders,
     Refused,
@@ -1297,7 +1311,6 @@ impl Check {
         };
         match bug {
             Bug::HeaderFirst
-            | Bug::SealBeforeHeader
             | Bug::AcknowledgedEarly
             | Bug::TailForgotten
             | Bug::OlderWins
@@ -1312,8 +1325,23 @@ impl Check {
             | Bug::RecordUnsettled
             | Bug::RecordKeptInMemoryOnly
             | Bug::RecordTwice => Check::Records,
-            Bug::SealAlone | Bug::RecordOnce | Bug::DamageGivesWay | Bug::EmptyTakenForNew => {
-                Check::DamagedRecords
+            Bug::RecordOnce | Bug::DamageGivesWay | Bug::JournalBegunLate => Check::DamagedRecords,
+            Bug::EmptyTakenForNew
+            | Bug::JournalUnread
+            | Bug::JournalForgotten
+            | Bug::JournalMissing
+            | Bug::JournalChecksumForgotten
+            | Bug::DamagedEntryTakenForCut
+            | Bug::EntryOnce
+            | Bug::NewestHalfErased
+            | Bug::KeyBeforeDamageTaken
+            | Bug::RolledBack
+            | Bug::AnythingTakenForNew
+            | Bug::FlawsUntold
+            | Bug::RenewedWithoutStop => Check::Damages,
+            Bug::JournalEager => Check::RecordsCutTwice { history: 0, at: 14 },
+            Bug::BudgetForgotten | Bug::ReleasesUnpaid | Bug::StopsPaid | Bug::StopNotPutOff => {
+                Check::Erases
             }
             Bug::OffsetUnchecked
             | Bug::LengthUnchecked
@@ -1338,7 +1366,7 @@ impl Check {
             Bug::ConfirmationTaken => cut_twice(0, 8, 2),
             Bug::CutPromotionForgotten => cut_twice(0, 15, 2),
             Bug::PromotedUntried => cut_twice(0, 15, 0),
-            Bug::ErasedUnnoted => cut_twice(0, 0, 0),
+            Bug::ErasedUnnoted | Bug::SealAlone | Bug::SealBeforeHeader => cut_twice(0, 0, 0),
             Bug::CutNoteForgotten => cut_twice(1, 13, 2),
             Bug::PromotionForgotten => cut_twice(4, 13, 0),
         }
@@ -1348,6 +1376,9 @@ impl Check {
         match self {
             Check::Records => records_power_cuts::laws(4, 500),
             Check::DamagedRecords => records_power_cuts::bits_flip(),
+            Check::RecordsCutTwice { history, at } => records_power_cuts::cut_twice(history, at),
+            Check::Damages => damages::laws(damages::Size::SMALL),
+            Check::Erases => erases::laws(),
             Check::Histories => without_cuts(),
             Check::LyingHeaders => headers_lie(),
             Check::Refused => refused_missions_stay(),
@@ -1390,6 +1421,9 @@ impl Check {
         match self {
             Check::Records => "records, power cut once",
             Check::DamagedRecords => "records, bits that flip",
+            Check::RecordsCutTwice { .. } => "records, power cut twice",
+            Check::Damages => "damaged records and journals",
+            Check::Erases => "erases that are asked for",
             Check::Histories => "histories without a cut",
             Check::LyingHeaders => "headers that lie",
             Check::Refused => "missions that are refused",
@@ -1408,7 +1442,10 @@ fn every_planted_defect_of_the_store_is_noticed_by_its_check() {
     for (bug, what) in planted::ALL {
         let check = Check::of(*bug);
         // The other checks are tests of their own, or parts of one.
-        if matches!(check, Check::CutTwice { .. }) {
+        if matches!(
+            check,
+            Check::CutTwice { .. } | Check::RecordsCutTwice { .. }
+        ) {
             assert_eq!(check.run(), Ok(()), "with nothing planted: {check:?}");
         }
         let noticed = match with_planted(*bug, || check.run()) {

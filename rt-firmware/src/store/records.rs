@@ -8,12 +8,17 @@
 //!
 //! # Damage
 //! What was acknowledged is there twice: bits of one area that change by themselves, or that cannot be read, lose nothing, and the next `open` writes the table anew there. Only where
-//! the writing of a table was cut, or failed, there is one of it until the next `open`. Damage of that one is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is. A flash that never
-//! had a table is told from that by the words of a slot that come after its header, of which no first content of a chip has two.
+//! the writing of a table was cut, or failed, there is one of it until the next `open`. Damage of that one is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is until they are
+//! [renewed](Records::renew).
+//!
+//! That there were records is kept apart from them, in a journal behind the areas, in erase units of its own: each [`put`](Records::put) adds an entry, which has the sequence number that both areas
+//! have at least, and a copy of the robot's key. So neither areas that are damaged beyond what a header tells, nor an old one that was put back beside an erased one, are taken for a robot
+//! without a key, or for one that was not stopped. Only a flash that is blank, or whose first `put` of all was cut, is one that [never had records](Found::Nothing): a chip that comes with
+//! anything in it is to be erased first.
 //!
 //! ```
 //! # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-//! # struct Chip([u8; 4096]);
+//! # struct Chip([u8; 6144]);
 //! # impl ErrorType for Chip { type Error = NorFlashErrorKind; }
 //! # impl ReadNorFlash for Chip {
 //! #     const READ_SIZE: usize = 1;
@@ -35,11 +40,11 @@
 //! #         Ok(())
 //! #     }
 //! # }
-//! # let flash = Chip([0xFF; 4096]);
+//! # let flash = Chip([0xFF; 6144]);
 //! use rt_firmware::store::{Layout, records::{Key, Records}};
 //!
 //! let mut room = [0; 512];
-//! // Two areas of 2 KiB each from the byte 0 of the flash on.
+//! // Two areas of 2 KiB each from the byte 0 of the flash on, and the journal behind them.
 //! let mut records = Records::open(flash, Layout::new(0, 2048), &mut room)?;
 //! assert_eq!(records.get(Key(7)), None);
 //! records.put(Key(7), b"seven").expect("the flash takes it");
@@ -48,18 +53,21 @@
 //! ```
 //!
 //! # Costs
-//! A `put` erases both areas, one after the other, and writes to each the table and seven blocks; one that changes nothing costs nothing. It waits for the flash: to be
-//! called from the link's context, never from a slot's. An `open` writes the table once after a `put` that was cut and after damage, and else nothing. A flash that
+//! A `put` erases both areas, one after the other, and writes to each the table and seven blocks, and six blocks to the journal, of which each fifth `put` erases a half; one that changes nothing costs nothing. It waits for the flash: to be
+//! called from the link's context, never from a slot's. An `open` reads all of it, and writes the table once after a `put` that was cut and after damage, and else nothing. A flash that
 //! lasts 10,000 erases lasts 10,000 puts.
 //!
 //! # Limits
 //! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has behind its head, whichever is less; a record takes two bytes
 //! more than its value. Where the writing of a table was cut before it was confirmed, damage of the new one brings back the one before; and so does damage in its head, as long as there is one of it: that `put` was not
-//! acknowledged. One area of which nothing can be read, beside one whose writing was cut, is what a cut first writing leaves: a start takes it for a flash without records.
+//! acknowledged. Who puts back all of the flash as it was, areas and journal, is not noticed.
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::layout::{HEADED, HEADED_AT, SEALED, SEALED_AT};
+use serde::{Deserialize, Serialize};
+
+use super::journal::{self, Journal, KeyCopy, WORN_BITS};
+use super::layout::is_newer;
 use super::{Choice, Layout, LayoutError, Slot, SlotState, Store};
 use crate::link::key_safe::{KeyRecord, NotKept};
 
@@ -74,6 +82,8 @@ const HEAD_BYTES: usize = 2;
 pub struct Key(pub u8);
 
 impl Key {
+    /// The key of the robot.
+    const OWNER: Key = Key(1);
     /// Says, with any value, that an emergency stop is latched.
     pub(crate) const EMERGENCY_STOP: Key = Key(5);
     /// Says, with any value, that the firmware's own mission is not to run: the robot waits for a host.
@@ -83,7 +93,7 @@ impl Key {
 impl From<KeyRecord> for Key {
     fn from(record: KeyRecord) -> Self {
         Key(match record {
-            KeyRecord::Key => 1,
+            KeyRecord::Key => return Key::OWNER,
             KeyRecord::Counter => 2,
             KeyRecord::Starts => 3,
         })
@@ -113,20 +123,53 @@ pub enum Found {
     Nothing,
     /// A table.
     Table,
-    /// There was a table, and it is not whole, or cannot be read. A robot must not take this for one that never had records. Nothing is kept until the flash is erased, or
-    /// reads well.
+    /// There was a table, and it is not whole, or cannot be read, or is an old one. A robot must not take this for one that never had records. Nothing is kept until the records are
+    /// [renewed](Records::renew), the flash is erased, or reads well.
     Damage,
+}
+
+/// How the records are, as a robot tells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum RecordsState {
+    /// Nothing was ever kept.
+    New,
+    /// All that was kept is there twice.
+    Whole,
+    /// All that was kept is there, but the flash did not take it twice: the next damage loses it.
+    Once,
+    /// There were records, and none of them can be read: the robot is stopped, and takes nothing but from who [gets in](WayIn).
+    Unreadable(WayIn),
+    /// The records that can be read are older than those that were kept last, or nothing says that they are not; as with those that cannot be read.
+    Older(WayIn),
+}
+
+/// Who gets into a robot whose records are damaged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum WayIn {
+    /// The owner of the key that it had, which it remembers.
+    Key,
+    /// Everybody: it is certain that it had no key.
+    NoKey,
+    /// Nobody: its flash must be erased at the programmer, for it is not known which key it had.
+    Erase,
 }
 
 /// The records, and the flash that keeps them.
 pub struct Records<'m, F> {
     store: Store<F>,
+    journal: Journal,
     /// The table is the first `len` bytes: records, each its key, its length, and its value. No key is there twice.
     room: &'m mut [u8],
     len: usize,
     found: Found,
+    /// The table that was found is not the last that was kept.
+    is_old: bool,
     /// Both areas have the table.
     is_twice: bool,
+    /// The journal knows of it.
+    is_entered: bool,
+    /// Places that were neither blank nor whole at the start.
+    flaws: u32,
 }
 
 impl<'m, F: NorFlash> Records<'m, F> {
@@ -137,15 +180,35 @@ impl<'m, F: NorFlash> Records<'m, F> {
     pub fn open(flash: F, layout: Layout, room: &'m mut [u8]) -> Result<Self, LayoutError> {
         let capacity = room.len().min(layout.payload_capacity() as usize);
         let room = room.get_mut(..capacity).unwrap_or_default();
-        let store = Store::new(flash, layout)?;
+        let (_, journal_at) = layout.bounds(Slot::B);
+        let flash_bytes = flash.capacity();
+        let mut store = Store::new(flash, layout)?;
+        let erase_bytes = F::ERASE_SIZE as u32;
+        let journal_end = u64::from(journal_at) + u64::from(journal::bytes(erase_bytes));
+        if journal_end > flash_bytes as u64 {
+            return Err(LayoutError::BeyondFlash { flash_bytes });
+        }
+        let mut journal = Journal::new(journal_at, erase_bytes);
+        journal.scan(&mut store.flash);
+        let _ = store.choose(&mut [], |_| false);
+        let flaws = store.flaws(Slot::A) + store.flaws(Slot::B) + journal.flaws();
         let mut records = Records {
             store,
+            journal,
             room,
             len: 0,
             found: Found::Nothing,
+            is_old: false,
             is_twice: false,
+            is_entered: false,
+            flaws: if planted!(FlawsUntold) { 0 } else { flaws },
         };
+        let erases = records.erases();
         records.load();
+        // An area that is another than the other is told, too.
+        if records.erases() != erases && !planted!(FlawsUntold) {
+            records.flaws = records.flaws.max(1);
+        }
         Ok(records)
     }
 
@@ -154,10 +217,59 @@ impl<'m, F: NorFlash> Records<'m, F> {
         self.found
     }
 
+    /// How they are, for people.
+    pub fn state(&mut self) -> RecordsState {
+        match self.found {
+            Found::Nothing => RecordsState::New,
+            Found::Table if self.is_twice => RecordsState::Whole,
+            Found::Table => RecordsState::Once,
+            Found::Damage => {
+                let way_in = match self.remembered().as_ref().map(KeyCopy::record) {
+                    None | Some(None) => WayIn::Erase,
+                    Some(Some([])) => WayIn::NoKey,
+                    Some(Some(_)) => WayIn::Key,
+                };
+                if self.is_old {
+                    RecordsState::Older(way_in)
+                } else {
+                    RecordsState::Unreadable(way_in)
+                }
+            }
+        }
+    }
+
+    /// Places of the flash that were neither blank nor whole at the start: bits that have changed, or what a loss of power has left.
+    pub fn flaws(&self) -> u32 {
+        self.flaws
+    }
+
+    /// How often an area was erased, both counted together.
+    pub fn erases(&self) -> u32 {
+        self.store.erases()
+    }
+
     /// The value of a record.
     pub fn get(&self, key: Key) -> Option<&[u8]> {
+        match self.found {
+            Found::Damage => None,
+            Found::Nothing | Found::Table => self.find(key),
+        }
+    }
+
+    /// The value of a record of the table that was read.
+    fn find(&self, key: Key) -> Option<&[u8]> {
         let (_, value) = records(self.table()).find(|(found, _)| *found == key)?;
         Some(value)
+    }
+
+    /// Whether a record is kept already, so that keeping it costs nothing.
+    pub fn is_kept(&self, key: Key, value: &[u8]) -> bool {
+        let is_settled = match self.found {
+            Found::Nothing => true,
+            Found::Table => self.is_twice && self.is_entered,
+            Found::Damage => false,
+        };
+        is_settled && self.get(key).unwrap_or_default() == value
     }
 
     /// Keeps a record, in place of the one under the same key. When this returns, it is in the flash. An empty value is no record.
@@ -171,8 +283,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if self.found == Found::Damage {
             return Err(PutError::Damaged);
         }
-        let is_settled = self.is_twice || self.found == Found::Nothing;
-        if self.get(key).unwrap_or_default() == value && is_settled {
+        if self.is_kept(key, value) {
             return Ok(());
         }
         let taken = match self.get(key) {
@@ -187,14 +298,18 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if self.len - taken + needed > capacity {
             return Err(PutError::Full { capacity });
         }
-        // At first one without records, so that it is known what was before where the writing of the next is cut.
+        // Before anything else is in the flash, the journal says that what comes is the first.
+        if self.found == Found::Nothing && !self.begin_journal() {
+            return Err(PutError::Flash);
+        }
+        // Then a table without records, so that it is known what was before where the writing of the next is cut.
         if self.store.running_slot().is_none() && !planted!(RecordsUnformatted) {
             self.write().ok_or(PutError::Flash)?;
         }
         self.remove(key);
         self.append(key, value);
         self.is_twice = self.write_twice();
-        if self.is_twice {
+        if self.is_twice && self.enter() {
             self.found = Found::Table;
             return Ok(());
         }
@@ -208,10 +323,101 @@ impl<'m, F: NorFlash> Records<'m, F> {
             self.found = Found::Damage;
         }
         // What the flash did not take at once, it may have taken now.
-        if self.is_twice && self.get(key).unwrap_or_default() == value {
+        if self.found == Found::Table && self.is_kept(key, value) {
             return Ok(());
         }
         Err(PutError::Flash)
+    }
+
+    /// Writes the records anew where there is damage: this key, and an emergency stop that is latched; nothing else is known. The owner of the key that is
+    /// [remembered](Records::remembered_key) has asked for it.
+    ///
+    /// # Errors
+    /// Why that is not done. Unless the flash has taken it all the same, there is still damage.
+    pub fn renew(&mut self, key: &[u8]) -> Result<(), PutError> {
+        if self.found != Found::Damage {
+            return self.put(Key::OWNER, key);
+        }
+        if key.len() > MAX_VALUE_BYTES {
+            return Err(PutError::TooLong);
+        }
+        self.len = 0;
+        self.append(Key::OWNER, key);
+        if !planted!(RenewedWithoutStop) {
+            self.append(Key::EMERGENCY_STOP, &[1]);
+        }
+        // What is there does not count, and what comes is newer than all that was acknowledged.
+        self.store.stay_beyond(self.journal.floor());
+        let room = &mut [];
+        self.store.choose(room, |_| false);
+        self.is_twice = self.write_twice();
+        if self.is_twice && self.enter() {
+            self.found = Found::Table;
+            self.is_old = false;
+            return Ok(());
+        }
+        self.load();
+        if self.found == Found::Nothing {
+            self.found = Found::Damage;
+        }
+        match self.found {
+            Found::Table if self.is_kept(Key::OWNER, key) => Ok(()),
+            _ => Err(PutError::Flash),
+        }
+    }
+
+    /// Reads the key record that was kept last into the beginning of `room`, where there is [damage](Found::Damage); as
+    /// [`KeySafe::remembered_key`](crate::link::key_safe::KeySafe::remembered_key) does. 0 is for a robot that had none for certain.
+    ///
+    /// # Errors
+    /// [`NotKept`]: it is not known, or has no room.
+    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        let key = self.remembered().ok_or(NotKept)?;
+        let record = key.record().ok_or(NotKept)?;
+        room.get_mut(..record.len())
+            .ok_or(NotKept)?
+            .copy_from_slice(record);
+        Ok(record.len())
+    }
+
+    fn remembered(&mut self) -> Option<KeyCopy> {
+        // Not that of a table, which may be an old one: it may have been that of an earlier owner.
+        self.journal.key(&mut self.store.flash)
+    }
+
+    /// Lets the journal say that what comes is the first table of all.
+    fn begin_journal(&mut self) -> bool {
+        self.journal.says(None, &KeyCopy::NONE)
+            || planted!(JournalBegunLate)
+            || (self.journal).append(&mut self.store.flash, None, KeyCopy::NONE)
+    }
+
+    /// The key of the table, for the journal.
+    fn key(&self) -> KeyCopy {
+        KeyCopy::new(self.find(Key::OWNER).unwrap_or_default())
+    }
+
+    /// The lesser of the sequence numbers of both areas.
+    fn least_seq(&mut self) -> Option<u32> {
+        let [a, b] = [Slot::A, Slot::B].map(|slot| self.store.seq(slot));
+        let (a, b) = (a?, b?);
+        Some(if is_newer(a, b) { b } else { a })
+    }
+
+    /// Lets the journal know of the table that both areas have now.
+    fn enter(&mut self) -> bool {
+        self.is_entered = false;
+        let Some(floor) = self.least_seq() else {
+            return false;
+        };
+        let (floor, key) = (Some(floor), self.key());
+        // The table before the first record may be there by words that were cut, in both areas: should it go again, nothing was lost.
+        let is_before_first = self.len == 0 && self.journal.floor().is_none();
+        self.is_entered = planted!(JournalForgotten)
+            || is_before_first && !planted!(JournalEager)
+            || self.journal.says(floor, &key)
+            || self.journal.append(&mut self.store.flash, floor, key);
+        self.is_entered
     }
 
     /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
@@ -302,8 +508,20 @@ impl<'m, F: NorFlash> Records<'m, F> {
         Some(())
     }
 
-    /// Reads the table that counts, and sees to it that both areas have it. Where its writing was cut it is confirmed before, for it might read well today and not tomorrow.
+    /// Reads the table that counts, holds it against the journal, and sees to it that both areas have it, and the journal knows of it.
     fn load(&mut self) {
+        self.journal.scan(&mut self.store.flash);
+        self.is_entered = false;
+        self.is_old = false;
+        self.load_table();
+        if self.found == Found::Table && self.is_twice {
+            // What an entry that was cut said is said once more.
+            self.enter();
+        }
+    }
+
+    /// Reads the table that counts, and sees to it that both areas have it. Where its writing was cut it is confirmed before, for it might read well today and not tomorrow.
+    fn load_table(&mut self) {
         // What reads badly is looked at twice. And a table that was never confirmed, and cannot be now, gives way to the other.
         for look in 0..LOOKS {
             self.len = 0;
@@ -314,14 +532,22 @@ impl<'m, F: NorFlash> Records<'m, F> {
                 if look < LOOKS - 1 {
                     continue;
                 }
-                let signs = self.signs_of_table(Slot::A) + self.signs_of_table(Slot::B);
-                let is_taken_for_new =
-                    planted!(EmptyTakenForNew) && slots.contains(&SlotState::Empty);
-                if signs < CERTAIN || is_taken_for_new {
+                if self.is_new(slots) {
                     self.found = Found::Nothing;
                 }
                 return;
             };
+            let len = chosen.len as usize;
+            let bytes = self.room.get(..len).unwrap_or_default();
+            let table_len = if *bytes == NO_RECORDS { 0 } else { len };
+            // Before the first table there is an entry. So one without is no beginning.
+            let is_proven = self.journal.has_entry() || planted!(JournalMissing);
+            let is_old = !is_proven
+                || (self.journal.floor()).is_some_and(|floor| is_newer(floor, chosen.seq));
+            if is_old && !planted!(RolledBack) {
+                self.is_old = look == LOOKS - 1;
+                continue;
+            }
             let other = chosen.slot.other();
             let state = other.of(slots);
             let [header, of_other] = [chosen.slot, other].map(|slot| self.store.head(slot));
@@ -349,9 +575,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
             if is_newer_damaged && !planted!(DamageGivesWay) {
                 return;
             }
-            let len = chosen.len as usize;
-            let bytes = self.room.get(..len).unwrap_or_default();
-            self.len = if *bytes == NO_RECORDS { 0 } else { len };
+            self.len = table_len;
             self.found = Found::Table;
             if self.is_twice && !chosen.on_trial {
                 return;
@@ -365,32 +589,22 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
     }
 
-    /// Whether an area without a table that counts had one: [`CERTAIN`] if it had, half of that if it cannot be read.
-    fn signs_of_table(&mut self, slot: Slot) -> u8 {
-        let head = self.store.head(slot);
-        match head.header {
-            // With a table that has no records nothing is lost: the first one of all may have been cut.
-            Ok(header) if head.is_sealed && header.len as usize > NO_RECORDS.len() => CERTAIN,
-            Ok(_) => 0,
-            Err(SlotState::OtherFormat | SlotState::TooLong) => CERTAIN,
-            // No cut of a first table leaves these words without the header, and no chip comes with both.
-            Err(_) => {
-                let words = [HEADED_AT, SEALED_AT].map(|at| self.store.read(slot, at));
-                match words {
-                    [Some(HEADED), Some(SEALED)] => CERTAIN,
-                    [Some(_), Some(_)] => 0,
-                    _ => CERTAIN / 2,
-                }
-            }
+    /// Whether a flash without a table never had one: it is blank, or the journal says that the first of all was about to be written.
+    fn is_new(&mut self, slots: [SlotState; 2]) -> bool {
+        let is_taken_for_new = planted!(JournalUnread)
+            || (planted!(EmptyTakenForNew) && slots.contains(&SlotState::Empty));
+        if is_taken_for_new {
+            return true;
         }
+        !self.journal.is_marked()
+            && (self.journal.has_entry()
+                || planted!(AnythingTakenForNew)
+                || self.store.zeros() <= WORN_BITS)
     }
 }
 
 /// How often areas are looked at that do not both have a table.
 const LOOKS: usize = 3;
-
-/// As many signs of a table leave no doubt.
-const CERTAIN: u8 = 2;
 
 /// The table without records.
 const NO_RECORDS: [u8; 1] = [0];

@@ -16,13 +16,15 @@ use std::vec::Vec;
 use super::layout::{BLOCK_BYTES, HEAD_BYTES, Layout};
 use super::nor::{Chip, Cut, Flicker, Geometry, Kind, Nor, Rewrite, Tear};
 use super::records::{Found, Key, MAX_VALUE_BYTES, PutError, Records};
-use super::{Slot, Store};
+use super::{Slot, Store, journal};
 
 type Broken = String;
 
 const WRITE: usize = 8;
 const ERASE: usize = 1024;
 const AREA_BYTES: usize = 2 * ERASE;
+/// Two areas, and the journal behind them.
+const FLASH_BYTES: usize = 2 * AREA_BYTES + journal::bytes(ERASE as u32) as usize;
 /// Room for the table.
 const ROOM: usize = 128;
 
@@ -111,7 +113,7 @@ impl World {
             rewrite,
         };
         World {
-            nor: Nor::new(geometry, 2 * AREA_BYTES),
+            nor: Nor::new(geometry, FLASH_BYTES),
             allowed: Allowed::new(),
             has_kept: false,
         }
@@ -286,15 +288,6 @@ pub(super) fn laws(tears: usize, one_in: usize) -> Result<(), Broken> {
     let mut worlds = 0;
     for rewrite in [Rewrite::Refuse, Rewrite::Merge] {
         for history in HISTORIES {
-            // What a chip comes with may be anything.
-            for byte in [0, 0x5A, 0x69, 0x96, 0xC3] {
-                let mut world = World::new(rewrite);
-                world.nor.fill(byte);
-                world
-                    .run(history, None)
-                    .and_then(|_| world.ends_well())
-                    .map_err(|broken| format!("{broken}\n  on a flash of {byte:#x}"))?;
-            }
             let (mut seen, mut seen_again) = (HashSet::new(), HashSet::new());
             let mut sessions = HashSet::new();
             let never = &mut |_, _| false;
@@ -324,6 +317,32 @@ pub(super) fn laws(tears: usize, one_in: usize) -> Result<(), Broken> {
                     world.ends_well()
                 },
             )?;
+        }
+    }
+    Ok(())
+}
+
+/// Of one history, with this operation cut in each way, and each of what follows.
+pub(super) fn cut_twice(history: usize, at: usize) -> Result<(), Broken> {
+    let start = World::new(Rewrite::Refuse);
+    let steps = HISTORIES.get(history).copied().unwrap_or_default();
+    let log = {
+        let mut whole = start.clone();
+        whole.run(steps, None)?;
+        whole.nor.log
+    };
+    for tear in TEARS.iter().take(4) {
+        let mut world = start.clone();
+        let cut = Cut {
+            at,
+            kind: log[at],
+            tear: *tear,
+            is_loss: true,
+        };
+        world.run(steps, Some(cut))?;
+        for recovery in RECOVERIES {
+            let mut go_on = |mut world: World| world.ends_well();
+            cut_each(&world, recovery, 3, &mut |_, _| false, &mut go_on)?;
         }
     }
     Ok(())
@@ -422,10 +441,10 @@ fn is_not_lost(world: &World, is_at_rest: bool) -> Result<(), Broken> {
             .is_ok_and(|mut store| store.head(slot).confirmed_rank().is_some())
     });
     let used = HEAD_BYTES as usize + 3 * BLOCK_BYTES;
-    for at in (0..2 * AREA_BYTES).filter(|at| at % AREA_BYTES < used) {
+    for at in (0..FLASH_BYTES).filter(|at| *at >= 2 * AREA_BYTES || at % AREA_BYTES < used) {
         let is_blank = world.nor.byte(at) == 0xFF;
-        let is_acknowledged =
-            at % AREA_BYTES >= HEAD_BYTES as usize && is_confirmed[at / AREA_BYTES];
+        let is_of_table = at < 2 * AREA_BYTES && at % AREA_BYTES >= HEAD_BYTES as usize;
+        let is_acknowledged = is_of_table && is_confirmed[at / AREA_BYTES];
         // One bit of a byte, not always the same.
         let bit = (at % 8) as u8;
         if at % (if is_blank { 8 } else { 1 } * stride) != 0 {

@@ -13,7 +13,7 @@ use rt_firmware::link::access::{
 use rt_firmware::link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode, parse, unpack,
 };
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
 use rt_firmware::link::message::{
     Channel, FromDevice, Identity, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response,
     Status, Stream, Swap, ToDevice,
@@ -163,11 +163,19 @@ impl LinkPort for Wire<'_> {
 
 impl KeySafe for Wire<'_> {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        self.keep.records().read_of_key(record, room)
+        self.keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.keep.records().write_of_key(record, bytes)
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+        self.keep.write_of_key(record, bytes)
+    }
+
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        self.keep.remembered_key(room)
+    }
+
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        self.keep.renew(key)
     }
 }
 

@@ -25,7 +25,8 @@ use rt_firmware::link::news::{Cause, News};
 use rt_firmware::link::proof::{Secret, mask};
 use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
 use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{Kept, Source};
+use rt_firmware::store::keep::{FlashHealth, Kept, Source};
+use rt_firmware::store::records::{RecordsState, WayIn};
 use rt_firmware::supervision::Silent;
 use serde::Serialize;
 
@@ -347,8 +348,14 @@ fn write_frames(text: &mut String) {
         record_dropped: 300,
         record_pending: true,
         stop_pressed: true,
+        flash: Some(FlashHealth {
+            records: RecordsState::Older(WayIn::NoKey),
+            flaws: 300,
+            mission_erases: 70_000,
+            record_erases: 5,
+        }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 59] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 60] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -592,6 +599,7 @@ fn write_frames(text: &mut String) {
             Err(LinkError::CounterTooFar { last: 1 << 40 }),
         ),
         ("error deadline too far", Err(LinkError::DeadlineTooFar)),
+        ("error flash budget", Err(LinkError::FlashBudget { s: 120 })),
         ("clock", Ok(Response::Clock { now_us: u64::MAX })),
         (
             "features",

@@ -25,9 +25,13 @@ fn install(robot: &mut Bench<'_, '_, '_>, key: &SigningKey) -> Result<Answer, Li
 }
 
 /// What brings another key to a robot in a session, so that who listens does not learn its secret.
-fn replacement(robot: &Bench<'_, '_, '_>, key: &SigningKey) -> Installation {
+fn replacement(
+    robot: &Bench<'_, '_, '_>,
+    key: &SigningKey,
+    salt: [u8; SALT_BYTES],
+) -> Installation {
     let owner = robot.owner.as_ref().expect("a session");
-    Installation::with(key, SALT, mask(key.secret(&SALT), &owner.session, &SALT))
+    Installation::with(key, salt, mask(key.secret(&salt), &owner.session, &salt))
 }
 
 /// A robot that drives a mission, has `key(1)`, and can be asked for everything.
@@ -137,7 +141,7 @@ fn with_its_key_everything_can_be_done() {
         );
         assert_eq!(challenge(robot).1, 1, "it was upload number 1");
         // Another key, which the first one lets in. Its session ends with that.
-        let other = replacement(robot, &key(2));
+        let other = replacement(robot, &key(2), SALT);
         let request = other.request();
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, request),
@@ -189,7 +193,7 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         // A new key voids what the one before has signed, also where it is said not to be kept.
         robot.send(&blob);
         assert_eq!(sign(robot, &key(1), 2, &blob).0, Ok(Answer::Done));
-        let other = replacement(robot, &key(2));
+        let other = replacement(robot, &key(2), SALT);
         let request = other.request();
         let replaced = ask_signed(robot, &key(1), &NO_UPLOAD, request);
         assert_eq!(replaced, Err(LinkError::NotKept));
@@ -249,7 +253,7 @@ fn without_a_signature_nothing_is_changed() {
         let before = standing(robot);
         let blob = counting(5).blob();
         robot.send(&blob);
-        let other = replacement(robot, &key(2));
+        let other = replacement(robot, &key(2), SALT);
         let requests = [
             Request::Commit(Swap::default()),
             Request::Confirm { mission: 1 },
@@ -844,5 +848,75 @@ fn what_an_owner_is_told_in_a_session_and_what_the_owner_signs_is_limited() {
             request: &request,
         };
         assert_eq!(robot.ask(signed), Err(LinkError::NoChallenge));
+    });
+}
+
+/// A robot whose records are damaged, with what it remembers of its key.
+fn with_damage(remembered: &[u8], test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+    with_robot(|robot| {
+        robot.wire.safe = Some(Safe {
+            damaged: Some(remembered.to_vec()),
+            ..Safe::default()
+        });
+        robot.run_us(100_000);
+        test(robot);
+    });
+}
+
+#[test]
+fn a_robot_with_damaged_records_takes_a_key_of_its_owner_and_nothing_else() {
+    let public = key(1).public().0;
+    let record = [&public[..], &SALT, &key(1).secret(&SALT).0].concat();
+    with_damage(&record, |robot| {
+        assert_eq!(robot.access(), Access::Recovering);
+        // Nobody but the owner.
+        assert_eq!(install(robot, &key(2)), Err(LinkError::NeedsKey));
+        let blob = counting(5).blob();
+        let len = blob.len() as u32;
+        let begin = Request::Begin { len, crc: 0 };
+        assert_eq!(robot.ask(begin), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
+        // And of that one, nothing but a key.
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
+        assert_eq!(robot.ask(begin), Err(LinkError::NotKept));
+        let start = ask_signed(robot, &key(1), &NO_UPLOAD, Request::Start);
+        assert_eq!(start, Err(LinkError::NotKept));
+        let forged = replacement(robot, &key(2), SALT);
+        let forged = ask_signed(robot, &key(2), &NO_UPLOAD, forged.request());
+        assert_eq!(forged, Err(LinkError::WrongSignature));
+        pause(robot);
+        let fresh = [9; SALT_BYTES];
+        let again = replacement(robot, &key(1), fresh);
+        let installed = ask_signed(robot, &key(1), &NO_UPLOAD, again.request());
+        assert_eq!(installed, Ok(Answer::Done));
+        robot.owner = None;
+        assert_eq!(robot.access(), Access::Locked);
+        // From then on all is as with a new key: what was signed for the salt before is of no use.
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
+        assert_eq!(challenge(robot).1, 0);
+        robot.send(&blob);
+        let (old, _) = sign(robot, &key(1), 1, &blob);
+        assert_eq!(old, Err(LinkError::WrongSignature));
+        pause(robot);
+        robot.send(&blob);
+        let signature = key(1).sign(&access::upload(&fresh, &1u64.to_le_bytes(), &blob));
+        let signed = robot.ask(Request::Sign {
+            counter: 1,
+            signature: &signature,
+        });
+        assert_eq!(signed, Ok(Answer::Done));
+    });
+    with_damage(&[], |robot| {
+        assert_eq!(robot.access(), Access::Damaged);
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
+        assert_eq!(install(robot, &key(1)), Ok(Answer::Done));
+        assert_eq!(robot.access(), Access::Locked);
+        assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
+    });
+    // A key that is not whole is none.
+    with_damage(&record[1..], |robot| {
+        assert_eq!(robot.access(), Access::Unreadable);
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
     });
 }

@@ -8,7 +8,7 @@ use esm_tests::owner::Owner;
 use host_tools::keys::SigningKey;
 use rt_firmware::link::access::{Access, NONCE_BYTES, may_be_proven};
 use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile};
+use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
 use rt_firmware::link::message::{
     FromDevice, Identity, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason,
     SlotCounters, Status, Swap, TaskCounters, ToDevice,
@@ -19,7 +19,8 @@ use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::realtime::params::SavedParams;
 use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{self, Kept, Start};
+use rt_firmware::store::keep::{self, FlashHealth, Kept, Start};
+use rt_firmware::store::records::RecordsState;
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
@@ -311,6 +312,17 @@ impl MissionKeeper for Memo {
         }
     }
 
+    fn tick(&mut self, _: u64) {}
+
+    fn flash_health(&mut self) -> FlashHealth {
+        FlashHealth {
+            records: RecordsState::Whole,
+            flaws: 0,
+            mission_erases: 3,
+            record_erases: 5,
+        }
+    }
+
     fn save_params(&mut self, saved: &SavedParams) -> Result<(), LinkError> {
         if self.is_worn {
             return Err(LinkError::FlashRefused);
@@ -346,23 +358,44 @@ pub struct Safe {
     pub doubtful: bool,
     /// Writes so far.
     pub writes: u32,
+    /// Its records are damaged, and it remembers this key, or that there was none.
+    pub damaged: Option<Vec<u8>>,
 }
 
 impl KeySafe for Safe {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        if self.broken {
+        if self.broken || self.damaged.is_some() {
             return Err(NotKept);
         }
         self.kept.read(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        if self.broken {
-            return Err(NotKept);
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+        let key = self.damaged.as_ref().filter(|_| !self.broken);
+        let key = key.ok_or(NotKept)?;
+        room.get_mut(..key.len())
+            .ok_or(NotKept)?
+            .copy_from_slice(key);
+        Ok(key.len())
+    }
+
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        self.damaged.take().ok_or(WriteError::NotKept)?;
+        self.kept = Volatile::default();
+        self.write(KeyRecord::Key, key)
+    }
+
+    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+        if self.broken || self.damaged.is_some() {
+            return Err(WriteError::NotKept);
         }
         self.writes += 1;
         self.kept.write(record, bytes)?;
-        if self.doubtful { Err(NotKept) } else { Ok(()) }
+        if self.doubtful {
+            Err(WriteError::NotKept)
+        } else {
+            Ok(())
+        }
     }
 }
 

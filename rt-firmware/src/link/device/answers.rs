@@ -12,7 +12,7 @@ use crate::link::message::{
     Status, Uploads,
 };
 use crate::mail::{Bytes, Letter};
-use crate::store::keep::Kept;
+use crate::store::keep::{FlashHealth, Kept};
 
 impl Desk<'_, '_> {
     pub(super) fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {
@@ -58,6 +58,7 @@ impl Desk<'_, '_> {
         &self,
         stack_bytes: Option<u32>,
         kept: Option<Kept>,
+        flash: Option<FlashHealth>,
     ) -> Result<Response<'_>, LinkError> {
         let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
         // Latched is latched, also where the real-time side has had no occasion to say so.
@@ -87,6 +88,7 @@ impl Desk<'_, '_> {
             record_pending: !(self.record.is_empty() && self.streams_are_sent),
             saved_params: health.saved_params,
             stop_pressed: self.signs.stop_pressed.load(Ordering::Relaxed),
+            flash,
         }))
     }
 

@@ -201,7 +201,7 @@ impl Desk<'_, '_> {
         }
         let mut by_us = deadline.unwrap_or(NO_DEADLINE);
         // Beside damaged records nothing is kept but a key of the same owner, which begins them anew.
-        if access == Access::Recovering
+        if matches!(access, Access::Recovering | Access::Damaged)
             && needs(request) != Needs::Nothing
             && !matches!(request, Request::Challenge | Request::InstallKey { .. })
         {
@@ -213,7 +213,8 @@ impl Desk<'_, '_> {
                 by_us = by_us.min(until_us);
             }
             None => match (needs(request), access) {
-                (Needs::Nothing, _) | (_, Access::Unsupported | Access::Open) => {}
+                (Needs::Nothing, _) | (_, Access::Unsupported | Access::Open | Access::Damaged) => {
+                }
                 (_, Access::Unreadable) => return Err(LinkError::NotKept),
                 (Needs::Session, _) if is_owner => {}
                 (Needs::Session, _) => return Err(LinkError::NoSession),
@@ -260,7 +261,8 @@ impl Desk<'_, '_> {
             }
             Request::Status => {
                 let kept = port.keeper().map(|keeper| keeper.kept());
-                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
+                let flash = port.keeper().map(|keeper| keeper.flash_health());
+                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept, flash))
             }
             Request::Stop => self.ask(Letter::Stop),
             Request::Start => self.ask(Letter::Start),

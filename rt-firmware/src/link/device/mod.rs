@@ -94,6 +94,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
+        let now_us = port.now_us();
+        if let Some(keeper) = port.keeper() {
+            keeper.tick(now_us);
+        }
         loop {
             self.desk.signs.link.store(true, Ordering::Relaxed);
             self.desk.take_freed(port);

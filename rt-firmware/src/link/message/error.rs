@@ -148,4 +148,9 @@ pub enum LinkError {
     },
     /// The [deadline](Request::Within) is further ahead than it may be: ask for the clock.
     DeadlineTooFar,
+    /// The flash was erased too often of late: this is not kept, and nothing has changed.
+    FlashBudget {
+        /// Seconds until it may be asked for again.
+        s: u32,
+    },
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::last_words::ResetReason;
 use crate::link::trial::{FallBack, Trial};
-use crate::store::keep::Kept;
+use crate::store::keep::{FlashHealth, Kept};
 
 #[cfg(doc)]
 use super::Request;
@@ -52,6 +52,8 @@ pub struct Status {
     pub saved_params: u8,
     /// The button of the emergency stop is pressed, so that no [`Request::Release`] is taken; looked at while a stop is latched.
     pub stop_pressed: bool,
+    /// How its flash is; none of a robot that keeps nothing.
+    pub flash: Option<FlashHealth>,
 }
 
 /// What a robot is doing.

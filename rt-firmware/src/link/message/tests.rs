@@ -11,7 +11,8 @@ use crate::link::news::Cause;
 use crate::link::telemetry::MAX_ASK_BYTES;
 use crate::link::trial::{FallBack, FallBackReason, Trial};
 use crate::store::SlotState;
-use crate::store::keep::{Kept, Source};
+use crate::store::keep::{FlashHealth, Kept, Source};
+use crate::store::records::{RecordsState, WayIn};
 use crate::supervision::Silent;
 
 #[test]
@@ -200,6 +201,12 @@ fn the_greatest_messages_fit_into_a_frame() {
         record_dropped: u32::MAX,
         record_pending: true,
         stop_pressed: true,
+        flash: Some(FlashHealth {
+            records: RecordsState::Unreadable(WayIn::Erase),
+            flaws: u16::MAX,
+            mission_erases: u32::MAX,
+            record_erases: u32::MAX,
+        }),
     };
     let signature = [0xa5; SIGNATURE_BYTES];
     let install = Request::InstallKey {

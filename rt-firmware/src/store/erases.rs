@@ -1,0 +1,246 @@
+//! How often a flash is erased for those who ask, held against who asks without an end.
+
+use std::format;
+use std::string::String;
+
+use super::budget::{KEYS, RECORDS, UPLOADS};
+use super::keep::Keep;
+use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep};
+use super::nor::{Chip, Rewrite};
+use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, WriteError};
+use crate::link::message::LinkError;
+use crate::link::trial::MissionKeeper;
+use crate::realtime::params::SavedParams;
+
+type Broken = String;
+type Kept<'a> = Keep<'a, Chip<WRITE, ERASE>>;
+
+const SECOND_US: u64 = 1_000_000;
+const HOUR_US: u64 = 3_600 * SECOND_US;
+/// What a flash of the usual kind lasts.
+const LIFE: u32 = 10_000;
+
+fn saved(number: u32) -> SavedParams {
+    let mut bytes = [0, 0, 0, 1, 7, 0, 0, 0, 0, 0];
+    bytes[6..].copy_from_slice(&number.to_le_bytes());
+    SavedParams::from_bytes(&bytes)
+}
+
+fn chosen(keep: &mut Kept<'_>) {
+    let mut room = [0; BLOB_BYTES as usize];
+    Keep::choose(keep, &mut room, |_| true);
+}
+
+pub(super) fn laws() -> Result<(), Broken> {
+    nobody_wears_it_out()?;
+    a_stop_is_kept_always()?;
+    a_release_is_kept_later()?;
+    ordinary_use_passes()
+}
+
+/// Each of these asks once a second for six hours.
+fn nobody_wears_it_out() -> Result<(), Broken> {
+    const HOURS: u32 = 6;
+    let attacks: [(&str, u32, &dyn Fn(&mut Kept<'_>, u32)); 4] = [
+        (
+            "saves",
+            RECORDS.burst + HOURS * RECORDS.per_hour,
+            &|keep, number| {
+                let _ = keep.save_params(&saved(number));
+            },
+        ),
+        (
+            "stops and releases",
+            RECORDS.burst + HOURS * RECORDS.per_hour,
+            &|keep, number| {
+                let _ = keep.set_emergency_stop(number % 2 == 0);
+            },
+        ),
+        (
+            "keys",
+            KEYS.burst + HOURS * KEYS.per_hour,
+            &|keep, number| {
+                let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
+            },
+        ),
+        (
+            "uploads",
+            UPLOADS.burst + HOURS * UPLOADS.per_hour,
+            &|keep, number| {
+                if keep.trial_begins(&number.to_le_bytes()).is_ok() {
+                    let _ = keep.trial_confirmed(number);
+                }
+            },
+        ),
+    ];
+    for (what, allowed, ask) in attacks {
+        let flash = blank(Rewrite::Refuse);
+        let before = flash.borrow().erases;
+        let health = with_keep(&flash, None, |keep| {
+            chosen(keep);
+            for number in 0..HOURS * 3_600 {
+                keep.tick(u64::from(number) * SECOND_US);
+                ask(keep, number);
+            }
+            keep.flash_health()
+        });
+        let asked = health.record_erases / 2 + health.mission_erases;
+        // One table without records is written before all else, and a stop may be the first.
+        if asked > allowed + 2 || asked + 4 < allowed {
+            return Err(format!("{what}: {asked} were kept, {allowed} are allowed"));
+        }
+        // The counters tell what the chip has seen: areas and slots are two units each, halves of the journal one for each five entries.
+        let seen = flash.borrow().erases - before;
+        let told = 2 * (health.record_erases + health.mission_erases);
+        if told > seen || seen > told + told / 20 + 4 {
+            return Err(format!("{what}: {told} erases are told, {seen} were seen"));
+        }
+        // And the next start knows of them.
+        let again = with_keep(&flash, None, |keep| {
+            chosen(keep);
+            keep.flash_health()
+        });
+        if (again.record_erases, again.mission_erases)
+            != (health.record_erases, health.mission_erases)
+        {
+            return Err(format!("{what}: {health:?}, and after a start {again:?}"));
+        }
+        // A flash lasts weeks of it.
+        let weeks = u64::from(LIFE) * u64::from(HOURS) / u64::from(allowed) / (24 * 7);
+        if weeks < 1 {
+            return Err(format!("{what}: {weeks} weeks"));
+        }
+    }
+    Ok(())
+}
+
+/// Whatever was used up, the flash knows of a stop when it is asked for.
+fn a_stop_is_kept_always() -> Result<(), Broken> {
+    let flash = blank(Rewrite::Refuse);
+    with_keep(&flash, None, |keep| {
+        for number in 0..10 * RECORDS.burst {
+            let _ = keep.save_params(&saved(number));
+        }
+        let refused = keep.save_params(&saved(u32::MAX));
+        if !matches!(refused, Err(LinkError::FlashBudget { s: 1.. })) {
+            return Err(format!("not used up: {refused:?}"));
+        }
+        let set = keep.set_emergency_stop(true);
+        if set != Ok(()) {
+            return Err(format!("{set:?}"));
+        }
+        Ok(())
+    })?;
+    is_stopped(&flash, true)?;
+    // Pressed and released, it is kept at each press.
+    let flash = blank(Rewrite::Refuse);
+    for _ in 0..3 * RECORDS.burst {
+        with_keep(&flash, None, |keep| {
+            for _ in 0..RECORDS.burst {
+                let _ = keep.set_emergency_stop(false);
+                if keep.set_emergency_stop(true) != Ok(()) {
+                    return Err(String::from("a stop was not kept"));
+                }
+            }
+            Ok(())
+        })?;
+        is_stopped(&flash, true)?;
+    }
+    Ok(())
+}
+
+fn is_stopped(flash: &Flash, due: bool) -> Result<(), Broken> {
+    match with_keep(flash, None, |keep| keep.is_emergency_stopped()) {
+        found if found == due => Ok(()),
+        found => Err(format!("after a start: stopped {found}")),
+    }
+}
+
+/// What a release lacks of the allowance it gets with time, unless there is another stop.
+fn a_release_is_kept_later() -> Result<(), Broken> {
+    for stops_again in [false, true] {
+        let flash = blank(Rewrite::Refuse);
+        let used_up = |keep: &mut Kept<'_>| {
+            keep.set_emergency_stop(true).unwrap();
+            for number in 0..10 * RECORDS.burst {
+                let _ = keep.save_params(&saved(number));
+            }
+            keep.set_emergency_stop(false)
+        };
+        let kept = with_keep(&flash, None, used_up);
+        if kept != Err(LinkError::StopNotKept) {
+            return Err(format!("{kept:?}"));
+        }
+        is_stopped(&flash, true)?;
+        with_keep(&flash, None, |keep| {
+            let _ = used_up(keep);
+            if stops_again {
+                let _ = keep.set_emergency_stop(true);
+            }
+            keep.tick(HOUR_US / 60);
+            let early = keep.is_emergency_stopped();
+            keep.tick(HOUR_US);
+            if early {
+                Ok(())
+            } else {
+                Err(String::from("it is kept at once"))
+            }
+        })?;
+        is_stopped(&flash, stops_again)?;
+    }
+    Ok(())
+}
+
+/// Twenty uploads in a row pass, signed or not, with a saved parameter each; and after a refusal the time that was told is enough.
+fn ordinary_use_passes() -> Result<(), Broken> {
+    let flash = blank(Rewrite::Refuse);
+    with_keep(&flash, None, |keep| {
+        chosen(keep);
+        keep.write_of_key(KeyRecord::Key, &[7; KEY_RECORD_BYTES])
+            .unwrap();
+        for number in 0..20_u32 {
+            let counter = u64::from(number) + 1;
+            keep.write_of_key(KeyRecord::Counter, &counter.to_le_bytes())
+                .map_err(|error| format!("{error:?}"))?;
+            keep.trial_begins(&number.to_le_bytes())
+                .and_then(|()| keep.trial_confirmed(number))
+                .and_then(|()| keep.save_params(&saved(number)))
+                .map_err(|error| format!("upload {number}: {error:?}"))?;
+        }
+        let mut now_us = 0;
+        for number in 0..3_u8 {
+            let refused = (0..=KEYS.burst as u8).find_map(|other| {
+                let key = [0x80 | (KEYS.burst as u8 + 1) * number + other; KEY_RECORD_BYTES];
+                keep.write_of_key(KeyRecord::Key, &key).err()
+            });
+            let Some(WriteError::Budget { s }) = refused else {
+                return Err(format!("{refused:?}"));
+            };
+            now_us += u64::from(s) * SECOND_US;
+            keep.tick(now_us);
+            keep.write_of_key(KeyRecord::Key, &[0x40 | number; KEY_RECORD_BYTES])
+                .map_err(|error| format!("after {s} s: {error:?}"))?;
+        }
+        Ok(())
+    })
+}
+
+#[test]
+fn who_asks_without_an_end_does_not_wear_the_flash_out() {
+    nobody_wears_it_out().unwrap();
+}
+
+#[test]
+fn an_emergency_stop_is_kept_whatever_was_used_up() {
+    a_stop_is_kept_always().unwrap();
+}
+
+#[test]
+fn a_release_that_was_put_off_is_kept_later() {
+    a_release_is_kept_later().unwrap();
+}
+
+#[test]
+fn ordinary_use_is_not_hindered() {
+    ordinary_use_passes().unwrap();
+}
