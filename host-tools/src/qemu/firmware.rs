@@ -1,6 +1,5 @@
 //! Where an emulated board's firmware is found, and how it comes to be there.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,6 +8,8 @@ use std::time::SystemTime;
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Architecture, Endianness, Object};
 use thiserror::Error;
+
+use crate::files::{self, MAX_FIRMWARE_BYTES};
 
 /// The board that runs in the emulator.
 pub const BOARD: &str = "lm3s6965";
@@ -146,7 +147,8 @@ pub fn find(
 /// [`FirmwareError`]: what is wrong with the file.
 pub fn check(path: &Path) -> Result<(), FirmwareError> {
     let at = || path.to_owned();
-    let bytes = fs::read(path).map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
+    let bytes = files::read(path, MAX_FIRMWARE_BYTES)
+        .map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
     let elf = ElfFile32::<Endianness>::parse(bytes.as_slice());
     let elf = elf.map_err(|cause| FirmwareError::NotElf { path: at(), cause })?;
     if elf.architecture() != Architecture::Arm || !elf.is_little_endian() {
