@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::fs::{self, File};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
@@ -149,11 +150,15 @@ fn a_file_that_is_too_long_is_told_with_its_limit() {
     let folder = tempfile::tempdir().unwrap();
     let long = folder.path().join("long.esm");
     // With holes: it takes no room.
-    File::create(&long).unwrap().set_len(64 << 30).unwrap();
+    let file = File::create(&long).unwrap();
+    file.set_len(64 << 30).unwrap();
+    // A key that others may read is told as such.
+    file.set_permissions(fs::Permissions::from_mode(0o600))
+        .unwrap();
     let told = [
         "longer than",
         "at most",
-        "holds no key",
+        "is no key",
         "is no flash",
         NO_SCENARIO,
     ];

@@ -5,7 +5,7 @@
 
 use std::fs::{self, DirBuilder, File, Permissions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -23,7 +23,7 @@ use host_tools::serial::{self, ByteLink, OpenError};
 use host_tools::world::World;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use rt_firmware::link::frame::{DELIMITER, decode};
+use rt_firmware::link::frame::{self, DELIMITER, MAX_FRAME_BYTES, decode};
 use rt_firmware::link::message::{Request, ToDevice};
 use tempfile::TempDir;
 
@@ -633,6 +633,101 @@ fn ctrl_c_ends_each_command_whatever_comes_on_its_line() {
     println!("{longest:?} at the longest");
 }
 
+/// The emulated robot of `esm board`, killed in the end.
+struct Board {
+    held: Held,
+    port: String,
+}
+
+impl Board {
+    fn start(folder: &Path) -> Self {
+        let out = folder.join("out");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+        command
+            .args(["board", "--board", "host"])
+            .stdin(Stdio::null())
+            .stdout(File::create(&out).unwrap())
+            .stderr(Stdio::null());
+        let held = Held {
+            child: Some(spawn(&mut command)),
+            _screen: None,
+        };
+        let begun = Instant::now();
+        let port = loop {
+            let said = fs::read_to_string(&out).unwrap();
+            let rest = said.strip_prefix("the robot is at ");
+            if let Some((port, _)) = rest.and_then(|rest| rest.split_once(';')) {
+                break port.to_owned();
+            }
+            assert!(begun.elapsed() < PATIENCE, "it says no port: {said}");
+            sleep(LOOK_INTERVAL);
+        };
+        Board { held, port }
+    }
+}
+
+/// How long a client sends requests whose answers it does not read.
+const FLOOD_TIME: Duration = Duration::from_secs(2);
+
+/// Bytes that are to have come through meanwhile: more than all buffers on the way hold.
+const FLOOD_BYTES: usize = 1 << 20;
+
+/// Sends requests as fast as they are taken, and reads nothing. Answers how many bytes were taken, and the open line.
+fn flood(port: &str) -> (usize, File) {
+    let flags = rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY;
+    let mut options = File::options();
+    options.read(true).write(true);
+    let mut line = options
+        .custom_flags(flags.bits() as i32)
+        .open(port)
+        .unwrap();
+    let mut requests = Vec::new();
+    for seq in 0..=u8::MAX {
+        let mut wire = [0; MAX_FRAME_BYTES];
+        let request = Request::Hello;
+        let length = frame::encode(&ToDevice { seq, request }, &mut wire).unwrap();
+        requests.extend_from_slice(&wire[..length]);
+    }
+    let begun = Instant::now();
+    let mut sent = 0;
+    while begun.elapsed() < FLOOD_TIME {
+        match line.write(&requests[sent % requests.len()..]) {
+            Ok(count) => sent += count,
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => sleep(LOOK_INTERVAL / 10),
+            Err(error) => panic!("{error}"),
+        }
+    }
+    (sent, line)
+}
+
+#[test]
+fn a_client_that_asks_and_never_reads_stops_no_board() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Board::start(folder.path());
+    let (sent, line) = flood(&board.port);
+    println!("{sent} bytes of requests");
+    assert!(sent > FLOOD_BYTES, "it took {sent} bytes, and no more");
+    drop(line);
+    // Another client finds the robot, once the answers that were on their way are over.
+    let mut status = Command::new(env!("CARGO_BIN_EXE_esm"));
+    status.args(["status", "--port", &board.port]);
+    status.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let begun = Instant::now();
+    loop {
+        let said = Said::of(spawn(&mut status).wait_with_output().unwrap());
+        if said.status == Some(0) {
+            break;
+        }
+        assert!(begun.elapsed() < PATIENCE, "{said:#?}");
+    }
+    let _flooded = flood(&board.port);
+    board.held.signal(Signal::SIGINT);
+    let (said, took) = board.held.ended("the board");
+    println!("ended after {took:?}");
+    assert_eq!(said.status, Some(0), "{said:#?}");
+    assert!(took < LAST_SECONDS, "{took:?}");
+}
+
 /// Every command with a port.
 const AT_A_PORT: [&str; 22] = [
     "log",
@@ -677,6 +772,7 @@ fn ctrl_c_ends_each_command_at_a_line_without_a_robot() {
             held.signal(Signal::SIGINT);
             let (said, took) = held.ended(&what);
             assert!(took < LAST_SECONDS, "{what}: {took:?} {said:#?}");
+            println!("{what}: {took:?}");
             longest = longest.max(took);
         }
     }

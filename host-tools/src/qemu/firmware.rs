@@ -106,12 +106,13 @@ pub fn find(
     tell: impl FnOnce(&str),
 ) -> Result<PathBuf, FirmwareError> {
     if let Some(path) = named {
-        return if path.is_file() {
-            Ok(path.to_owned())
-        } else {
-            Err(FirmwareError::Missing {
-                path: path.to_owned(),
-            })
+        let path = path.to_owned();
+        return match files::require(&path) {
+            Ok(()) => Ok(path),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(FirmwareError::Missing { path })
+            }
+            Err(cause) => Err(FirmwareError::Unreadable { path, cause }),
         };
     }
     let checkout = checkout_around(from).ok_or(FirmwareError::NoCheckout)?;

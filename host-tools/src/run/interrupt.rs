@@ -9,7 +9,7 @@ const LOOK_TIME: Duration = Duration::from_millis(20);
 
 /// How long a command may still talk to a robot after Ctrl-C: to end its streams, to take back what
 /// it began. All that it waits for ends with this, so that the command ends within a second, whatever comes on its line.
-const FAREWELL: Duration = Duration::from_millis(700);
+const FAREWELL: Duration = Duration::from_millis(600);
 
 /// When it was requested.
 static REQUESTED: OnceLock<Instant> = OnceLock::new();
