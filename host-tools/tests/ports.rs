@@ -355,7 +355,7 @@ const HOLDERS: [Holder; 5] = [
         request: "Chunk",
         has_screen: false,
         goes_on: false,
-        says: "`esm stop` has taken the port over",
+        says: "`esm stop` has taken the port over\nthe robot is stopped by it",
     },
 ];
 
