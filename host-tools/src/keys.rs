@@ -4,7 +4,7 @@
 
 use std::env;
 use std::fmt;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -14,6 +14,8 @@ use rt_firmware::link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BY
 use rt_firmware::link::proof::Secret;
 use thiserror::Error;
 use zeroize::Zeroizing;
+
+use crate::files;
 
 /// What the line of a key's file begins with.
 const MARK: &str = "esm-key-1 ";
@@ -184,7 +186,7 @@ impl SigningKey {
                 cause,
             },
         };
-        let mut file = File::open(path).map_err(cannot)?;
+        let mut file = files::open(path).map_err(cannot)?;
         let about = file.metadata().map_err(cannot)?;
         let not_a_key = || KeyError::NotAKey { path: path.into() };
         if !about.is_file() {

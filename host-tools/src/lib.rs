@@ -7,6 +7,7 @@ pub mod cli;
 pub mod compile;
 pub mod counters;
 pub mod diagram;
+pub mod files;
 pub mod fit;
 pub mod host_board;
 pub mod inspect;

@@ -9,6 +9,7 @@ use anyhow::Context;
 use super::console::counted;
 use super::difference;
 use super::exit::CommandError;
+use crate::files;
 
 /// How much is read of an expected line that is longer than the one that came.
 const KEPT_BYTES: u64 = 64 << 10;
@@ -92,11 +93,13 @@ impl Expected<BufReader<File>> {
     /// # Errors
     /// If it cannot be read: then the input has an error.
     pub fn open(path: &Path) -> Result<Self, CommandError> {
-        let opened = File::open(path).map(BufReader::new).and_then(|mut source| {
-            // A folder can be opened, and says so when it is read.
-            source.fill_buf()?;
-            Ok(source)
-        });
+        let opened = files::open(path)
+            .map(BufReader::new)
+            .and_then(|mut source| {
+                // A folder can be opened, and says so when it is read.
+                source.fill_buf()?;
+                Ok(source)
+            });
         opened
             .map(Self::of)
             .with_context(|| unread(path))

@@ -7,44 +7,25 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 
 use super::exit::CommandError;
+use crate::files;
 use crate::recording::file::MARK;
-
-/// Reads a whole input file.
-///
-/// # Errors
-/// If it cannot be read: then the input has an error.
-pub fn read(path: &Path, what: &str) -> Result<Vec<u8>, CommandError> {
-    fs::read(path)
-        .with_context(|| format!("cannot read the {what} {}", path.display()))
-        .map_err(CommandError::Input)
-}
 
 /// Reads a whole input file that is no longer than `most_bytes`.
 ///
 /// # Errors
-/// If it cannot be read, or is longer: then the input has an error.
-pub fn read_at_most(path: &Path, most_bytes: u64, what: &str) -> Result<Vec<u8>, CommandError> {
-    let mut bytes = Vec::new();
-    File::open(path)
-        // A device or pipe has no length.
-        .and_then(|file| file.take(most_bytes + 1).read_to_end(&mut bytes))
+/// If it cannot be read, is longer, or is no file: then the input has an error.
+pub fn read(path: &Path, most_bytes: u64, what: &str) -> Result<Vec<u8>, CommandError> {
+    files::read(path, most_bytes)
         .with_context(|| format!("cannot read the {what} {}", path.display()))
-        .map_err(CommandError::Input)?;
-    if bytes.len() as u64 > most_bytes {
-        return Err(CommandError::Input(anyhow!(
-            "the {what} {} is longer than {most_bytes} bytes, which is the most that is read",
-            path.display()
-        )));
-    }
-    Ok(bytes)
+        .map_err(CommandError::Input)
 }
 
 /// Reads a whole input file of text.
 ///
 /// # Errors
-/// If it cannot be read or is not UTF-8: then the input has an error.
+/// If it cannot be read, is too long or is not UTF-8: then the input has an error.
 pub fn read_text(path: &Path, what: &str) -> Result<String, CommandError> {
-    let bytes = read(path, what)?;
+    let bytes = read(path, files::MAX_TEXT_BYTES, what)?;
     let refusal = |_| {
         CommandError::Input(anyhow::anyhow!(
             "the {what} {} is no text: it is not UTF-8",

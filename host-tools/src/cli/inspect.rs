@@ -9,6 +9,7 @@ use clap::Args;
 use super::console::Console;
 use super::exit::CommandError;
 use super::{file, stage};
+use crate::files::MAX_BLOB_BYTES;
 use crate::inspect::{self, Report};
 
 /// Shows what is in a blob, read by the code that the firmware uses
@@ -40,7 +41,7 @@ pub struct InspectArgs {
 /// # Errors
 /// If the blob cannot be read or is refused, or if it is to be given back as source and is not the blob of any.
 pub fn execute(args: &InspectArgs, console: &mut Console) -> Result<(), CommandError> {
-    let verified = stage::verified(&args.blob, file::read(&args.blob, "blob")?)?;
+    let verified = stage::verified(&args.blob, file::read(&args.blob, MAX_BLOB_BYTES, "blob")?)?;
     if args.esm {
         let source = inspect::source(&verified).map_err(|cause| {
             let path = args.blob.display();

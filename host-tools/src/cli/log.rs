@@ -2,7 +2,8 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use rt_firmware::features::Feature;
@@ -13,7 +14,7 @@ use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::recorder::Recorder;
-use super::robot::{Robot, RobotArgs};
+use super::robot::{Robot, RobotArgs, is_taken_over};
 use super::{file, stage};
 use crate::host_board;
 use crate::keys;
@@ -27,9 +28,16 @@ use crate::run::story;
 /// How long a wait for the next line may last before Ctrl-C is looked for.
 const LISTEN_TIME: Duration = Duration::from_millis(100);
 
+/// How often that long is waited before a port that `esm stop` has is tried again.
+const PAUSES_A_TRY: u32 = 5;
+
+/// How long `esm stop` may have the port before the log is given up: longer than it waits for any answer.
+const RETURN_WAIT: Duration = Duration::from_secs(40);
+
 /// Shows what the firmware logs, decoded, as it comes
 ///
-/// Runs until Ctrl-C. Lines that the robot could not keep are counted and said. Where a line begins with a time, it is in seconds of
+/// Runs until Ctrl-C. Lines that the robot could not keep are counted and said. `esm stop` from elsewhere takes the port over for the time that it needs, which
+/// is said; the log goes on after it, a recording ends with it. Where a line begins with a time, it is in seconds of
 /// the board's clock, since it was switched on.
 ///
 /// With --record, what enters the robot's interpreter is kept as it comes, for `esm replay`: from now on, with all that the machine is now. What the line loses is a gap,
@@ -84,24 +92,40 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
             None
         }
     };
-    if let Some(period) = args.news {
-        robot.watch(Some(Duration::from_micros(period.us)))?;
-    }
+    watch(args, &mut robot)?;
     let mut listener = Listener {
         robot,
         log,
         recording,
     };
-    // What is asked of the robot meanwhile need not come to its end.
-    listener
-        .robot
-        .stop_when(Some(Box::new(move || interrupt.is_requested())));
-    let ended = match listener.listen(interrupt, console) {
-        Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
-        ended => ended,
-    };
-    listener.robot.stop_when(None);
-    listener.finish(ended, console)
+    loop {
+        // What is asked of the robot meanwhile need not come to its end.
+        listener
+            .robot
+            .stop_when(Some(Box::new(move || interrupt.is_requested())));
+        let ended = match listener.listen(interrupt, console) {
+            Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
+            ended => ended,
+        };
+        listener.robot.stop_when(None);
+        match ended {
+            Err(error) if listener.recording.is_none() && is_taken_over(&error) => {
+                match listener.begin_again(args, wanted, interrupt, console)? {
+                    Some(again) => listener = again,
+                    None => return Ok(()),
+                }
+            }
+            ended => return listener.finish(ended, console),
+        }
+    }
+}
+
+/// Asks for news, if they are wanted.
+fn watch(args: &LogArgs, robot: &mut Robot) -> Result<(), CommandError> {
+    if let Some(period) = args.news {
+        robot.watch(Some(Duration::from_micros(period.us)))?;
+    }
+    Ok(())
 }
 
 /// What is wanted beside a recording: the log. A robot that keeps none can be listened to all the same, if there is something else to hear.
@@ -161,6 +185,50 @@ impl Listener {
             }
         }
         Ok(())
+    }
+
+    /// Waits until `esm stop` has done what it has taken the line for, and goes on. `None` after Ctrl-C. A recording
+    /// ends instead: it is whole up to there.
+    fn begin_again(
+        self,
+        args: &LogArgs,
+        wanted: Streams,
+        interrupt: Interrupt,
+        console: &mut Console,
+    ) -> Result<Option<Self>, CommandError> {
+        let Listener { robot, mut log, .. } = self;
+        // The port is closed before it is opened again.
+        drop(robot);
+        console.note("`esm stop` has taken the port over; the log goes on when it is done");
+        let begun = Instant::now();
+        loop {
+            // A socket is free at once, and the stop not over.
+            for _ in 0..PAUSES_A_TRY {
+                thread::sleep(LISTEN_TIME);
+                if interrupt.is_requested() {
+                    return Ok(None);
+                }
+            }
+            let connected = args.robot.connect_quietly().and_then(|(mut robot, _)| {
+                robot.subscribe(wanted)?;
+                watch(args, &mut robot)?;
+                Ok(robot)
+            });
+            match connected {
+                Ok(robot) => {
+                    log.gap();
+                    console.note("the log goes on; what the robot said meanwhile did not come");
+                    return Ok(Some(Listener {
+                        robot,
+                        log,
+                        recording: None,
+                    }));
+                }
+                Err(_) if interrupt.is_requested() => return Ok(None),
+                Err(CommandError::World(_)) if begun.elapsed() < RETURN_WAIT => {}
+                Err(error) => return Err(error),
+            }
+        }
     }
 
     fn hear(&mut self, event: &StreamEvent, console: &mut Console) -> Result<(), CommandError> {

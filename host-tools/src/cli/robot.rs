@@ -14,10 +14,11 @@ use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
 use crate::reading::ReadError;
+use crate::run::interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
 use crate::serial::noise::{Noise, Noisy};
-use crate::serial::{self, ByteLink};
+use crate::serial::{self, ByteLink, OpenError, Opened};
 
 /// Where a robot is.
 #[derive(Clone, Debug, Args)]
@@ -88,12 +89,13 @@ impl RobotArgs {
         Ok((robot, info))
     }
 
-    /// Opens the line and lets a stop be the first that the robot hears, whatever else is the matter with it.
+    /// Opens the line, which is taken over from whoever has it, and lets a stop be the first that the robot hears, whatever else is the matter with it.
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_to_stop(&self, is_emergency: bool) -> Result<Robot, CommandError> {
-        let link = open_line(&self.port, self.line)?;
+        let opened = serial::open_to_stop(&self.port, self.line.baud);
+        let link = told(opened, self.line)?;
         let (mut robot, info) = LinkClient::connect_to_stop(link, is_emergency)?;
         warn(info.access);
         robot.use_key(key_at(self.key.as_deref()));
@@ -138,14 +140,29 @@ pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), Comman
 }
 
 fn open(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
-    Ok(LinkClient::connect(open_line(port, line)?)?)
+    let line = told(serial::open_served(port, line.baud), line)?;
+    Ok(LinkClient::connect_until(
+        line,
+        Some(Box::new(interrupt::is_overdue)),
+    )?)
 }
 
-fn open_line(port: &Port, line: LineArgs) -> Result<Box<dyn ByteLink>, CommandError> {
-    let link = serial::open(port, line.baud).map_err(|error| CommandError::World(error.into()))?;
+/// A line that was opened, and a word where a stop cannot take it over.
+fn told(
+    opened: Result<Opened, OpenError>,
+    line: LineArgs,
+) -> Result<Box<dyn ByteLink>, CommandError> {
+    let opened = opened.map_err(|error| CommandError::World(error.into()))?;
+    if let Some(why) = opened.not_served {
+        // There is no better place to tell that standard error is closed.
+        let _ = writeln!(
+            io::stderr(),
+            "`esm stop` cannot take the port over from this command: {why}"
+        );
+    }
     Ok(match line.line_noise {
-        Some(noise) => Box::new(Noisy::new(link, noise, NOISE_SEED)),
-        None => link,
+        Some(noise) => Box::new(Noisy::new(opened.line, noise, NOISE_SEED)),
+        None => opened.line,
     })
 }
 
@@ -197,6 +214,15 @@ pub fn has_lost_robot(error: &CommandError) -> bool {
         told.or_else(|| error.downcast_ref()),
         Some(ClientError::Line(_) | ClientError::NoReply { .. })
     )
+}
+
+/// Whether `esm stop` has taken the line over.
+pub fn is_taken_over(error: &CommandError) -> bool {
+    let CommandError::World(error) = error else {
+        return false;
+    };
+    let line = error.downcast_ref::<ClientError>();
+    matches!(line, Some(ClientError::Line(line)) if serial::wire::is_taken_over(line))
 }
 
 /// What a robot does, for a person whose command has ended early.

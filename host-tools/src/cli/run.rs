@@ -361,7 +361,7 @@ fn read_entered(path: &Path) -> Result<Entered, CommandError> {
 /// # Errors
 /// If it cannot be read, or is none.
 pub fn read_recording(path: &Path) -> Result<Recording, CommandError> {
-    let bytes = file::read_at_most(path, MAX_FILE_BYTES, "recording")?;
+    let bytes = file::read(path, MAX_FILE_BYTES, "recording")?;
     Recording::read(&bytes)
         .with_context(|| format!("cannot replay {}", path.display()))
         .map_err(CommandError::Input)

@@ -11,6 +11,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience, BLOB_MARK};
 use crate::compile::NameTable;
+use crate::files::MAX_BLOB_BYTES;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::lang::Checked;
@@ -162,7 +163,7 @@ pub struct Staged {
 /// # Errors
 /// If it cannot be read, or has errors.
 pub fn mission(path: &Path, console: &mut Console) -> Result<Staged, CommandError> {
-    let bytes = file::read(path, "mission")?;
+    let bytes = file::read(path, MAX_BLOB_BYTES, "mission")?;
     let (source, verified) = if bytes.starts_with(BLOB_MARK) {
         (None, verified(path, bytes)?)
     } else {

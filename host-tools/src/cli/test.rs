@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use esm_core::Verified;
 use serde::Serialize;
@@ -15,6 +15,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use crate::compile::NameTable;
+use crate::files;
 use crate::lang::Severity;
 use crate::scenario::bind;
 use crate::scenario::suite::{self, Case};
@@ -161,6 +162,11 @@ fn cases(args: &TestArgs) -> Result<Vec<Case>, CommandError> {
         return Err(CommandError::Input(anyhow!(
             "{folder} is neither a folder nor a scenario: name a folder with scenarios in it, or one file that ends in `.scenario`"
         )));
+    }
+    if !args.folder.is_dir() {
+        files::require(&args.folder)
+            .with_context(|| format!("cannot read the scenario {folder}"))
+            .map_err(CommandError::Input)?;
     }
     let mut cases =
         suite::cases(&args.folder).map_err(|error| CommandError::Input(error.into()))?;

@@ -27,6 +27,7 @@ use crate::run::interrupt::Interrupt;
 use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
+use crate::serial::wire::is_taken_over;
 use crate::trial::{self, End, Outcome, Tried};
 
 /// Gives a robot that is on a new mission
@@ -440,6 +441,10 @@ fn ended_by(error: ClientError, mission: &Mission, robot_does: &str) -> CommandE
         ) =>
         {
             error.into()
+        }
+        None if matches!(&error, ClientError::Line(line) if is_taken_over(line)) => {
+            let stopped = "the robot is stopped by it; `esm status` tells what it has";
+            on_the_line(format!("{error}\n{stopped}"), error)
         }
         None => on_the_line(format!("{error}\n{robot_does}"), error),
     }

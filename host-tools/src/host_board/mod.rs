@@ -270,7 +270,7 @@ fn run(
     let mut records = [0; keep::RECORD_BYTES];
     // A flash of another size is none of this board.
     let keep = Keep::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
-    let mut port = Port::new(line, keep);
+    let mut port = Port::new(line, keep, &shared.stop);
     link.start(&mut port);
     let mut body = Body::new(pins, plant, background, ends);
     let mut due_us = 0;

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 use rt_firmware::LinkPort;
@@ -22,6 +23,12 @@ const READ_BYTES: usize = 4096;
 /// Bytes on their way out before the pipe is written to.
 const OUTGOING_LIMIT: usize = 64 * 1024;
 
+/// Bytes that have come and wait for the link at most. More stay in the pipe.
+const INCOMING_LIMIT: usize = 64 * 1024;
+
+/// How long a board whose client takes no bytes waits for that before it looks whether it is to end.
+const ROOM_WAIT: Duration = Duration::from_millis(20);
+
 /// Where the link's bytes go.
 pub(super) enum Line {
     /// To whoever has the pipe's other end, as fast as both can.
@@ -39,6 +46,8 @@ pub(super) struct Port<'k> {
     /// The board's time when it last swapped bytes with the plant.
     swapped_at_us: u64,
     safe: Safe<'k>,
+    /// The board is to end.
+    stop: &'k AtomicBool,
 }
 
 /// What the board keeps.
@@ -69,7 +78,7 @@ impl KeySafe for Safe<'_> {
 }
 
 impl<'k> Port<'k> {
-    pub(super) fn new(line: Line, keep: Option<Keep<'k, Flash>>) -> Self {
+    pub(super) fn new(line: Line, keep: Option<Keep<'k, Flash>>, stop: &'k AtomicBool) -> Self {
         Port {
             line,
             incoming: VecDeque::new(),
@@ -77,6 +86,7 @@ impl<'k> Port<'k> {
             now_us: 0,
             swapped_at_us: 0,
             safe: Safe { keep },
+            stop,
         }
     }
 
@@ -122,16 +132,43 @@ impl<'k> Port<'k> {
     /// # Errors
     /// The other end has gone.
     pub(super) fn exchange(&mut self, timeout: Duration) -> io::Result<()> {
+        self.bring_out()?;
+        self.take_in(timeout)
+    }
+
+    /// Hands on what was sent. A client that takes nothing is waited for, so that nothing is lost to one that is slow; what it sends is
+    /// taken in meanwhile, should it wait for that.
+    ///
+    /// # Errors
+    /// The other end has gone, or the board is to end.
+    fn bring_out(&mut self) -> io::Result<()> {
+        while !self.outgoing.is_empty() {
+            let Line::Pipe(line) = &mut self.line else {
+                return Ok(());
+            };
+            let sent = line.try_send(self.outgoing.make_contiguous())?;
+            self.outgoing.drain(..sent);
+            if sent == 0 {
+                if self.stop.load(Relaxed) {
+                    return Err(io::ErrorKind::Interrupted.into());
+                }
+                line.wait_for_room(ROOM_WAIT);
+                self.take_in(Duration::ZERO)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in what has come, waiting up to `timeout` for it.
+    fn take_in(&mut self, timeout: Duration) -> io::Result<()> {
         let Line::Pipe(line) = &mut self.line else {
             return Ok(());
         };
-        if !self.outgoing.is_empty() {
-            line.send(self.outgoing.make_contiguous())?;
-            self.outgoing.clear();
-        }
         let mut bytes = [0; READ_BYTES];
-        let count = line.receive(&mut bytes, timeout)?;
-        self.incoming.extend(&bytes[..count]);
+        if self.incoming.len() + bytes.len() <= INCOMING_LIMIT {
+            let count = line.receive(&mut bytes, timeout)?;
+            self.incoming.extend(&bytes[..count]);
+        }
         Ok(())
     }
 }
@@ -149,11 +186,8 @@ impl LinkPort for Port<'_> {
         if !self.has_room() {
             return false;
         }
-        if let Line::Pipe(line) = &mut self.line
-            && self.outgoing.len() >= OUTGOING_LIMIT
-        {
-            // A reader that has gone is noticed at the next exchange.
-            let _ = line.send(self.outgoing.make_contiguous());
+        if self.outgoing.len() >= OUTGOING_LIMIT && self.bring_out().is_err() {
+            // A reader that has gone is noticed at the next exchange, and the board's end by who runs it.
             self.outgoing.clear();
         }
         self.outgoing.push_back(byte);

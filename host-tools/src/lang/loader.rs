@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use crate::files;
 use crate::model::{SourceFile, Span};
 
 use super::diagnostic::{Code, Diagnostic, Sink};
@@ -45,7 +46,7 @@ impl Store for Disk {
                 path,
             });
         }
-        fs::read(&path).map_err(failed)
+        files::read(&path, MAX_FILE_BYTES).map_err(failed)
     }
 }
 

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use defmt_decoder::{DecodeError, Encoding, Table};
 use thiserror::Error;
 
+use crate::files::{self, MAX_FIRMWARE_BYTES};
+
 /// Longest frame that is waited for. Longer ones are noise.
 const FRAME_LIMIT_BYTES: usize = 4096;
 
@@ -196,10 +198,11 @@ impl LogDecoder {
     /// # Errors
     /// [`LogTableError`]: what is wrong with the file.
     pub fn from_firmware(path: &Path) -> Result<Self, LogTableError> {
-        let elf = std::fs::read(path).map_err(|cause| LogTableError::Unreadable {
-            path: path.to_owned(),
-            cause,
-        })?;
+        let elf =
+            files::read(path, MAX_FIRMWARE_BYTES).map_err(|cause| LogTableError::Unreadable {
+                path: path.to_owned(),
+                cause,
+            })?;
         let table = Table::parse(&elf).map_err(|cause| LogTableError::BadElf {
             path: path.to_owned(),
             cause,

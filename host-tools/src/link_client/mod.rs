@@ -203,6 +203,8 @@ pub struct LinkClient<L> {
     built_in: Option<BuiltIn>,
     /// Whether whoever waits for an answer has had enough.
     stop: Option<Box<dyn Fn() -> bool + Send>>,
+    /// Whether nothing is to be waited for any more, be it the last thing that is asked.
+    end: Option<Box<dyn Fn() -> bool + Send>>,
     signing: Signing,
     /// What lets the robot hear that somebody is here, until it is answered.
     calling: Option<Frame>,
@@ -234,7 +236,20 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
     pub fn connect(link: L) -> Result<(Self, RobotInfo), ClientError> {
+        Self::connect_until(link, None)
+    }
+
+    /// The same. From now on all that waits ends with [`ClientError::Interrupted`] as soon as `end` says so, whatever
+    /// [`LinkClient::stop_when`] says.
+    ///
+    /// # Errors
+    /// As [`LinkClient::connect`].
+    pub fn connect_until(
+        link: L,
+        end: Option<Box<dyn Fn() -> bool + Send>>,
+    ) -> Result<(Self, RobotInfo), ClientError> {
         let mut client = Self::new(link);
+        client.end = end;
         let info = client.hello()?;
         Ok((client, info))
     }
@@ -274,6 +289,7 @@ impl<L: ByteLink> LinkClient<L> {
             },
             built_in: None,
             stop: None,
+            end: None,
             signing: Signing::default(),
             calling: None,
         }
@@ -774,10 +790,14 @@ impl<L: ByteLink> LinkClient<L> {
 
     /// Fails where it is to end.
     fn check_stop(&self, request: &'static str) -> Result<(), ClientError> {
-        match &self.stop {
-            Some(stop) if stop() => Err(ClientError::Interrupted { request }),
-            _ => Ok(()),
+        if [&self.stop, &self.end]
+            .into_iter()
+            .flatten()
+            .any(|is_over| is_over())
+        {
+            return Err(ClientError::Interrupted { request });
         }
+        Ok(())
     }
 
     /// Listens to the streams for up to `timeout`; returns when something has come.
@@ -915,7 +935,7 @@ impl<L: ByteLink> LinkClient<L> {
                 // Noise whose checksum is right comes once. A firmware that does not know the request never does.
                 Err(LinkError::Malformed) if !is_misunderstood => {
                     is_misunderstood = true;
-                    self.pause(BUSY_WAIT, &mut patience);
+                    self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
                 // The robot has started anew, or another session of its owner was begun: this one ends here. What is
                 // masked for it is to be masked anew.
@@ -926,20 +946,20 @@ impl<L: ByteLink> LinkClient<L> {
                 {
                     may_be_done |= needs(&request) == Needs::Key;
                     self.signing.session = None;
-                    self.pause(BUSY_WAIT, &mut patience);
+                    self.pause(name, BUSY_WAIT, &mut patience)?;
                     self.open_session_for(&request, &mut patience)?;
                 }
                 // The robot has its hands full, or came to it too late to do it: the request is as good as new.
                 Err(LinkError::Busy | LinkError::NoAnswer) if patience.lasts() => {
-                    self.pause(BUSY_WAIT, &mut patience);
+                    self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
                 Err(LinkError::Late) if patience.is_fresh(self.clock.now()) => {
-                    self.pause(BUSY_WAIT, &mut patience);
+                    self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
                 // Somebody else has sent it a wrong signature.
                 Err(LinkError::TooSoon { ms }) if patience.lasts() => {
                     let wait = Duration::from_millis(ms.into()).min(LONGEST_PAUSE);
-                    self.pause(wait, &mut patience);
+                    self.pause(name, wait, &mut patience)?;
                 }
                 Err(error) if may_be_done => {
                     return Err(ClientError::MayBeDone {
@@ -958,9 +978,21 @@ impl<L: ByteLink> LinkClient<L> {
     }
 
     /// Lets time pass before a request is sent anew.
-    fn pause(&mut self, wait: Duration, patience: &mut Patience) {
-        self.clock.pause(wait);
+    fn pause(
+        &mut self,
+        name: &'static str,
+        wait: Duration,
+        patience: &mut Patience,
+    ) -> Result<(), ClientError> {
+        let mut left = wait;
+        while !left.is_zero() {
+            self.check_stop(name)?;
+            let part = left.min(STOP_LOOK);
+            self.clock.pause(part);
+            left -= part;
+        }
         patience.look(self.clock.now());
+        Ok(())
     }
 
     /// Sends a command that the robot may carry out as long as its answer is waited for, and no longer. The time of that is also `whole`'s.
@@ -1163,7 +1195,11 @@ impl<L: ByteLink> LinkClient<L> {
     }
 
     fn send_wire(&mut self, wire: &[u8]) -> Result<(), ClientError> {
-        self.link.send(wire)?;
+        self.link.send(wire).map_err(|error| match error.kind() {
+            // Ctrl-C came while the line took no bytes.
+            std::io::ErrorKind::Interrupted => ClientError::Interrupted { request: "send" },
+            _ => error.into(),
+        })?;
         self.sent = self.clock.now();
         self.counts.bytes_sent += wire.len() as u64;
         Ok(())

@@ -200,7 +200,7 @@ impl<L: ByteLink> LinkClient<L> {
                 }
                 // It took too long, or another session was opened meanwhile.
                 Err(LinkError::NoChallenge | LinkError::NoSession) if patience.lasts() => {
-                    self.pause(super::BUSY_WAIT, patience);
+                    self.pause(NAME, super::BUSY_WAIT, patience)?;
                 }
                 Ok(None) => return Err(ClientError::BadAnswer { request: NAME }),
                 Err(error) => {
@@ -252,7 +252,7 @@ impl<L: ByteLink> LinkClient<L> {
                     });
                 }
                 // Somebody has answered in its place.
-                Ok(_) if patience.lasts() => self.pause(super::BUSY_WAIT, patience),
+                Ok(_) if patience.lasts() => self.pause(NAME, super::BUSY_WAIT, patience)?,
                 Ok(_) => return Err(ClientError::Unproven { request: NAME }),
                 Err(error) => {
                     return Err(ClientError::Refused {

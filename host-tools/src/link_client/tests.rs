@@ -311,6 +311,7 @@ fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
         },
         stop: None,
         calling: None,
+        end: None,
     }
 }
 
@@ -535,6 +536,7 @@ fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> Lin
         uploads: client.uploads,
         built_in: client.built_in,
         stop: client.stop,
+        end: client.end,
         signing: client.signing,
         calling: client.calling,
     }

@@ -15,6 +15,8 @@ use rt_firmware::body::flash::{
     status_number,
 };
 
+use crate::files;
+
 /// What an erased byte reads as.
 const BLANK: u8 = 0xFF;
 
@@ -105,6 +107,11 @@ impl Flash {
             path: path.to_owned(),
             cause,
         };
+        // What is no file would keep nothing, or keep this waiting.
+        match files::require(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            found => found.map_err(failed)?,
+        }
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

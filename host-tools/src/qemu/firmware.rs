@@ -1,6 +1,5 @@
 //! Where an emulated board's firmware is found, and how it comes to be there.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,6 +8,8 @@ use std::time::SystemTime;
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Architecture, Endianness, Object};
 use thiserror::Error;
+
+use crate::files::{self, MAX_FIRMWARE_BYTES};
 
 /// The board that runs in the emulator.
 pub const BOARD: &str = "lm3s6965";
@@ -105,12 +106,13 @@ pub fn find(
     tell: impl FnOnce(&str),
 ) -> Result<PathBuf, FirmwareError> {
     if let Some(path) = named {
-        return if path.is_file() {
-            Ok(path.to_owned())
-        } else {
-            Err(FirmwareError::Missing {
-                path: path.to_owned(),
-            })
+        let path = path.to_owned();
+        return match files::require(&path) {
+            Ok(()) => Ok(path),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(FirmwareError::Missing { path })
+            }
+            Err(cause) => Err(FirmwareError::Unreadable { path, cause }),
         };
     }
     let checkout = checkout_around(from).ok_or(FirmwareError::NoCheckout)?;
@@ -146,7 +148,8 @@ pub fn find(
 /// [`FirmwareError`]: what is wrong with the file.
 pub fn check(path: &Path) -> Result<(), FirmwareError> {
     let at = || path.to_owned();
-    let bytes = fs::read(path).map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
+    let bytes = files::read(path, MAX_FIRMWARE_BYTES)
+        .map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
     let elf = ElfFile32::<Endianness>::parse(bytes.as_slice());
     let elf = elf.map_err(|cause| FirmwareError::NotElf { path: at(), cause })?;
     if elf.architecture() != Architecture::Arm || !elf.is_little_endian() {

@@ -1,14 +1,18 @@
 //! Ctrl-C, seen by whoever runs a loop: the loop ends in order, and with it everything that it started.
 
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{process, thread};
 
 /// How often is looked whether the process is to end, by whoever does nothing else.
 const LOOK_TIME: Duration = Duration::from_millis(20);
 
-static REQUESTED: AtomicBool = AtomicBool::new(false);
+/// How long a command may still talk to a robot after Ctrl-C: to end its streams, to take back what
+/// it began. All that it waits for ends with this, so that the command ends within a second, whatever comes on its line.
+const FAREWELL: Duration = Duration::from_millis(600);
+
+/// When it was requested.
+static REQUESTED: OnceLock<Instant> = OnceLock::new();
 static INSTALLED: OnceLock<Result<(), String>> = OnceLock::new();
 
 /// The wish of the person at the terminal (or of the system, by SIGTERM or SIGHUP) that the process end.
@@ -23,8 +27,11 @@ impl Interrupt {
     pub fn take_over() -> Result<Self, std::io::Error> {
         INSTALLED
             .get_or_init(|| {
-                ctrlc::set_handler(|| REQUESTED.store(true, Relaxed))
-                    .map_err(|error| error.to_string())
+                ctrlc::set_handler(|| {
+                    // The first counts.
+                    let _ = REQUESTED.set(Instant::now());
+                })
+                .map_err(|error| error.to_string())
             })
             .clone()
             .map_err(std::io::Error::other)?;
@@ -46,6 +53,16 @@ impl Interrupt {
 
     /// Whether the process is to end.
     pub fn is_requested(self) -> bool {
-        REQUESTED.load(Relaxed)
+        is_requested()
     }
+}
+
+/// Whether the process is to end; never where it did not take Ctrl-C over.
+pub fn is_requested() -> bool {
+    REQUESTED.get().is_some()
+}
+
+/// Whether it was to end so long ago that nothing is waited for any more.
+pub fn is_overdue() -> bool {
+    (REQUESTED.get()).is_some_and(|requested| requested.elapsed() >= FAREWELL)
 }

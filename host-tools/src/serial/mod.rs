@@ -11,6 +11,8 @@
 //! | [`pacing`] | a link slowed down to the rate of a real line |
 //! | [`pipe`] | a link between two threads of this process |
 //! | [`pty`] | a pseudo-terminal that others can open, for serving an emulated robot |
+//! | [`takeover`] | `esm stop` takes a port over from the process that has it |
+//! | [`wire`] | a terminal or socket that is open here, read and written without blocking |
 
 pub mod clock;
 pub mod noise;
@@ -18,27 +20,44 @@ pub mod pacing;
 pub mod pipe;
 pub mod port;
 pub mod pty;
+pub mod takeover;
+pub mod wire;
 
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::net::UnixStream;
-use std::time::Duration;
+use std::path::Path;
+use std::time::{Duration, Instant};
 
+use rustix::fs::OFlags;
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use serialport::{SerialPort, TTYPort};
 use thiserror::Error;
 
 use clock::Clock;
 use pacing::Paced;
 use port::Port;
+use takeover::{Holder, NotServed};
+use wire::WireLink;
 
 /// The baud rate of a robot's line where none is named.
 pub const DEFAULT_BAUD: u32 = 115_200;
 
-/// How long a TCP connection may take to be made.
+/// How long a connection may take to be made.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long a write may wait for a line that takes nothing.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
+/// How long a write may wait for a line that takes nothing: as long as an answer is waited for.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(6);
+
+/// How long a stop waits for a port that is just being opened by somebody else.
+const OPENING_WAIT: Duration = Duration::from_millis(50);
+
+/// How often it looks meanwhile.
+const OPENING_LOOK: Duration = Duration::from_millis(5);
 
 /// The shortest wait that a socket or line can be asked for; zero means "for ever" to a socket.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
@@ -58,6 +77,16 @@ pub trait ByteLink: Send {
     /// [`io::ErrorKind::TimedOut`] where the line takes nothing for seconds; what the system says otherwise.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
+    /// Sends as much of `bytes` as the line takes at once, and answers how much that was. A link that has no bounds of its own
+    /// takes all of them.
+    ///
+    /// # Errors
+    /// As [`ByteLink::send`], but for the time.
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.send(bytes)?;
+        Ok(bytes.len())
+    }
+
     /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant. Whatever stands around another line has that line's.
     fn clock(&self) -> Clock {
         Clock::wall()
@@ -71,6 +100,10 @@ impl<L: ByteLink + ?Sized> ByteLink for Box<L> {
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         (**self).send(bytes)
+    }
+
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        (**self).try_send(bytes)
     }
 
     fn clock(&self) -> Clock {
@@ -125,36 +158,141 @@ pub enum OpenError {
     },
 }
 
+/// A port that is open.
+pub struct Opened {
+    /// Its line.
+    pub line: Box<dyn ByteLink>,
+    /// Why `esm stop` cannot take it over from here, where that is so.
+    pub not_served: Option<NotServed>,
+}
+
 /// Opens a port. Sockets are paced to `baud`, since an emulated UART behind one knows no rate; a serial line keeps it by itself.
 ///
 /// # Errors
 /// [`OpenError`]: what is wrong with the port, and what to do.
 pub fn open(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
+    open_served(port, baud).map(|opened| opened.line)
+}
+
+/// The same; says also whether `esm stop` can take the port over.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
     let system = |cause: io::Error| open_error(port, cause);
-    match port {
-        Port::Tty(path) => {
-            let settings = serialport::new(path.to_string_lossy(), baud).timeout(SHORTEST_WAIT);
-            let line = TTYPort::open(&settings).map_err(|error| tty_error(port, &error))?;
-            // Half a frame from before is of no use to anybody.
-            let _ = line.clear(serialport::ClearBuffer::Input);
-            // A pseudo-terminal takes any rate and keeps none.
-            Ok(Box::new(Paced::new(line, baud)))
-        }
-        Port::Unix(path) => {
-            let socket = UnixStream::connect(path).map_err(system)?;
-            socket
-                .set_write_timeout(Some(WRITE_TIMEOUT))
-                .map_err(system)?;
-            Ok(Box::new(Paced::new(socket, baud)))
-        }
+    let file: OwnedFd = match port {
+        Port::Tty(path) => open_tty(port, path, baud, Use::Alone)?.into(),
+        Port::Unix(path) => connect_unix(path).map_err(system)?.into(),
         Port::Tcp { host, port: number } => {
             let socket = connect_tcp(host, *number).map_err(system)?;
             // A frame is small and wanted now.
             socket.set_nodelay(true).map_err(system)?;
-            socket
-                .set_write_timeout(Some(WRITE_TIMEOUT))
-                .map_err(system)?;
-            Ok(Box::new(Paced::new(socket, baud)))
+            socket.into()
+        }
+    };
+    let mut line = WireLink::new(file).map_err(system)?;
+    let served = takeover::identity(port)
+        .map_err(NotServed::System)
+        .and_then(|identity| Holder::begin(&identity, line.wire()));
+    let not_served = match served {
+        Ok(holder) => {
+            if let Some(holder) = holder {
+                line.keep(holder);
+            }
+            None
+        }
+        Err(why) => Some(why),
+    };
+    // A pseudo-terminal takes any rate and keeps none.
+    let line = Box::new(Paced::new(line, baud));
+    Ok(Opened { line, not_served })
+}
+
+/// Opens a port to stop the robot behind it, whoever has it: takes it over from another process of this user; beside one
+/// that does not answer, or is another user's, it uses a serial line all the same.
+///
+/// # Errors
+/// As [`open`]; [`OpenError::Busy`] only where another program has locked the line.
+pub fn open_to_stop(port: &Port, baud: u32) -> Result<Opened, OpenError> {
+    let taken = takeover::identity(port).ok();
+    if let Some(file) = taken.and_then(|identity| takeover::take(&identity)) {
+        let line = WireLink::new(file).map_err(|cause| open_error(port, cause))?;
+        return Ok(Opened {
+            line: Box::new(Paced::new(line, baud)),
+            not_served: None,
+        });
+    }
+    match open_served(port, baud) {
+        Err(OpenError::Busy { .. }) => {}
+        opened => return opened,
+    }
+    let Port::Tty(path) = port else {
+        return Err(OpenError::Busy { port: port.clone() });
+    };
+    let begun = Instant::now();
+    let file = loop {
+        match open_tty(port, path, baud, Use::Beside) {
+            Err(OpenError::Busy { .. }) if begun.elapsed() < OPENING_WAIT => {
+                std::thread::sleep(OPENING_LOOK);
+            }
+            opened => break opened?,
+        }
+    };
+    let line = WireLink::new(file.into()).map_err(|cause| open_error(port, cause))?;
+    Ok(Opened {
+        line: Box::new(Paced::new(line, baud)),
+        not_served: None,
+    })
+}
+
+/// Who else may use a serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Use {
+    /// Nobody who heeds locks.
+    Alone,
+    /// Whoever uses it already.
+    Beside,
+}
+
+/// Opens a serial line and sets it up.
+fn open_tty(port: &Port, path: &Path, baud: u32, used: Use) -> Result<File, OpenError> {
+    let settings = serialport::new(path.to_string_lossy(), baud)
+        .timeout(SHORTEST_WAIT)
+        .exclusive(used == Use::Alone);
+    let mut line = TTYPort::open(&settings).map_err(|error| tty_error(port, &error))?;
+    // The kernel would let nobody else open it, a stop among them. A shared lock keeps those away who want the line alone.
+    line.set_exclusive(false)
+        .map_err(|error| tty_error(port, &error))?;
+    // Half a frame from before is of no use to anybody.
+    let _ = line.clear(serialport::ClearBuffer::Input);
+    let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
+    let file = File::options()
+        .read(true)
+        .write(true)
+        .custom_flags(flags.bits() as i32)
+        .open(path)
+        .map_err(|cause| open_error(port, cause))?;
+    match file.try_lock_shared() {
+        Ok(()) => Ok(file),
+        Err(std::fs::TryLockError::WouldBlock) => Err(OpenError::Busy { port: port.clone() }),
+        Err(std::fs::TryLockError::Error(cause)) => Err(open_error(port, cause)),
+    }
+}
+
+/// Connects to a Unix socket. One whose server accepts nobody would keep a blocking call for ever.
+fn connect_unix(path: &Path) -> io::Result<UnixStream> {
+    let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::STREAM, None)?;
+    rustix::io::fcntl_setfd(&socket, rustix::io::FdFlags::CLOEXEC)?;
+    rustix::io::ioctl_fionbio(&socket, true)?;
+    let address = SocketAddrUnix::new(path)?;
+    let begun = Instant::now();
+    loop {
+        match rustix::net::connect(&socket, &address) {
+            Ok(()) => return Ok(socket.into()),
+            Err(Errno::AGAIN) if begun.elapsed() < CONNECT_TIMEOUT => {
+                std::thread::sleep(OPENING_LOOK);
+            }
+            Err(error) => return Err(error.into()),
         }
     }
 }
@@ -242,28 +380,13 @@ impl ByteLink for UnixStream {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.write_all(bytes)
     }
-}
 
-impl ByteLink for TcpStream {
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.set_read_timeout(Some(timeout.max(SHORTEST_WAIT)))?;
-        received(self.read(buffer))
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.write_all(bytes)
-    }
-}
-
-impl ByteLink for TTYPort {
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.set_timeout(timeout.max(SHORTEST_WAIT))?;
-        received(self.read(buffer))
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.set_timeout(WRITE_TIMEOUT)?;
-        self.write_all(bytes)
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match rustix::net::send(&*self, bytes, SendFlags::DONTWAIT) {
+            Ok(count) => Ok(count),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
+            Err(error) => Err(error.into()),
+        }
     }
 }
 

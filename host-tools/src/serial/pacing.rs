@@ -6,14 +6,22 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use super::ByteLink;
 use super::clock::Clock;
+use super::{ByteLink, WRITE_TIMEOUT};
+use crate::run::interrupt;
 
 /// Bits on the wire for one byte: start, eight of data, stop.
 const BITS_PER_BYTE: u64 = 10;
 
 /// Bytes handed on at once. A PL011 holds 16 of them before it drops any.
 const BURST_BYTES: usize = 16;
+
+/// How long a wait for the wire lasts before Ctrl-C is looked for.
+const LONGEST_SLEEP: Duration = Duration::from_millis(50);
+
+/// What one wait for a link that takes no bytes counts at most: a process that was suspended meanwhile has
+/// not waited so long.
+const LONGEST_COUNTED: Duration = Duration::from_secs(2);
 
 /// Sends no faster than a line of some baud rate would; receives as the link below does.
 pub struct Paced<L> {
@@ -33,27 +41,64 @@ impl<L: ByteLink> Paced<L> {
     }
 }
 
+impl<L> Paced<L> {
+    /// So many bytes go onto the wire now, or when it is free.
+    fn count(&mut self, bytes: usize, now: Instant) {
+        let burst_time = self.byte_time * BURST_BYTES as u32;
+        let start = self
+            .line_free_at
+            .max(now.checked_sub(burst_time).unwrap_or(now));
+        self.line_free_at = start + self.byte_time * bytes as u32;
+    }
+}
+
 impl<L: ByteLink> ByteLink for Paced<L> {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         self.link.receive(buffer, timeout)
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let was_interrupted = interrupt::is_requested();
+        let mut waited = Duration::ZERO;
         for burst in bytes.chunks(BURST_BYTES) {
-            let now = Instant::now();
-            if let Some(wait) = self.line_free_at.checked_duration_since(now) {
-                std::thread::sleep(wait);
+            while let Some(wait) = self.line_free_at.checked_duration_since(Instant::now()) {
+                // At a low rate a frame takes seconds.
+                if interrupt::is_requested() && !was_interrupted {
+                    return Err(io::ErrorKind::Interrupted.into());
+                }
+                std::thread::sleep(wait.min(LONGEST_SLEEP));
             }
+            if waited >= WRITE_TIMEOUT {
+                return Err(io::Error::new(
+                    io::ErrorKind::TimedOut,
+                    "it takes bytes too slowly",
+                ));
+            }
+            let now = Instant::now();
             // From when the line was free, not from when this thread woke up: sleeping too long costs no rate, and a line that
             // was idle has saved up nothing beyond one burst.
-            let burst_time = self.byte_time * BURST_BYTES as u32;
-            let start = self
-                .line_free_at
-                .max(now.checked_sub(burst_time).unwrap_or(now));
-            self.line_free_at = start + self.byte_time * burst.len() as u32;
+            self.count(burst.len(), now);
             self.link.send(burst)?;
+            waited += now.elapsed().min(LONGEST_COUNTED);
         }
         Ok(())
+    }
+
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut sent = 0;
+        for burst in bytes.chunks(BURST_BYTES) {
+            let now = Instant::now();
+            if self.line_free_at > now {
+                break;
+            }
+            let count = self.link.try_send(burst)?;
+            self.count(count, now);
+            sent += count;
+            if count < burst.len() {
+                break;
+            }
+        }
+        Ok(sent)
     }
 
     fn clock(&self) -> Clock {

@@ -5,10 +5,13 @@ use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::ByteLink;
+use super::{ByteLink, WRITE_TIMEOUT};
 
 /// Bytes that one direction holds before the writer waits for the reader.
 const CAPACITY_BYTES: usize = 64 * 1024;
+
+/// How often a writer looks for room at least. A process that was suspended has looked once.
+const LOOK_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Makes a link; what one end sends, the other receives.
 pub fn pair() -> (PipeEnd, PipeEnd) {
@@ -57,20 +60,17 @@ impl Direction {
 }
 
 impl PipeEnd {
-    /// Sends as much of `bytes` as there is room for, without waiting, and answers how much that was.
-    ///
-    /// # Errors
-    /// [`io::ErrorKind::BrokenPipe`] where the other end has gone.
-    pub fn send_some(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut state = self.outgoing.lock();
-        if state.closed {
-            return Err(io::ErrorKind::BrokenPipe.into());
-        }
-        let count = bytes.len().min(CAPACITY_BYTES - state.bytes.len());
-        state.bytes.extend(&bytes[..count]);
-        drop(state);
-        self.outgoing.changed.notify_all();
-        Ok(count)
+    /// Waits until there is room for a byte, at most so long.
+    pub fn wait_for_room(&mut self, time: Duration) {
+        let state = self.outgoing.lock();
+        drop(
+            self.outgoing
+                .changed
+                .wait_timeout_while(state, time, |state| {
+                    state.bytes.len() >= CAPACITY_BYTES && !state.closed
+                })
+                .unwrap_or_else(PoisonError::into_inner),
+        );
     }
 }
 
@@ -101,21 +101,33 @@ impl ByteLink for PipeEnd {
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let mut rest = bytes;
+        let mut stood = Duration::ZERO;
         loop {
-            rest = &rest[self.send_some(rest)?..];
+            let count = self.try_send(rest)?;
+            rest = &rest[count..];
             if rest.is_empty() {
                 return Ok(());
             }
-            let state = self.outgoing.lock();
-            drop(
-                self.outgoing
-                    .changed
-                    .wait_while(state, |state| {
-                        state.bytes.len() >= CAPACITY_BYTES && !state.closed
-                    })
-                    .unwrap_or_else(PoisonError::into_inner),
-            );
+            if count > 0 {
+                stood = Duration::ZERO;
+            } else if stood >= WRITE_TIMEOUT {
+                return Err(io::ErrorKind::TimedOut.into());
+            }
+            self.wait_for_room(LOOK_INTERVAL);
+            stood += LOOK_INTERVAL;
         }
+    }
+
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut state = self.outgoing.lock();
+        if state.closed {
+            return Err(io::ErrorKind::BrokenPipe.into());
+        }
+        let count = bytes.len().min(CAPACITY_BYTES - state.bytes.len());
+        state.bytes.extend(&bytes[..count]);
+        drop(state);
+        self.outgoing.changed.notify_all();
+        Ok(count)
     }
 }
 

@@ -1,23 +1,32 @@
 //! A pseudo-terminal that other programs can open: the serial line of a robot that is emulated here.
 
+use std::ffi::OsString;
 use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use serialport::{SerialPort, TTYPort};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 use super::ByteLink;
 
-/// How long the pump of a direction waits before it looks whether it is to end.
-const PUMP_WAIT: Duration = Duration::from_millis(20);
+/// How long the pump waits for the robot's bytes before it looks for the client's.
+const PUMP_WAIT: Duration = Duration::from_millis(2);
 
 /// How long bytes from the robot wait for a reader that takes none, before they are dropped as on a wire.
 const STUCK_READER_WAIT: Duration = Duration::from_millis(100);
 
 const PUMP_BUFFER_BYTES: usize = 1024;
+
+/// Bytes from the robot that wait for their reader at most.
+const TO_CLIENT_BYTES: usize = 64 * 1024;
 
 /// Joins `robot`'s line to a new pseudo-terminal for as long as this lives. Bytes for which nobody is there are dropped, as on a wire.
 pub struct PtyServer {
@@ -32,10 +41,19 @@ impl PtyServer {
     /// # Errors
     /// What the system says, where it has no pseudo-terminal to give.
     pub fn start(robot: Box<dyn ByteLink>) -> io::Result<Self> {
-        let (master, slave) = TTYPort::pair()?;
-        let path = slave.name().map(PathBuf::from).ok_or_else(|| {
-            io::Error::new(io::ErrorKind::NotFound, "the pseudo-terminal has no name")
-        })?;
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        rustix::io::fcntl_setfd(&master, rustix::io::FdFlags::CLOEXEC)?;
+        rustix::io::ioctl_fionbio(&master, true)?;
+        grantpt(&master)?;
+        unlockpt(&master)?;
+        let path = PathBuf::from(OsString::from_vec(
+            ptsname(&master, Vec::new())?.into_bytes(),
+        ));
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let slave = rustix::fs::open(&path, flags, Mode::empty())?;
+        let mut settings = tcgetattr(&slave)?;
+        settings.make_raw();
+        tcsetattr(&slave, OptionalActions::Now, &settings)?;
         // Kept open here, the line would keep a dead client's claim to it for ever.
         drop(slave);
         let stop = Arc::new(AtomicBool::new(false));
@@ -71,29 +89,74 @@ impl Drop for PtyServer {
     }
 }
 
-/// Carries bytes both ways in one thread: towards the robot with a short wait, from it without one.
-fn pump(mut master: TTYPort, mut robot: Box<dyn ByteLink>, stop: &AtomicBool) -> io::Result<()> {
+/// Carries bytes both ways in one thread, which waits for the robot's next byte alone, and not for long. Where the robot takes nothing, the client waits as on a line with
+/// flow control; where the client takes nothing, bytes are lost.
+fn pump(master: OwnedFd, mut robot: Box<dyn ByteLink>, stop: &AtomicBool) -> io::Result<()> {
     let mut buffer = [0; PUMP_BUFFER_BYTES];
+    let mut to_robot = Vec::new();
+    let mut to_client = ToClient::default();
     while !stop.load(Ordering::Relaxed) {
-        let mut idle = true;
-        match master.receive(&mut buffer, Duration::from_millis(1)) {
-            Ok(0) => {}
-            Ok(count) => {
-                idle = false;
-                robot.send(&buffer[..count])?;
-            }
-            // Nobody has it open. Not an end: the next client may come at any time.
-            Err(_) => {}
+        if to_robot.is_empty() {
+            // An error: nobody has it open. Not an end: the next client may come at any time.
+            let count = rustix::io::read(&master, &mut buffer).unwrap_or(0);
+            to_robot.extend_from_slice(&buffer[..count]);
         }
-        let wait = if idle { PUMP_WAIT / 10 } else { Duration::ZERO };
+        let sent = robot.try_send(&to_robot)?;
+        to_robot.drain(..sent);
+        let is_idle = sent == 0 && to_client.bytes.is_empty();
+        let wait = if is_idle || !to_robot.is_empty() || to_client.is_stuck() {
+            PUMP_WAIT
+        } else {
+            Duration::ZERO
+        };
         let count = robot.receive(&mut buffer, wait)?;
-        if count > 0 {
-            use std::io::Write;
-            let _ = master.set_timeout(STUCK_READER_WAIT);
-            let _ = master.write_all(&buffer[..count]);
-        }
+        to_client.take(&buffer[..count]);
+        to_client.write(&master);
     }
     Ok(())
+}
+
+/// Bytes from the robot on their way to its client.
+#[derive(Default)]
+struct ToClient {
+    bytes: Vec<u8>,
+    /// Since when the client has taken none.
+    stuck_since: Option<Instant>,
+}
+
+impl ToClient {
+    /// What has no room is lost.
+    fn take(&mut self, bytes: &[u8]) {
+        let room = TO_CLIENT_BYTES - self.bytes.len();
+        self.bytes
+            .extend_from_slice(&bytes[..bytes.len().min(room)]);
+    }
+
+    fn is_stuck(&self) -> bool {
+        self.stuck_since.is_some()
+    }
+
+    /// Hands on what the client takes at once. What it has not taken for a while is lost.
+    fn write(&mut self, master: &OwnedFd) {
+        while !self.bytes.is_empty() {
+            match rustix::io::write(master, &self.bytes) {
+                Ok(count @ 1..) => {
+                    self.bytes.drain(..count);
+                    self.stuck_since = None;
+                }
+                Ok(0) | Err(Errno::AGAIN | Errno::INTR) => {
+                    let since = *self.stuck_since.get_or_insert_with(Instant::now);
+                    if since.elapsed() < STUCK_READER_WAIT {
+                        return;
+                    }
+                    self.bytes.clear();
+                }
+                // There is no client.
+                Err(_) => self.bytes.clear(),
+            }
+        }
+        self.stuck_since = None;
+    }
 }
 
 #[cfg(test)]

@@ -17,6 +17,8 @@ mod geometry;
 
 use std::path::{Path, PathBuf};
 
+use crate::files;
+
 pub use geometry::{Hit, Point, Segment, is_inside};
 
 /// The farthest from the origin that a coordinate may be, in metres: keeps sums of squares far from any loss of precision.
@@ -184,10 +186,13 @@ const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
 impl World {
     /// Reads and checks the world file at `path`.
     pub fn load(path: &Path) -> Result<Self, WorldError> {
-        let text = std::fs::read_to_string(path).map_err(|source| WorldError::Read {
+        let unread = |source| WorldError::Read {
             path: path.to_owned(),
             source,
-        })?;
+        };
+        let bytes = files::read(path, files::MAX_TEXT_BYTES).map_err(unread)?;
+        let text = String::from_utf8(bytes)
+            .map_err(|error| unread(std::io::Error::new(std::io::ErrorKind::InvalidData, error)))?;
         Self::parse(&text)
     }
 
