@@ -1,6 +1,5 @@
 //! A robot at the other end of a line, as several commands reach it.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -10,6 +9,7 @@ use rt_firmware::link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;
+use super::console;
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
@@ -152,8 +152,7 @@ fn open_line(port: &Port, line: LineArgs) -> Result<Box<dyn ByteLink>, CommandEr
 /// Tells who may command a robot, where that is not as it should be.
 fn warn(access: Access) {
     if let Some(warning) = warning(access) {
-        // There is no better place to tell that standard error is closed.
-        let _ = writeln!(io::stderr(), "{warning}");
+        console::warn(warning);
     }
 }
 

@@ -519,7 +519,7 @@ fn end_earlier_trial(
         Some(end) => Ok(end),
         None => trial::outlast(robot, tried, &mut |left| {
             left_s = left.as_secs_f64();
-            bar.set_message(format!("{hash} is on trial for {left_s:.1} s more"));
+            bar.set_message(&format!("{hash} is on trial for {left_s:.1} s more"));
             bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
         }),
     };
