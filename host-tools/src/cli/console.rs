@@ -73,16 +73,6 @@ impl Console {
         }
     }
 
-    /// The same console as one with a terminal at both streams.
-    pub fn as_terminal(self, colour_allowed: bool) -> Self {
-        Console {
-            out_is_terminal: true,
-            error_is_terminal: true,
-            colour_allowed,
-            ..self
-        }
-    }
-
     /// Standard output for text, buffered. It is flushed when the command ends and by [`Console::flush`].
     pub fn out(&mut self) -> &mut impl Write {
         self.out.set_form(Form::Text);

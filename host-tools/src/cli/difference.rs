@@ -126,7 +126,7 @@ mod tests {
             (
                 "\u{1b}[2J\n".to_owned(),
                 "a".to_owned(),
-                "  -\u{fffd}[2J\n  +a (no line end)\n".to_owned(),
+                "  -\\u{1b}[2J\n  +a (no line end)\n".to_owned(),
             ),
             (
                 format!("{x}\n"),

@@ -13,7 +13,7 @@ use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::recorder::Recorder;
-use super::robot::{Robot, RobotArgs};
+use super::robot::{self, Robot, RobotArgs};
 use super::{file, stage};
 use crate::host_board;
 use crate::keys;
@@ -92,15 +92,13 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         log,
         recording,
     };
-    // What is asked of the robot meanwhile need not come to its end.
-    listener
-        .robot
-        .stop_when(Some(Box::new(move || interrupt.is_requested())));
+    // What is asked of the robot meanwhile need not come to its end if the person has seen enough, and there is no end otherwise.
+    listener.robot.limit_waits(None);
     let ended = match listener.listen(interrupt, console) {
         Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
         ended => ended,
     };
-    listener.robot.stop_when(None);
+    robot::end_soon(&mut listener.robot);
     listener.finish(ended, console)
 }
 

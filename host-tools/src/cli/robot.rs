@@ -1,6 +1,8 @@
 //! A robot at the other end of a line, as several commands reach it.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 use clap::Args;
 use rt_firmware::features::Feature;
@@ -12,8 +14,9 @@ use super::argument::Port;
 use super::console;
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
-use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
+use crate::link_client::{ClientError, KeyLoader, LinkClient, NOISY_DEADLINE, RobotInfo};
 use crate::reading::ReadError;
+use crate::run::interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
 use crate::serial::noise::{Noise, Noisy};
@@ -94,7 +97,12 @@ impl RobotArgs {
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_to_stop(&self, is_emergency: bool) -> Result<Robot, CommandError> {
         let link = open_line(&self.port, self.line)?;
-        let (mut robot, info) = LinkClient::connect_to_stop(link, is_emergency)?;
+        let (mut robot, info) = LinkClient::connect_to_stop(
+            link,
+            is_emergency,
+            Some(LONGEST_WAITS),
+            until_interrupt(),
+        )?;
         warn(info.access);
         robot.use_key(key_at(self.key.as_deref()));
         if is_named(self.key.as_deref()) {
@@ -138,7 +146,9 @@ pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), Comman
 }
 
 fn open(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
-    Ok(LinkClient::connect(open_line(port, line)?)?)
+    let line = open_line(port, line)?;
+    let limit = Some(LONGEST_WAITS);
+    Ok(LinkClient::connect_within(line, limit, until_interrupt())?)
 }
 
 fn open_line(port: &Port, line: LineArgs) -> Result<Box<dyn ByteLink>, CommandError> {
@@ -147,6 +157,35 @@ fn open_line(port: &Port, line: LineArgs) -> Result<Box<dyn ByteLink>, CommandEr
         Some(noise) => Box::new(Noisy::new(link, noise, NOISE_SEED)),
         None => link,
     })
+}
+
+/// Until Ctrl-C.
+fn until_interrupt() -> Option<Box<dyn Fn() -> bool + Send>> {
+    Some(Box::new(interrupt::is_requested))
+}
+
+/// How long all requests of a command together may wait for a robot, where it does not do more than ask: beyond that the robot does not mean to answer.
+pub const LONGEST_WAITS: Duration = NOISY_DEADLINE;
+
+/// How long a robot may take to hear that a command ends, when the person wants that at once.
+const LONGEST_FAREWELL: Duration = Duration::from_millis(600);
+
+/// Lets a robot hear, still, that a command ends: not for long after Ctrl-C.
+pub fn end_soon(robot: &mut Robot) {
+    robot.stop_when(None);
+    if interrupt::is_requested() {
+        robot.limit_waits(Some(LONGEST_FAREWELL));
+    }
+}
+
+/// Lets a robot have its time for something of which nobody should be in doubt whether it was done: also after Ctrl-C, but then not for long.
+pub fn hold_out(robot: &mut Robot) {
+    let clock = robot.clock().clone();
+    let seen = OnceLock::new();
+    robot.stop_when(Some(Box::new(move || {
+        interrupt::is_requested()
+            && clock.since(*seen.get_or_init(|| clock.now())) >= LONGEST_FAREWELL
+    })));
 }
 
 /// Tells who may command a robot, where that is not as it should be.

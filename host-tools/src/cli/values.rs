@@ -14,7 +14,7 @@ use serde::ser::{SerializeMap, Serializer};
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{Robot, RobotArgs};
+use super::robot::{self, LONGEST_WAITS, Robot, RobotArgs};
 use crate::nearest::nearest;
 use crate::reading::ReadError;
 use crate::run::interrupt::Interrupt;
@@ -92,6 +92,11 @@ pub fn execute(args: &ValuesArgs, console: &mut Console) -> Result<(), CommandEr
     let (mut robot, _) = args.robot.connect()?;
     robot.require(Feature::Telemetry)?;
     let ended = show(args, &mut robot, &interrupt, console);
+    let ended = match ended {
+        Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
+        ended => ended,
+    };
+    robot::end_soon(&mut robot);
     // Should the robot have gone meanwhile, there is nothing left to end.
     let _ = robot.end_values();
     ended
@@ -126,6 +131,7 @@ fn show(
         if interrupt.is_requested() {
             return Ok(());
         }
+        robot.limit_waits(Some(LONGEST_WAITS));
         console.note("the mission is another one");
     }
 }
@@ -233,6 +239,8 @@ fn follow(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, period)?;
+    // From here on nobody waits for anything in particular.
+    robot.limit_waits(None);
     while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
@@ -310,7 +318,7 @@ impl From<ValuesError> for CommandError {
         match error {
             ValuesError::Client(error) => error.into(),
             ValuesError::NoNames(_) => CommandError::Input(error.into()),
-            ValuesError::Unknown => CommandError::World(error.into()),
+            ValuesError::Unknown | ValuesError::TooMany => CommandError::World(error.into()),
         }
     }
 }

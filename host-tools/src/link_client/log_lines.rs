@@ -12,6 +12,9 @@ use thiserror::Error;
 /// Longest frame that is waited for. Longer ones are noise.
 const FRAME_LIMIT_BYTES: usize = 4096;
 
+/// What is shown of a line at most, in bytes. A longer one is noise, or somebody's who has nothing to say.
+pub const MAX_LINE_BYTES: usize = 2048;
+
 /// Ends each frame in the encoding that the firmware uses.
 const FRAME_END: u8 = 0;
 
@@ -110,9 +113,51 @@ pub enum LogReader {
     Text {
         /// The beginning of a line whose end has not come yet.
         pending: Vec<u8>,
-        /// Something was lost: what comes up to the next end of a line is the rest of one.
+        /// Something was lost, or cut: what comes up to the next end of a line is the rest of one.
         is_torn: bool,
     },
+}
+
+/// What stands behind the beginning of a line that is longer than [`MAX_LINE_BYTES`].
+const CUT: &str = " … (cut: the line goes on)";
+
+/// The beginning of what is written, as long as a line may be.
+#[derive(Default)]
+struct Beginning {
+    text: String,
+    is_cut: bool,
+}
+
+impl Beginning {
+    fn of(shown: impl fmt::Display) -> String {
+        use fmt::Write;
+        let mut beginning = Beginning::default();
+        // It ends where there is no more room.
+        let _ = write!(beginning, "{shown}");
+        if beginning.is_cut {
+            beginning.text.push_str(CUT);
+        }
+        beginning.text
+    }
+}
+
+impl fmt::Write for Beginning {
+    fn write_str(&mut self, part: &str) -> fmt::Result {
+        let room = MAX_LINE_BYTES - self.text.len();
+        let end = part.floor_char_boundary(room);
+        self.text.push_str(part.get(..end).unwrap_or_default());
+        self.is_cut = end < part.len();
+        if self.is_cut { Err(fmt::Error) } else { Ok(()) }
+    }
+}
+
+/// A plain line.
+fn plain(text: impl fmt::Display) -> LogLine {
+    LogLine {
+        level: None,
+        timestamp: None,
+        text: Beginning::of(text),
+    }
 }
 
 /// Passes over bytes up to the end of a line or frame whose beginning is lost.
@@ -164,19 +209,18 @@ impl LogReader {
             bytes
         };
         pending.extend_from_slice(bytes);
-        let Some(last_end) = pending.iter().rposition(|&byte| byte == b'\n') else {
-            return Vec::new();
-        };
-        let rest = pending.split_off(last_end + 1);
+        let end = pending.iter().rposition(|&byte| byte == b'\n');
+        let rest = pending.split_off(end.map_or(0, |end| end + 1));
         let complete = std::mem::replace(pending, rest);
-        String::from_utf8_lossy(&complete)
-            .lines()
-            .map(|text| LogLine {
-                level: None,
-                timestamp: None,
-                text: text.to_owned(),
-            })
-            .collect()
+        let mut lines: Vec<LogLine> = (String::from_utf8_lossy(&complete).lines())
+            .map(plain)
+            .collect();
+        if pending.len() > MAX_LINE_BYTES {
+            lines.push(plain(String::from_utf8_lossy(pending)));
+            pending.clear();
+            *is_torn = true;
+        }
+        lines
     }
 }
 
@@ -254,8 +298,8 @@ impl LogDecoder {
                         "warn" => Level::Warn,
                         _ => Level::Error,
                     }),
-                    timestamp: frame.display_timestamp().map(|time| time.to_string()),
-                    text: frame.display_message().to_string(),
+                    timestamp: frame.display_timestamp().map(Beginning::of),
+                    text: Beginning::of(frame.display_message()),
                 }),
                 Err(DecodeError::UnexpectedEof) => return lines,
                 Err(DecodeError::Malformed) => self.bad_frames += 1,
@@ -282,6 +326,28 @@ mod tests {
         assert_eq!(texts(b"one\ntw"), ["one"]);
         assert!(texts(b"").is_empty());
         assert_eq!(texts(b"o\nthree\n"), ["two", "three"]);
+    }
+
+    #[test]
+    fn a_line_without_end_is_cut_where_one_can_see_it_and_the_next_one_is_whole() {
+        let mut log = LogReader::text();
+        let mut texts = Vec::new();
+        let mut pending_most = 0;
+        for _ in 0..100 {
+            texts.extend(log.lines(&[b'a'; 96]));
+            if let LogReader::Text { pending, .. } = &log {
+                pending_most = pending_most.max(pending.len());
+            }
+        }
+        texts.extend(log.lines(b"its end\nnext\n"));
+        let cut = "a".repeat(MAX_LINE_BYTES) + CUT;
+        let texts: Vec<_> = texts.iter().map(|it| &it.text[..]).collect();
+        assert_eq!(texts, [&cut[..], "next"]);
+        assert!(pending_most <= MAX_LINE_BYTES);
+        let at_once = ["ü".repeat(3000).as_bytes(), b"\nnext\n"].concat();
+        let texts = log.lines(&at_once);
+        assert_eq!(texts[0].text, "ü".repeat(MAX_LINE_BYTES / 2) + CUT);
+        assert_eq!(texts[1].text, "next");
     }
 
     #[test]

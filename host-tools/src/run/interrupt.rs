@@ -46,6 +46,16 @@ impl Interrupt {
 
     /// Whether the process is to end.
     pub fn is_requested(self) -> bool {
-        REQUESTED.load(Relaxed)
+        is_requested()
     }
+}
+
+/// Whether the process is to end, for who does not know whether Ctrl-C was [taken over](Interrupt::take_over). If not, the system ends it.
+pub fn is_requested() -> bool {
+    REQUESTED.load(Relaxed)
+}
+
+/// Ends the command that runs as Ctrl-C does, or lets the next one run: for a program that has [commands run within it](crate::cli::execute).
+pub fn request(is_requested: bool) {
+    REQUESTED.store(is_requested, Relaxed);
 }

@@ -22,11 +22,12 @@ pub mod pty;
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 use thiserror::Error;
 
+use crate::run::interrupt;
 use clock::Clock;
 use pacing::Paced;
 use port::Port;
@@ -39,6 +40,9 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// How long a write may wait for a line that takes nothing.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// How long it may before it is looked whether anybody wants it still.
+const WRITE_LOOK: Duration = Duration::from_millis(100);
 
 /// The shortest wait that a socket or line can be asked for; zero means "for ever" to a socket.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
@@ -142,18 +146,16 @@ pub fn open(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
         }
         Port::Unix(path) => {
             let socket = UnixStream::connect(path).map_err(system)?;
-            socket
-                .set_write_timeout(Some(WRITE_TIMEOUT))
-                .map_err(system)?;
+            socket.set_write_timeout(Some(WRITE_LOOK)).map_err(system)?;
             Ok(Box::new(Paced::new(socket, baud)))
         }
+        // It keeps its rate by itself.
+        Port::Own(line) => line.open().map_err(system),
         Port::Tcp { host, port: number } => {
             let socket = connect_tcp(host, *number).map_err(system)?;
             // A frame is small and wanted now.
             socket.set_nodelay(true).map_err(system)?;
-            socket
-                .set_write_timeout(Some(WRITE_TIMEOUT))
-                .map_err(system)?;
+            socket.set_write_timeout(Some(WRITE_LOOK)).map_err(system)?;
             Ok(Box::new(Paced::new(socket, baud)))
         }
     }
@@ -233,6 +235,34 @@ fn received(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
+/// Writes all of it to a line whose writes wait for [`WRITE_LOOK`] at most.
+fn write_patiently(line: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
+    let mut begun = Instant::now();
+    while !bytes.is_empty() {
+        match line.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => {
+                bytes = bytes.get(count..).unwrap_or_default();
+                begun = Instant::now();
+            }
+            Err(error) => match error.kind() {
+                io::ErrorKind::WouldBlock
+                | io::ErrorKind::TimedOut
+                | io::ErrorKind::Interrupted => {
+                    if interrupt::is_requested() {
+                        return Err(io::Error::other("interrupted, and it takes nothing"));
+                    }
+                    if begun.elapsed() >= WRITE_TIMEOUT {
+                        return Err(io::ErrorKind::TimedOut.into());
+                    }
+                }
+                _ => return Err(error),
+            },
+        }
+    }
+    Ok(())
+}
+
 impl ByteLink for UnixStream {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         self.set_read_timeout(Some(timeout.max(SHORTEST_WAIT)))?;
@@ -240,7 +270,7 @@ impl ByteLink for UnixStream {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.write_all(bytes)
+        write_patiently(self, bytes)
     }
 }
 
@@ -251,7 +281,7 @@ impl ByteLink for TcpStream {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.write_all(bytes)
+        write_patiently(self, bytes)
     }
 }
 
@@ -262,8 +292,8 @@ impl ByteLink for TTYPort {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.set_timeout(WRITE_TIMEOUT)?;
-        self.write_all(bytes)
+        self.set_timeout(WRITE_LOOK)?;
+        write_patiently(self, bytes)
     }
 }
 

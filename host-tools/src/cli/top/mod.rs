@@ -79,7 +79,8 @@ pub fn execute(args: &TopArgs, console: &mut Console) -> Result<(), CommandError
     }
     let interrupt = Interrupt::take_over()?;
     // What is wrong with the port is said before the screen is taken.
-    let (robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect()?;
+    robot.limit_waits(None);
     let interval = Duration::from_micros(args.interval.us).max(SHORTEST_INTERVAL);
     let watch = Watch::start(args.robot.clone(), robot, interval)?;
     let mut following = Following {

@@ -94,7 +94,8 @@ fn watch(
                 }
             },
             None => match port.connect() {
-                Ok((found, info)) => {
+                Ok((mut found, info)) => {
+                    found.limit_waits(None);
                     // A session begins without values.
                     nets = Nets::default();
                     robot = Some(found);
