@@ -22,14 +22,21 @@ use rt_firmware::link::access::{Access, KEY_BYTES};
 use rt_firmware::link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use rt_firmware::link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Request, Response, Status,
-    Stream, ToDevice, Uploads,
+    Stream, Swap, ToDevice, Uploads,
 };
+use rt_firmware::link::telemetry::Ask;
 use serde::ser::{Serialize, SerializeTuple, Serializer};
 
 use crate::random::Random;
 
 /// What a byte takes on a line of 115,200 bits a second.
 const BYTE_US: u64 = 87;
+
+/// What a macro step takes.
+const STEP_US: u64 = 20_000;
+
+/// What it says that values are made of.
+const FIELDS: &[u8] = b"x_m:f32\ny:[u8;2]\n";
 
 /// Bytes of a part of a blob, as honest robots send them.
 const PART_BYTES: usize = 128;
@@ -115,9 +122,12 @@ impl<L: ByteLink> ByteLink for Tapped<'_, L> {
                 continue;
             };
             if let Ok(ToDevice { seq, request }) = frame::decode(frame) {
+                let request = match request {
+                    Request::Within { request, .. } => request.to_vec(),
+                    request => postcard::to_stdvec(&request).unwrap_or_default(),
+                };
                 self.open.retain(|(open, _)| *open != seq);
-                self.open
-                    .push((seq, postcard::to_stdvec(&request).unwrap_or_default()));
+                self.open.push((seq, request));
             }
         }
         self.line.send(bytes)
@@ -151,7 +161,12 @@ impl Honest {
             open: Vec::new(),
         };
         let (mut robot, info) = LinkClient::connect(tapped).unwrap();
-        let hash = robot.upload(blob, &mut |_| ()).unwrap();
+        robot.stage(blob, &mut |_| ()).unwrap();
+        let swap = Swap {
+            trial_ms: 60_000,
+            ..Swap::default()
+        };
+        let hash = robot.commit(swap).unwrap().mission;
         for index in 0..info.task_types {
             robot.task_declaration(index).unwrap();
         }
@@ -162,7 +177,8 @@ impl Honest {
         robot.current_states().unwrap();
         robot.slot_counters(0).unwrap();
         robot.task_counters(0).unwrap();
-        robot.param(hash, 0).unwrap();
+        let value = robot.param(hash, 0).unwrap().value;
+        robot.set_param(hash, 0, value).unwrap();
         robot.fields(hash, 0).unwrap();
         robot.values(hash, &[0, 1], Duration::ZERO).unwrap();
         robot.watch(Some(Duration::from_millis(50))).unwrap();
@@ -265,7 +281,14 @@ impl Character {
             changed: 10,
             ..Character::default()
         };
-        match random.below(10) {
+        match random.below(12) {
+            // Its words and numbers alone are lies, now and then one of its answers.
+            10 => Character::default(),
+            11 => Character {
+                made_up: 2,
+                changed: 1,
+                ..Character::default()
+            },
             0 => Character {
                 made_up: 40,
                 ..some
@@ -321,6 +344,12 @@ pub struct Liar {
     key: [u8; KEY_BYTES],
     /// The mission that it says it runs.
     blob: usize,
+    /// Whether that is on trial.
+    on_trial: bool,
+    /// Number of the request for values, if they were asked for.
+    samples: Option<u8>,
+    /// Parts of streams that it has sent by itself.
+    parts: u8,
     /// When the line breaks.
     cut_us: u64,
     reader: FrameReader,
@@ -430,6 +459,9 @@ impl Liar {
         let character = Character::chosen(&mut random);
         Liar {
             blob: random.below(honest.blobs.len()),
+            on_trial: random.below(3) == 0,
+            samples: None,
+            parts: 0,
             cut_us: match random.below(50) {
                 0 => random.below(40_000_000) as u64,
                 _ => u64::MAX,
@@ -488,7 +520,7 @@ impl Liar {
         } else if self.one_of(made_up) {
             self.made_up(request)
         } else {
-            self.true_to_its_lie(request)
+            self.true_to_its_lie(seq, request)
         };
         if self.one_of(changed) {
             for _ in 0..self.random.between(1, 4) {
@@ -552,7 +584,7 @@ impl Liar {
     }
 
     /// What an honest robot answers that runs this mission, has a key mostly, and whose words are hostile now and then.
-    fn true_to_its_lie(&mut self, request: &Request<'_>) -> Vec<u8> {
+    fn true_to_its_lie(&mut self, seq: u8, request: &Request<'_>) -> Vec<u8> {
         let honest = Arc::clone(&self.honest);
         let blob = &honest.blobs[self.blob];
         let hash = blob.last_chunk().map(|crc| u32::from_le_bytes(*crc));
@@ -576,14 +608,31 @@ impl Liar {
                 }))
             }
             (Request::Status, Some(Ok(Response::Status(status)))) => {
-                let mission = hash;
-                Ok(Response::Status(Status { mission, ..status }))
+                let status = Status {
+                    mission: hash,
+                    trial: status.trial.filter(|_| self.on_trial),
+                    t_us: self.now_us(),
+                    steps: self.now_us() / STEP_US,
+                    ..status
+                };
+                Ok(Response::Status(status))
             }
             (Request::ReadBlob { offset }, _) => {
                 data = self.part(blob, offset as usize);
                 let total = blob.len() as u32;
                 Ok(Response::Blob { total, data: &data })
             }
+            (Request::Values { ask }, _) => match Ask::of(ask) {
+                Ok(Ask::Fields { offset, .. }) => {
+                    data = self.part(FIELDS, offset.into());
+                    let total = FIELDS.len() as u16;
+                    Ok(Response::TaskText { total, text: &data })
+                }
+                _ => {
+                    self.samples = Some(seq);
+                    Ok(Response::Done)
+                }
+            },
             (Request::Begin { len, .. }, _) => {
                 let len = len / 2 * self.random.below(2) as u32;
                 Ok(Response::Received { len })
@@ -598,10 +647,19 @@ impl Liar {
                     len: offset + brought as u32,
                 })
             }
-            (Request::Commit(_), _) => Ok(Response::Committed {
-                mission: hash.unwrap_or(1),
-                carried: 0,
-            }),
+            (Request::Commit(_), _) => {
+                self.on_trial = true;
+                Ok(Response::Committed {
+                    mission: hash.unwrap_or(1),
+                    carried: 0,
+                })
+            }
+            (Request::Confirm { .. } | Request::FallBack { .. }, _) => {
+                self.on_trial = false;
+                Ok(Response::Done)
+            }
+            // What the board `host` has no flash for.
+            (Request::SaveParams { .. }, _) => Ok(Response::ParamsSaved { count: 1 }),
             (Request::Challenge, _) => Ok(Response::Challenge {
                 nonce: Default::default(),
                 counter: edge(&mut self.random),
@@ -725,6 +783,35 @@ impl Liar {
     /// What comes when nothing else does.
     fn unasked(&mut self) {
         let now = self.now_us();
+        if let Some(number) = self.samples
+            && self.one_of(50)
+        {
+            // Values of two nets, in words: the head, which nets, the time, and what is on them.
+            let head = u32::from_le_bytes([number, 0, 0, 0]);
+            let words = [
+                head,
+                3,
+                now as u32,
+                0,
+                1.5_f32.to_bits(),
+                7,
+                8,
+                0x7fc0_0000,
+                1,
+                2,
+            ];
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            let part = FromDevice::Stream(Stream {
+                channel: Channel::Values,
+                seq: self.parts,
+                continues: false,
+                dropped: 0,
+                bytes: &bytes,
+            });
+            self.parts = self.parts.wrapping_add(1);
+            let message = postcard::to_stdvec(&part).unwrap_or_default();
+            self.to_host.push_back((now + STEP_US, framed(&message)));
+        }
         if self.one_of(self.character.noise) {
             let bytes = (0..64).map(|_| self.random.bits() as u8 & self.random.bits() as u8);
             let bytes = bytes.collect();

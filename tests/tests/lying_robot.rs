@@ -7,9 +7,8 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::collections::BTreeMap;
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -26,6 +25,7 @@ use host_tools::cli::param::Action as ParamAction;
 use host_tools::cli::{self, Cli, Command};
 use host_tools::host_board;
 use host_tools::keys::SigningKey;
+use host_tools::parameters::parameters_of;
 use host_tools::run::interrupt;
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::SimulatedTime;
@@ -63,7 +63,7 @@ const COMMANDS: &[(&str, bool)] = &[
     ("values --every 1s --json", true),
     ("param get", false),
     ("param get --json", false),
-    ("param set x 1", false),
+    ("param set PARAMETER 1", false),
     ("param save", false),
     ("blackbox", false),
     ("blackbox --json", false),
@@ -135,6 +135,8 @@ struct Setting {
     folder: tempfile::TempDir,
     key: [u8; 32],
     mission_bytes: u32,
+    /// Name of one of the mission's parameters.
+    parameter: String,
 }
 
 impl Setting {
@@ -151,6 +153,8 @@ impl Setting {
             key: key.public().0,
             folder,
             mission_bytes: blob.len() as u32,
+            parameter: parameters_of(&subject::verified(&blob).unwrap()).unwrap()[0].names[0]
+                .clone(),
         }
     }
 
@@ -161,6 +165,7 @@ impl Setting {
                 "MISSION" => file("mission.blob"),
                 "OTHER" => file("other"),
                 "ELF" => file("elf"),
+                "PARAMETER" => self.parameter.clone(),
                 word => word.to_owned(),
             })
             .collect();

@@ -241,7 +241,9 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     }
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect()?;
-    limit_waits(&mut robot, &staged.mission);
+    if !args.diff {
+        limit_waits(&mut robot, &staged.mission);
+    }
     if args.warm {
         robot.require(Feature::Warm)?;
     }

@@ -111,7 +111,8 @@ fn show(
     let Some(every) = args.every else {
         let catalogue = read(robot)?;
         for group in wanted_groups(&catalogue, &args.nets)? {
-            show_once(robot, catalogue.mission, group, args.json, console)?;
+            let mission = catalogue.mission;
+            show_once(robot, mission, group, args.json, interrupt, console)?;
         }
         return Ok(());
     };
@@ -201,11 +202,12 @@ fn show_once(
     mission: u32,
     nets: Named,
     json: bool,
+    interrupt: &Interrupt,
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, Duration::ZERO)?;
     let begun = robot.clock().now();
-    loop {
+    while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
             match subscription.read(&event) {
@@ -226,6 +228,7 @@ fn show_once(
             )));
         }
     }
+    Ok(())
 }
 
 /// Shows samples until Ctrl-C, or until the mission is another one.

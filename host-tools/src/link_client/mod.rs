@@ -1028,9 +1028,16 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Lets time pass before a request is sent anew.
+    /// Lets time pass before a request is sent anew; less where that is to end, as it is found to be when it is sent.
     fn pause(&mut self, wait: Duration, patience: &mut Patience) {
-        self.clock.pause(wait);
+        let until = self.clock.now() + wait;
+        while self.check_stop("pause").is_ok() {
+            let left = until.saturating_duration_since(self.clock.now());
+            if left.is_zero() {
+                break;
+            }
+            self.clock.pause(left.min(STOP_LOOK));
+        }
         patience.look(self.clock.now());
     }
 
