@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use defmt_decoder::{DecodeError, Encoding, Table};
 use thiserror::Error;
 
+use super::log_frames::Texts;
+
 /// Longest frame that is waited for. Longer ones are noise.
 const FRAME_LIMIT_BYTES: usize = 4096;
 
@@ -227,6 +229,8 @@ impl LogReader {
 /// Makes lines of `defmt` frames, with the texts of one firmware.
 pub struct LogDecoder {
     table: Table,
+    /// The same texts, by which frames are looked at first.
+    texts: Texts,
     /// Something was lost: what comes up to the next end of a frame is the rest of one.
     is_torn: bool,
     /// What came after the last end of a frame.
@@ -248,9 +252,10 @@ impl LogDecoder {
             path: path.to_owned(),
             cause,
         })?;
-        match table {
-            Some(table) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
+        match table.zip(Texts::of(&elf)) {
+            Some((table, texts)) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
                 table,
+                texts,
                 is_torn: false,
                 pending: Vec::new(),
                 bad_frames: 0,
@@ -285,10 +290,17 @@ impl LogDecoder {
         };
         let rest = self.pending.split_off(last_end + 1);
         let complete = std::mem::replace(&mut self.pending, rest);
-        let mut decoder = self.table.new_stream_decoder();
-        decoder.received(&complete);
         let mut lines = Vec::new();
-        loop {
+        for frame in complete.split_inclusive(|byte| *byte == FRAME_END) {
+            let Some(packed @ [_, ..]) = frame.strip_suffix(&[FRAME_END]) else {
+                continue;
+            };
+            if packed.len() > FRAME_LIMIT_BYTES || !self.texts.admit(packed) {
+                self.bad_frames += 1;
+                continue;
+            }
+            let mut decoder = self.table.new_stream_decoder();
+            decoder.received(frame);
             match decoder.decode() {
                 Ok(frame) => lines.push(LogLine {
                     level: frame.level().map(|level| match level.as_str() {
@@ -301,10 +313,10 @@ impl LogDecoder {
                     timestamp: frame.display_timestamp().map(Beginning::of),
                     text: Beginning::of(frame.display_message()),
                 }),
-                Err(DecodeError::UnexpectedEof) => return lines,
-                Err(DecodeError::Malformed) => self.bad_frames += 1,
+                Err(DecodeError::UnexpectedEof | DecodeError::Malformed) => self.bad_frames += 1,
             }
         }
+        lines
     }
 
     /// Frames that could not be read: lost bytes, or the texts of another firmware.

@@ -20,6 +20,7 @@ macro_rules! planted {
 }
 
 pub mod error;
+mod log_frames;
 pub mod log_lines;
 mod loss;
 #[cfg(test)]
