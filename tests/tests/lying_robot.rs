@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use esm_tests::command::{Running, root};
+use esm_tests::command::{Running, firmware, root};
 use esm_tests::environment;
 use esm_tests::liar::{Honest, Liar, SessionTime};
 use esm_tests::random::Random;
@@ -25,6 +25,7 @@ use host_tools::cli::param::Action as ParamAction;
 use host_tools::cli::{self, Cli, Command};
 use host_tools::host_board;
 use host_tools::keys::SigningKey;
+use host_tools::link_client::log_lines::LogReader;
 use host_tools::parameters::parameters_of;
 use host_tools::run::interrupt;
 use host_tools::serial::ByteLink;
@@ -377,4 +378,41 @@ fn ctrl_c_ends_the_command_itself_at_once() {
             assert!(!said.contains(is_harmful), "{said:?}");
         }
     }
+}
+
+#[test]
+fn no_frame_of_a_log_makes_its_reader_fail_or_take_much_memory() {
+    let elf = firmware("rover");
+    let mut random = Random::new(9);
+    let before = MEMORY.current_usage();
+    let mut reader = LogReader::firmware(&elf).unwrap();
+    let of_texts = MEMORY.current_usage().saturating_sub(before);
+    MEMORY.reset_peak_usage();
+    let before = MEMORY.current_usage();
+    let mut lines = 0;
+    for _ in 0..environment::number("ESM_LOG_FRAMES", 20_000) {
+        // Numbers of texts are small, counts are anything; each seven bytes have a byte behind them that says which of them are zero.
+        let mut frame = Vec::new();
+        for _ in 0..random.between(1, 40) {
+            let mut code = 0u8;
+            for place in 0..7 {
+                let byte = match random.below(4) {
+                    0 => random.bits() as u8,
+                    1 => random.below(130) as u8,
+                    2 => 0xff,
+                    _ => 0,
+                };
+                match byte {
+                    0 => code |= 1 << place,
+                    byte => frame.push(byte),
+                }
+            }
+            frame.push(code.max(1));
+        }
+        frame.push(0);
+        lines += reader.lines(&frame).len();
+    }
+    assert!(lines > 20, "{lines} lines: the frames reach nothing");
+    let memory = MEMORY.peak_usage().saturating_sub(before);
+    assert!(memory + of_texts < MOST_MEMORY, "{memory} and {of_texts}");
 }
