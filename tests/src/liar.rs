@@ -32,6 +32,9 @@ use crate::random::Random;
 /// What a byte takes on a line of 115,200 bits a second.
 const BYTE_US: u64 = 87;
 
+/// How long a mission is on trial, as it says.
+pub const TRIAL_S: u32 = 60;
+
 /// What a macro step takes.
 const STEP_US: u64 = 20_000;
 
@@ -163,7 +166,7 @@ impl Honest {
         let (mut robot, info) = LinkClient::connect(tapped).unwrap();
         robot.stage(blob, &mut |_| ()).unwrap();
         let swap = Swap {
-            trial_ms: 60_000,
+            trial_ms: TRIAL_S * 1_000,
             ..Swap::default()
         };
         let hash = robot.commit(swap).unwrap().mission;

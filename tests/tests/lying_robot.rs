@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use esm_tests::command::{Running, firmware, root};
 use esm_tests::environment;
-use esm_tests::liar::{Honest, Liar, SessionTime};
+use esm_tests::liar::{Honest, Liar, SessionTime, TRIAL_S};
 use esm_tests::random::Random;
 use esm_tests::subject;
 use host_tools::clean::is_harmful;
@@ -48,6 +48,9 @@ const LONGEST_FAREWELL: Duration = Duration::from_secs(1);
 /// What an upload may take longer, for each byte of the mission, and for its trial.
 const SLOWEST_BYTE: Duration = Duration::from_millis(40);
 const LONGEST_TRIAL: Duration = Duration::from_secs(20);
+
+/// What it waits where the robot says that another mission is on trial: as long as it says, and a little longer.
+const EARLIER_TRIAL: Duration = Duration::from_secs(TRIAL_S as u64 + 10);
 
 /// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER` and `ELF` are files.
 const COMMANDS: &[(&str, bool)] = &[
@@ -245,7 +248,8 @@ fn session(setting: &Setting, number: u64) -> Result<Seen, String> {
         return Err(format!("{what} goes on for {farewell:?} behind Ctrl-C"));
     }
     let longest = if words.starts_with("upload") {
-        LONGEST + LONGEST_TRIAL + SLOWEST_BYTE * setting.mission_bytes
+        let trials = LONGEST_TRIAL + EARLIER_TRIAL;
+        LONGEST + trials + SLOWEST_BYTE * setting.mission_bytes
     } else {
         LONGEST
     };

@@ -167,8 +167,11 @@ fn until_interrupt() -> Option<Box<dyn Fn() -> bool + Send>> {
 /// How long all requests of a command together may wait for a robot, where it does not do more than ask: beyond that the robot does not mean to answer.
 pub const LONGEST_WAITS: Duration = NOISY_DEADLINE;
 
-/// How long a robot may take to hear that a command ends, when the person wants that at once.
-const LONGEST_FAREWELL: Duration = Duration::from_millis(600);
+/// How long a robot may take to hear that a command ends, when the person wants that at once: with [`LONGEST_HOLD`] before it, less than a second.
+const LONGEST_FAREWELL: Duration = Duration::from_millis(500);
+
+/// How long a command goes on behind Ctrl-C with something that should not be left in doubt.
+const LONGEST_HOLD: Duration = Duration::from_millis(300);
 
 /// Lets a robot hear, still, that a command ends: not for long after Ctrl-C.
 pub fn end_soon(robot: &mut Robot) {
@@ -183,8 +186,7 @@ pub fn hold_out(robot: &mut Robot) {
     let clock = robot.clock().clone();
     let seen = OnceLock::new();
     robot.stop_when(Some(Box::new(move || {
-        interrupt::is_requested()
-            && clock.since(*seen.get_or_init(|| clock.now())) >= LONGEST_FAREWELL
+        interrupt::is_requested() && clock.since(*seen.get_or_init(|| clock.now())) >= LONGEST_HOLD
     })));
 }
 
