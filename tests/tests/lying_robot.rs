@@ -384,6 +384,24 @@ fn ctrl_c_ends_the_command_itself_at_once() {
     }
 }
 
+/// Bytes in the encoding of a firmware's log, with its end: behind each seven stands which of them are zero. One is taken for zero where none is.
+fn packed(bytes: &[u8]) -> Vec<u8> {
+    const RUN: usize = 7;
+    let mut packed = Vec::new();
+    for run in bytes.chunks(RUN) {
+        let mut code = 0;
+        for place in 0..RUN {
+            match run.get(place) {
+                Some(&byte) if byte != 0 && (code != 0 || place + 1 < RUN) => packed.push(byte),
+                _ => code |= 1 << place,
+            }
+        }
+        packed.push(code);
+    }
+    packed.push(0);
+    packed
+}
+
 #[test]
 fn no_frame_of_a_log_makes_its_reader_fail_or_take_much_memory() {
     let elf = firmware("rover");
@@ -395,26 +413,31 @@ fn no_frame_of_a_log_makes_its_reader_fail_or_take_much_memory() {
     let before = MEMORY.current_usage();
     let mut lines = 0;
     for _ in 0..environment::number("ESM_LOG_FRAMES", 20_000) {
-        // Numbers of texts are small, counts are anything; each seven bytes have a byte behind them that says which of them are zero.
-        let mut frame = Vec::new();
-        for _ in 0..random.between(1, 40) {
-            let mut code = 0u8;
-            for place in 0..7 {
-                let byte = match random.below(4) {
-                    0 => random.bits() as u8,
-                    1 => random.below(130) as u8,
-                    2 => 0xff,
-                    _ => 0,
-                };
-                match byte {
-                    0 => code |= 1 << place,
-                    byte => frame.push(byte),
-                }
-            }
-            frame.push(code.max(1));
-        }
-        frame.push(0);
-        lines += reader.lines(&frame).len();
+        // Numbers of texts are small, all else is anything.
+        let bytes: Vec<u8> = (0..random.between(7, 280))
+            .map(|_| match random.below(4) {
+                0 => random.bits() as u8,
+                1 => random.below(130) as u8,
+                2 => 0xff,
+                _ => 0,
+            })
+            .collect();
+        lines += reader.lines(&packed(&bytes)).len();
+    }
+    // A line in which a text stands, which tells of as many elements as can be said, or in which it stands itself.
+    const TEXTS: u8 = 130;
+    const TIME: [u8; 8] = [0; 8];
+    for (line, text) in (1..TEXTS).flat_map(|line| (1..TEXTS).map(move |text| (line, text))) {
+        let many = [
+            &[line, 0][..],
+            &TIME,
+            &[text, 0, 255, 255, 255, 255, text, 0, 0],
+        ]
+        .concat();
+        lines += reader.lines(&packed(&many)).len();
+        let most = if line.is_multiple_of(16) { 1_800 } else { 2 };
+        let deep = [&[line, 0][..], &TIME, &[text, 0].repeat(most)].concat();
+        lines += reader.lines(&packed(&deep)).len();
     }
     assert!(lines > 20, "{lines} lines: the frames reach nothing");
     let memory = MEMORY.peak_usage().saturating_sub(before);
