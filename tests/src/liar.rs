@@ -18,11 +18,11 @@ use host_tools::run::interrupt;
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
 use host_tools::world::World;
-use rt_firmware::link::access::{Access, KEY_BYTES};
+use rt_firmware::link::access::Access;
 use rt_firmware::link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use rt_firmware::link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Request, Response, Status,
-    Stream, Swap, ToDevice, Uploads,
+    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Mode, Request, Response,
+    Status, Stream, Swap, ToDevice, Uploads,
 };
 use rt_firmware::link::telemetry::Ask;
 use serde::ser::{Serialize, SerializeTuple, Serializer};
@@ -106,7 +106,7 @@ impl<L: ByteLink> ByteLink for Tapped<'_, L> {
                 continue;
             };
             match frame::decode::<FromDevice<'_>>(frame) {
-                Ok(FromDevice::Reply { seq, result }) => {
+                Ok(FromDevice::Reply { seq, result, .. }) => {
                     let asked = self.open.iter().find(|(open, _)| *open == seq);
                     if let (Some((_, asked)), Ok(bytes)) = (asked, postcard::to_stdvec(&result)) {
                         honest.answers.push((asked.clone(), bytes));
@@ -343,12 +343,12 @@ pub struct Liar {
     honest: Arc<Honest>,
     random: Random,
     character: Character,
-    /// The key that it says it has.
-    key: [u8; KEY_BYTES],
     /// The mission that it says it runs.
     blob: usize,
     /// Whether that is on trial.
     on_trial: bool,
+    /// What it does, if it was told to.
+    mode: Option<Mode>,
     /// Number of the request for values, if they were asked for.
     samples: Option<u8>,
     /// Parts of streams that it has sent by itself.
@@ -451,25 +451,20 @@ fn bytes(random: &mut Random, most: usize) -> Vec<u8> {
 }
 
 impl Liar {
-    /// A robot that lies as follows from the seed, in this time, and has this key where it has one.
-    pub fn new(
-        honest: Arc<Honest>,
-        time: Arc<SessionTime>,
-        key: [u8; KEY_BYTES],
-        seed: u64,
-    ) -> Self {
+    /// A robot that lies as follows from the seed, in this time.
+    pub fn new(honest: Arc<Honest>, time: Arc<SessionTime>, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let character = Character::chosen(&mut random);
         Liar {
             blob: random.below(honest.blobs.len()),
             on_trial: random.below(3) == 0,
+            mode: None,
             samples: None,
             parts: 0,
             cut_us: match random.below(50) {
                 0 => random.below(40_000_000) as u64,
                 _ => u64::MAX,
             },
-            key,
             time,
             honest,
             character,
@@ -499,7 +494,10 @@ impl Liar {
     }
 
     fn answer(&mut self, seq: u8, request: &Request<'_>) {
-        if let Request::Within { request, .. } | Request::Signed { request, .. } = request {
+        if let Request::Within { request, .. }
+        | Request::Signed { request, .. }
+        | Request::Proven { request, .. } = request
+        {
             let inner = request.to_vec();
             if let Ok(inner) = postcard::from_bytes::<Request<'_>>(&inner) {
                 return self.answer(seq, &inner);
@@ -546,7 +544,7 @@ impl Liar {
         } else {
             seq
         };
-        let frame = framed(&[&[0, number], &result[..]].concat());
+        let frame = framed(&[&[0, number], &result[..], &[request.kind()]].concat());
         let delay_us = if self.one_of(late) {
             self.random.below(late_us.max(1))
         } else {
@@ -599,8 +597,9 @@ impl Liar {
             (Request::Hello, Some(Ok(Response::Hello(info)))) => {
                 name = text(&mut self.random, 20);
                 let access = match self.random.below(20) {
-                    0 => Access::Open,
-                    _ => Access::Locked,
+                    0 => Access::Locked,
+                    1 => Access::Unreadable,
+                    _ => Access::Open,
                 };
                 let is_plain = self.random.below(2) == 0;
                 Ok(Response::Hello(DeviceInfo {
@@ -613,6 +612,7 @@ impl Liar {
             (Request::Status, Some(Ok(Response::Status(status)))) => {
                 let status = Status {
                     mission: hash,
+                    mode: self.mode.unwrap_or(status.mode),
                     trial: status.trial.filter(|_| self.on_trial),
                     t_us: self.now_us(),
                     steps: self.now_us() / STEP_US,
@@ -650,6 +650,14 @@ impl Liar {
                     len: offset + brought as u32,
                 })
             }
+            (Request::Stop | Request::EmergencyStop | Request::Release | Request::Start, _) => {
+                self.mode = Some(match request {
+                    Request::EmergencyStop => Mode::EmergencyStopped,
+                    Request::Start => Mode::Running,
+                    _ => Mode::Stopped,
+                });
+                Ok(Response::Done)
+            }
             (Request::Commit(_), _) => {
                 self.on_trial = true;
                 Ok(Response::Committed {
@@ -666,7 +674,6 @@ impl Liar {
             (Request::Challenge, _) => Ok(Response::Challenge {
                 nonce: Default::default(),
                 counter: edge(&mut self.random),
-                key: self.key,
             }),
             (_, Some(known)) => known,
             (_, None) => Ok(Response::Done),
@@ -764,7 +771,6 @@ impl Liar {
             (Request::Challenge, _) => Response::Challenge {
                 nonce: Default::default(),
                 counter: one,
-                key: Default::default(),
             },
             // Something else altogether.
             _ => match random.below(3) {

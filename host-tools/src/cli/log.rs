@@ -70,7 +70,7 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         file::keep_sources(output, inputs.into_iter().flatten())?;
     }
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
     let wanted = wanted(args, &mut robot, console)?;
     let log = if wanted.log {
         reader(&info.board, args.firmware.as_deref(), console)?

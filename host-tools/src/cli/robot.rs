@@ -11,7 +11,7 @@ use rt_firmware::link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;
-use super::console;
+use super::console::Console;
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, NOISY_DEADLINE, RobotInfo};
@@ -82,9 +82,9 @@ impl RobotArgs {
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
-    pub fn connect(&self) -> Result<(Robot, RobotInfo), CommandError> {
+    pub fn connect(&self, console: &mut Console) -> Result<(Robot, RobotInfo), CommandError> {
         let (mut robot, info) = self.connect_quietly()?;
-        warn(info.access);
+        warn(info.access, console);
         if is_named(self.key.as_deref()) {
             robot.insist_on_key();
         }
@@ -95,7 +95,11 @@ impl RobotArgs {
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
-    pub fn connect_to_stop(&self, is_emergency: bool) -> Result<Robot, CommandError> {
+    pub fn connect_to_stop(
+        &self,
+        is_emergency: bool,
+        console: &mut Console,
+    ) -> Result<Robot, CommandError> {
         let link = open_line(&self.port, self.line)?;
         let (mut robot, info) = LinkClient::connect_to_stop(
             link,
@@ -103,7 +107,7 @@ impl RobotArgs {
             Some(LONGEST_WAITS),
             until_interrupt(),
         )?;
-        warn(info.access);
+        warn(info.access, console);
         robot.use_key(key_at(self.key.as_deref()));
         if is_named(self.key.as_deref()) {
             robot.insist_on_key();
@@ -139,9 +143,13 @@ pub fn key_at(named: Option<&Path>) -> KeyLoader {
 ///
 /// # Errors
 /// What is wrong with the port, or with the robot behind it.
-pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
+pub fn connect(
+    port: &Port,
+    line: LineArgs,
+    console: &mut Console,
+) -> Result<(Robot, RobotInfo), CommandError> {
     let (robot, info) = open(port, line)?;
-    warn(info.access);
+    warn(info.access, console);
     Ok((robot, info))
 }
 
@@ -191,9 +199,9 @@ pub fn hold_out(robot: &mut Robot) {
 }
 
 /// Tells who may command a robot, where that is not as it should be.
-fn warn(access: Access) {
+fn warn(access: Access, console: &mut Console) {
     if let Some(warning) = warning(access) {
-        console::warn(warning);
+        console.note(warning);
     }
 }
 

@@ -240,7 +240,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         stage::require_names(&staged.mission)?;
     }
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
     if !args.diff {
         limit_waits(&mut robot, &staged.mission);
     }

@@ -89,7 +89,7 @@ impl Serialize for Values<'_> {
 /// What kept it from ending well.
 pub fn execute(args: &ValuesArgs, console: &mut Console) -> Result<(), CommandError> {
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     robot.require(Feature::Telemetry)?;
     let ended = show(args, &mut robot, &interrupt, console);
     let ended = match ended {

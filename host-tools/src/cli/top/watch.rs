@@ -93,7 +93,7 @@ fn watch(
                     News::Lost(error.to_string())
                 }
             },
-            None => match port.connect() {
+            None => match port.connect_quietly() {
                 Ok((mut found, info)) => {
                     found.limit_waits(None);
                     // A session begins without values.
