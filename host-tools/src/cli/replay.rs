@@ -136,7 +136,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         let (remove, told) = (file.remover(), interrupted(path));
         interrupt.insist(GRACE, ExitStatus::WorldFailed as u8, move || {
             remove();
-            eprintln!("error: {told}");
+            console::warn(&format!("error: {told}"));
         });
     }
     let is_wanted = args.trace.is_some() || args.expect.is_some();
