@@ -1,8 +1,12 @@
 //! The library behind the `esm` command.
 
+// All that goes to a terminal goes through `cli::console`, which cleans it.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod black_box;
 pub mod boards;
 pub mod bound;
+pub mod clean;
 pub mod cli;
 pub mod compile;
 pub mod counters;

@@ -3,8 +3,6 @@
 //! The parts of a reading are asked for one after another, so that they are a few milliseconds apart. What does not change while a mission runs
 //! (its tables and names) is read once.
 
-use std::time::Instant;
-
 use esm_core::{Refusal, Verified};
 use rt_firmware::link::message::{LinkError, Status, TaskCounters};
 use serde::Serialize;
@@ -200,7 +198,8 @@ impl Reader {
         tasks: Tasks,
     ) -> Result<Option<Reading>, ReadError> {
         let before = robot.status()?;
-        let began = Instant::now();
+        let clock = robot.clock().clone();
+        let began = clock.now();
         let mut reading = Reading::without_mission(before);
         if let Some(mission) = before.mission {
             let known = self.know(robot, mission)?;
@@ -208,7 +207,7 @@ impl Reader {
             reading.machine = Some(known.machine.clone());
             for (index, &plan) in (0..=u8::MAX).zip(&known.slots) {
                 let counted = SlotReport::from(robot.slot_counters(index)?);
-                asked.push(began.elapsed());
+                asked.push(clock.since(began));
                 reading.slots.push(SlotReading {
                     plan,
                     counted,
@@ -242,7 +241,7 @@ impl Reader {
             if known.mission != mission || reading.status.mission != before.mission {
                 return Ok(None);
             }
-            let passed = began.elapsed().as_secs_f64();
+            let passed = clock.since(began).as_secs_f64();
             for (slot, asked) in reading.slots.iter_mut().zip(asked) {
                 let share = asked.as_secs_f64() / passed;
                 slot.t_us = time_between(before.t_us, reading.status.t_us, share);

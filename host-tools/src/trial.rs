@@ -57,16 +57,25 @@ pub struct Tried {
     given_up: Option<FallBack>,
     /// Its macro steps when it was last seen on trial.
     steps: Option<u64>,
+    /// How long it can last.
+    limit: Duration,
 }
 
+/// The longest that a trial can be.
+pub const LONGEST_TRIAL: Duration = Duration::from_secs(3600);
+
+/// How much later than it should a trial may be seen to end: the robot's clock is not this one.
+const SLACK: Duration = Duration::from_secs(10);
+
 impl Tried {
-    /// The mission of this hash, on trial since a commit before which the robot said this of itself.
-    pub fn since(status: &Status, mission: u32) -> Self {
+    /// The mission of this hash, on trial for such a time since a commit before which the robot said this of itself.
+    pub fn since(status: &Status, mission: u32, time: Duration) -> Self {
         Tried {
             mission,
             before: status.mission,
             given_up: status.fell_back,
             steps: None,
+            limit: time + SLACK,
         }
     }
 
@@ -78,7 +87,13 @@ impl Tried {
             before: trial.before,
             given_up: status.fell_back,
             steps: Some(status.steps),
+            limit: Duration::from_millis(trial.left_ms.into()).min(LONGEST_TRIAL) + SLACK,
         })
+    }
+
+    /// How long it can last at most, as it is seen from here.
+    pub fn limit(&self) -> Duration {
+        self.limit
     }
 
     /// What a status says of the end of the trial; none while it goes on.
@@ -117,6 +132,8 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     mut trial: Tried,
     mut meanwhile: impl FnMut(&mut LinkClient<L>) -> Result<(), E>,
 ) -> Result<Outcome, E> {
+    let clock = robot.clock().clone();
+    let begun = clock.now();
     let mut last_us = 0;
     let mut stood = Duration::ZERO;
     loop {
@@ -144,8 +161,12 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
         } else if stood > STANDSTILL_LIMIT {
             return Ok(Outcome::Standstill);
         }
+        // A robot on whose word no trial ever ends.
+        if clock.since(begun) > trial.limit {
+            return Ok(Outcome::Unknown);
+        }
         meanwhile(robot)?;
-        std::thread::sleep(LOOK_TIME);
+        clock.pause(LOOK_TIME);
         stood += LOOK_TIME;
     }
 }
@@ -198,7 +219,8 @@ pub fn outlast<L: ByteLink>(
 ) -> Result<End, ClientError> {
     let clock = robot.clock().clone();
     let mut last_left_ms = None;
-    let mut moved_at = clock.now();
+    let begun = clock.now();
+    let mut moved_at = begun;
     loop {
         let status = robot.status()?;
         if let Some(end) = trial.end(&status) {
@@ -211,6 +233,9 @@ pub fn outlast<L: ByteLink>(
             moved_at = clock.now();
         } else if clock.since(moved_at) > STANDSTILL_LIMIT {
             return Ok(End::Standstill);
+        }
+        if clock.since(begun) > trial.limit {
+            return Ok(End::Unknown);
         }
         clock.pause(LOOK_TIME);
     }
@@ -364,7 +389,10 @@ pub(crate) mod tests {
                 fell_back: last,
                 ..status(runs, steps)
             };
-            let mut trials = [Tried::since(&committed, NEW), Tried::found(&seen).unwrap()];
+            let mut trials = [
+                Tried::since(&committed, NEW, DEFAULT_TRIAL),
+                Tried::found(&seen).unwrap(),
+            ];
             for trial in &mut trials {
                 assert_eq!(trial.end(&seen), None, "{what}");
                 assert_eq!(trial.end(&ended), Some(end), "{what}");

@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
 use esm_core::Verified;
@@ -102,13 +103,13 @@ where
 /// A field of a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name, which ends in its unit where it has one. A value that is a number itself has one field without a name.
-    pub name: String,
+    /// Its name, which ends in its unit where it has one. A value that is a number itself has one field without a name. All fields of a row share it.
+    pub name: Arc<str>,
     /// What it can be.
     pub kind: ParameterType,
 }
 
-/// The most fields that a value has which can be told at all: beyond that, rows are not taken apart.
+/// The most fields that a value has which can be told at all: beyond that, rows are not taken apart. A mission's types have no more together.
 const MAX_FIELDS: usize = 1 << 16;
 
 /// Fields from what a robot says of them, a line each, with a row as so many fields of one name. `None` where that says something else.
@@ -120,7 +121,7 @@ pub fn fields_of(text: &str) -> Option<Vec<Field>> {
             .strip_prefix('[')
             .and_then(|row| row.strip_suffix(']')?.split_once(';'));
         let (kind, count) = match row {
-            Some((kind, count)) => (kind, count.parse().ok()?),
+            Some((kind, count)) => (kind, count.parse::<usize>().ok()?),
             None => (kind, 1),
         };
         let kind = match kind {
@@ -130,10 +131,10 @@ pub fn fields_of(text: &str) -> Option<Vec<Field>> {
             "f32" => ParameterType::F32,
             _ => return None,
         };
-        if fields.len() + count > MAX_FIELDS {
+        if count > MAX_FIELDS - fields.len() {
             return None;
         }
-        let name = name.to_owned();
+        let name: Arc<str> = name.into();
         fields.extend(std::iter::repeat_n(Field { name, kind }, count));
     }
     Some(fields)
@@ -179,8 +180,8 @@ impl Field {
 pub struct Watched {
     /// The net.
     pub net: Net,
-    /// What its values are made of.
-    pub fields: Vec<Field>,
+    /// What its values are made of. Nets of the same type share it.
+    pub fields: Arc<[Field]>,
 }
 
 /// The nets of the mission that a robot runs, and what their values are made of.
@@ -204,14 +205,19 @@ impl Catalogue {
     where
         B: std::ops::Deref<Target = [u8]>,
     {
-        let mut known: HashMap<String, Vec<Field>> = HashMap::new();
+        let mut known: HashMap<String, Arc<[Field]>> = HashMap::new();
+        let mut count = 0;
         let mut nets = Vec::new();
         for net in nets_of(blob)? {
             let fields = match known.get(&net.type_name) {
                 Some(fields) => fields.clone(),
                 None => {
                     let text = robot.fields(blob.hash(), net.index)?;
-                    let fields = fields_of(&text).ok_or(ValuesError::Unknown)?;
+                    let fields: Arc<[Field]> = fields_of(&text).ok_or(ValuesError::Unknown)?.into();
+                    count += fields.len();
+                    if count > MAX_FIELDS {
+                        return Err(ValuesError::TooMany);
+                    }
                     known.insert(net.type_name.clone(), fields.clone());
                     fields
                 }
@@ -266,6 +272,11 @@ pub enum ValuesError {
         "the robot has values of a type that this program does not know: use the `esm` of its firmware's version"
     )]
     Unknown,
+    /// More than any robot has.
+    #[error(
+        "the robot has values of more than {MAX_FIELDS} numbers together, which no robot has: its firmware and this program do not fit together"
+    )]
+    TooMany,
 }
 
 /// Values that a robot was asked for.
@@ -412,8 +423,8 @@ impl Serialize for Text<'_> {
         while let Some(field) = self.fields.get(at) {
             let row = self.row_from(at);
             match row {
-                [value] => map.serialize_entry(&field.name, value)?,
-                values => map.serialize_entry(&field.name, values)?,
+                [value] => map.serialize_entry(&*field.name, value)?,
+                values => map.serialize_entry(&*field.name, values)?,
             }
             at += row.len().max(1);
         }
@@ -429,6 +440,25 @@ pub fn is_not_built_in(error: &ValuesError) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_robot_that_tells_of_endless_rows_is_told_to_be_wrong() {
+        for said in [
+            "x:[u32;18446744073709551615]\n",
+            "a:u8\nx:[u32;18446744073709551615]\n",
+            "x:[u32;65537]\n",
+            "x:[f32;65536]\ny:f32\n",
+            "x:[u32;-1]\n",
+        ] {
+            assert_eq!(fields_of(said), None, "{said}");
+        }
+        let most = fields_of("x:[u32;65536]\n").unwrap();
+        assert_eq!(most.len(), MAX_FIELDS);
+        assert!(
+            Arc::ptr_eq(&most[0].name, &most[MAX_FIELDS - 1].name),
+            "no name is held twice"
+        );
+    }
 
     #[test]
     fn nets_go_by_the_ports_that_are_on_them_writers_first() {
@@ -516,7 +546,7 @@ mod tests {
                 names: vec![format!("n{index}")],
                 type_name: "T".into(),
             },
-            fields: fields(said),
+            fields: fields(said).into(),
         };
         let nets = vec![
             net(3, "a:u32\nb:i32\n"),
@@ -555,7 +585,7 @@ mod tests {
                 names: vec![format!("n{index}")],
                 type_name: "T".into(),
             },
-            fields: fields(&format!("x:[u32;{words}]\n")),
+            fields: fields(&format!("x:[u32;{words}]\n")).into(),
         };
         let sizes = [8, 0, 12, 1, MAX_VALUE_WORDS + 1, MAX_VALUE_WORDS];
         let catalogue = Catalogue {

@@ -53,7 +53,7 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
         let mission = stage::mission(file, console)?.mission;
         missions.insert(mission.hash, mission.directory);
     }
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     robot.require(Feature::BlackBox)?;
     let records = robot.black_box()?;
     let is_wanted = |hash: u32| {

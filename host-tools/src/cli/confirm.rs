@@ -31,7 +31,7 @@ pub struct ConfirmArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &ConfirmArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     let mission = unconfirmed(&robot.status()?)?;
     robot.confirm(mission)?;
     writeln!(console.out(), "confirmed: {} stays", hash_text(mission))?;

@@ -2,9 +2,14 @@
 //!
 //! Results go to standard output through a buffer; words for people go to standard error. A command never uses `println!`, which
 //! panics when the reader has gone: it writes to [`Console::out`] and passes the error on, which ends the command quietly.
+//!
+//! *Invariant:* nobody else has the streams of the process (`clippy.toml` sees to that), and what passes here is [clean](crate::clean): of control characters a
+//! terminal gets ends of lines, this program's own colours, and what draws a screen or a bar.
 
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::ffi::OsStr;
-use std::io::{self, BufWriter, IsTerminal, Stdout, Write};
+use std::fmt;
+use std::io::{self, BufWriter, IsTerminal, Stderr, Stdout, Write};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -14,6 +19,7 @@ use serde::Serialize;
 use terminal_size::Width;
 
 use super::exit::CommandError;
+use crate::clean::{Clean, Form, clean};
 
 const OUTPUT_BUFFER_BYTES: usize = 64 * 1024;
 const SPINNER_TICK: Duration = Duration::from_millis(100);
@@ -26,7 +32,8 @@ const COLUMNS: usize = 100;
 
 /// The streams of the process and how they may be used.
 pub struct Console {
-    out: BufWriter<Stdout>,
+    out: Clean<BufWriter<Box<dyn Write + Send>>>,
+    error: Clean<Box<dyn Write + Send>>,
     out_is_terminal: bool,
     error_is_terminal: bool,
     colour_allowed: bool,
@@ -38,20 +45,43 @@ impl Console {
     /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or `TERM` is `dumb`; progress only on one whose cursor moves.
     pub fn of_this_process() -> Self {
         let term = std::env::var_os("TERM");
+        let (out, error) = (process_out(), process_error());
         Console {
-            out: BufWriter::with_capacity(OUTPUT_BUFFER_BYTES, io::stdout()),
-            out_is_terminal: io::stdout().is_terminal(),
-            error_is_terminal: io::stderr().is_terminal(),
+            out_is_terminal: out.is_terminal(),
+            error_is_terminal: error.is_terminal(),
             colour_allowed: colour_allowed(
                 std::env::var_os("NO_COLOR").as_deref(),
                 term.as_deref(),
             ),
             cursor_moves: !is_dumb(term.as_deref()),
+            ..Console::onto(out, error)
         }
     }
 
-    /// Standard output, buffered. It is flushed when the command ends and by [`Console::flush`].
+    /// A console whose streams go elsewhere, to where there is no terminal: for a program that has commands run within it.
+    pub fn onto(out: impl Write + Send + 'static, error: impl Write + Send + 'static) -> Self {
+        let out: Box<dyn Write + Send> = Box::new(out);
+        let error: Box<dyn Write + Send> = Box::new(error);
+        let out = BufWriter::with_capacity(OUTPUT_BUFFER_BYTES, out);
+        Console {
+            out: Clean::new(out, Form::Text),
+            error: Clean::new(error, Form::Text),
+            out_is_terminal: false,
+            error_is_terminal: false,
+            colour_allowed: false,
+            cursor_moves: false,
+        }
+    }
+
+    /// Standard output for text, buffered. It is flushed when the command ends and by [`Console::flush`].
     pub fn out(&mut self) -> &mut impl Write {
+        self.out.set_form(Form::Text);
+        &mut self.out
+    }
+
+    /// Standard output for lines of JSON.
+    pub fn json_out(&mut self) -> &mut impl Write {
+        self.out.set_form(Form::Json);
         &mut self.out
     }
 
@@ -61,17 +91,18 @@ impl Console {
     /// When standard output cannot be written to.
     pub fn json_line(&mut self, value: &impl Serialize) -> Result<(), CommandError> {
         // Encoding plain data fails only where the writer does.
-        serde_json::to_writer(&mut self.out, value).map_err(io::Error::from)?;
-        self.out.write_all(b"\n")?;
+        let out = self.json_out();
+        serde_json::to_writer(&mut *out, value).map_err(io::Error::from)?;
+        out.write_all(b"\n")?;
         Ok(())
     }
 
-    /// Writes text to standard output as it is.
+    /// Writes text to standard output.
     ///
     /// # Errors
     /// When standard output cannot be written to.
     pub fn text(&mut self, text: &str) -> Result<(), CommandError> {
-        self.out.write_all(text.as_bytes())?;
+        self.out().write_all(text.as_bytes())?;
         Ok(())
     }
 
@@ -107,45 +138,66 @@ impl Console {
     pub fn columns(&self) -> usize {
         let size = self
             .out_is_terminal
-            .then(|| terminal_size::terminal_size_of(io::stdout()));
+            .then(|| terminal_size::terminal_size_of(process_out()));
         size.flatten()
             .map_or(COLUMNS, |(Width(columns), _)| columns.into())
     }
 
     /// A word for the person on standard error. Output written before comes before it, where both end on one screen.
     pub fn note(&mut self, text: &str) {
-        self.rendered(&harmless(text));
+        self.say(Form::Text, &text);
     }
 
-    /// The same of a text that may have colours, and was made so that nothing else in it does anything to a terminal.
-    pub fn rendered(&mut self, text: &str) {
+    /// The same of a text whose colours are of this program. Words of others in it were [cleaned](crate::clean::clean) before it was coloured.
+    pub fn coloured(&mut self, text: &str) {
+        self.say(Form::Coloured, &text);
+    }
+
+    fn say(&mut self, form: Form, text: &dyn fmt::Display) {
         let _ = self.flush();
+        self.error.set_form(form);
         // There is no better place to tell that standard error is closed.
-        let _ = writeln!(io::stderr(), "{text}");
+        let _ = writeln!(self.error, "{text}");
     }
 
     /// Tells why the command failed, where it has not said so itself.
-    pub fn report(&self, error: &CommandError) {
+    pub fn report(&mut self, error: &CommandError) {
         if let Some(reason) = error.message() {
             let (red, plain) = if self.colour_error() {
                 ("\x1b[1;31m", "\x1b[0m")
             } else {
                 ("", "")
             };
-            let _ = writeln!(
-                io::stderr(),
-                "{red}error{plain}: {}",
-                harmless(&chain(reason).to_string())
-            );
+            let reason = clean(&chain(reason));
+            self.coloured(&format!("{red}error{plain}: {reason}"));
         }
     }
 
     /// A progress bar on standard error over `length` units of work. Hidden where standard error is no terminal with a cursor.
-    pub fn progress(&self, label: &str, length: u64) -> ProgressBar {
+    pub fn progress(&self, label: &str, length: u64) -> Progress {
         let bar = ProgressBar::with_draw_target(Some(length), self.progress_target());
         bar.set_style(bar_style("{msg} [{bar:32}] {percent:>3} % {elapsed}"));
-        bar.set_message(label.to_owned());
-        bar
+        let progress = Progress(bar);
+        progress.set_message(label);
+        progress
+    }
+
+    /// Shows what the parser of arguments says: help, or what is wrong with them.
+    pub fn usage(&mut self, said: &clap::Error) {
+        let said_of_help = said.render();
+        if said.use_stderr() {
+            // Words of the command line are in it, so that it has no colours.
+            self.note(said_of_help.to_string().trim_end());
+        } else {
+            let colour = self.colour_out();
+            self.out.set_form(Form::Coloured);
+            // Help that nobody reads any more is not a failure: `esm --help | head -1`.
+            let _ = match colour {
+                true => write!(self.out, "{}", said_of_help.ansi()),
+                false => write!(self.out, "{said_of_help}"),
+            };
+            let _ = self.flush();
+        }
     }
 
     /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None where standard error is no
@@ -168,6 +220,26 @@ impl Console {
     }
 }
 
+/// A progress bar.
+pub struct Progress(ProgressBar);
+
+impl Progress {
+    /// What stands in front of the bar.
+    pub fn set_message(&self, label: &str) {
+        self.0.set_message(clean(label));
+    }
+
+    /// So much of the work is done.
+    pub fn set_position(&self, position: u64) {
+        self.0.set_position(position);
+    }
+
+    /// Takes the bar away; what is written next stands in its place.
+    pub fn finish_and_clear(&self) {
+        self.0.finish_and_clear();
+    }
+}
+
 /// A sign of life on a terminal, taken away when the work ends.
 #[must_use = "it goes away when it is dropped"]
 pub struct Spinner {
@@ -186,7 +258,7 @@ impl Watch {
     /// `None` where the system has no thread for it: the work goes on without.
     fn begin(label: &str) -> Option<Self> {
         let (work, end) = mpsc::channel::<()>();
-        let label = label.to_owned();
+        let label = clean(label);
         let shown = move || {
             if end.recv_timeout(SPINNER_DELAY) != Err(RecvTimeoutError::Timeout) {
                 return;
@@ -242,12 +314,38 @@ pub fn counted(count: u64, what: &str) -> String {
     }
 }
 
-/// A text in which no character does anything to a terminal: words of input stand in messages, whatever input it was.
-pub(super) fn harmless(text: &str) -> String {
-    text.replace(
-        |it: char| it.is_control() && !matches!(it, '\n' | '\t'),
-        "\u{fffd}",
-    )
+/// Standard output as it is: for a screen, whose cells are clean, and for what is cleaned here.
+#[expect(clippy::disallowed_methods, reason = "the one place")]
+pub(super) fn process_out() -> Stdout {
+    io::stdout()
+}
+
+/// Standard error as it is.
+#[expect(clippy::disallowed_methods, reason = "the one place")]
+fn process_error() -> Stderr {
+    io::stderr()
+}
+
+/// Standard output for lines of JSON that are written beside a console.
+pub fn json_output() -> Clean<Stdout> {
+    Clean::new(process_out(), Form::Json)
+}
+
+/// A word for the person on standard error, from where there is no console.
+pub fn warn(text: &str) {
+    // There is no better place to tell that standard error is closed.
+    let _ = writeln!(Clean::new(process_error(), Form::Text), "{text}");
+}
+
+/// Lets panics say what they are through here: words of others may stand in them.
+pub fn take_over_panics() {
+    std::panic::set_hook(Box::new(|panic| {
+        let trace = Backtrace::capture();
+        match trace.status() {
+            BacktraceStatus::Captured => warn(&format!("{panic}\n{trace}")),
+            _ => warn(&panic.to_string()),
+        }
+    }));
 }
 
 /// A style for a bar; the plain one should the template not parse, since a bar is never worth a failure.

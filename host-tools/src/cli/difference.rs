@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::console::harmless;
+use crate::clean::clean;
 
 /// How many lines from the first difference on are compared; their product bounds the work.
 const MAX_COMPARED_LINES: usize = 60;
@@ -71,7 +71,7 @@ fn first_changes<'t>(before: &[&'t str], after: &[&'t str]) -> Vec<(char, &'t st
 fn visible(line: &str) -> String {
     let kept = line.trim_end();
     let shown: String = kept.chars().take(MAX_SHOWN_CHARACTERS).collect();
-    let mut shown = harmless(&shown);
+    let mut shown = clean(&shown);
     if kept.chars().nth(MAX_SHOWN_CHARACTERS).is_some() {
         shown.push('…');
         return shown;
@@ -126,7 +126,7 @@ mod tests {
             (
                 "\u{1b}[2J\n".to_owned(),
                 "a".to_owned(),
-                "  -\u{fffd}[2J\n  +a (no line end)\n".to_owned(),
+                "  -\\u{1b}[2J\n  +a (no line end)\n".to_owned(),
             ),
             (
                 format!("{x}\n"),

@@ -29,7 +29,7 @@ pub struct FallbackArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &FallbackArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     let mission = on_trial(&robot.status()?)?;
     robot.fall_back(mission)?;
     let given_up = hash_text(mission);

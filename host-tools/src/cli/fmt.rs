@@ -110,7 +110,7 @@ pub fn execute(args: &FmtArgs, console: &mut Console) -> Result<(), CommandError
 }
 
 /// Keeps the failure that decides the exit status; the others are told at once.
-fn fail(first: &mut Option<CommandError>, error: CommandError, console: &Console) {
+fn fail(first: &mut Option<CommandError>, error: CommandError, console: &mut Console) {
     let is_worse =
         matches!(error, CommandError::World(_)) && !matches!(first, Some(CommandError::World(_)));
     if let Some(told) = if first.is_none() || is_worse {
@@ -197,7 +197,7 @@ fn read_standard_input() -> Result<Vec<u8>, CommandError> {
 /// The text in its layout; syntax errors are told.
 fn laid_out(name: &str, bytes: &[u8], console: &mut Console) -> Result<String, CommandError> {
     format::format(name, bytes).map_err(|refusal| {
-        console.rendered(refusal.render(console.colour_error()).trim_end());
+        console.coloured(refusal.render(console.colour_error()).trim_end());
         console.note(&format!("{name} is left as it is: it has syntax errors"));
         CommandError::Told
     })

@@ -148,7 +148,7 @@ fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
             )));
         }
         Some(port) => {
-            let (mut robot, info) = robot::connect(port, args.line)?;
+            let (mut robot, info) = robot::connect(port, args.line, console)?;
             match info.access {
                 Access::Locked | Access::Recovering => {
                     let identity = robot.identity()?;

@@ -14,7 +14,7 @@ use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::recorder::Recorder;
-use super::robot::{Robot, RobotArgs, is_taken_over};
+use super::robot::{self, Robot, RobotArgs, is_taken_over};
 use super::{file, stage};
 use crate::host_board;
 use crate::keys;
@@ -78,7 +78,7 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         file::keep_sources(output, inputs.into_iter().flatten())?;
     }
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
     let wanted = wanted(args, &mut robot, console)?;
     let log = if wanted.log {
         reader(&info.board, args.firmware.as_deref(), console)?
@@ -99,7 +99,8 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         recording,
     };
     loop {
-        // What is asked of the robot meanwhile need not come to its end.
+        // What is asked of the robot meanwhile need not come to its end if the person has seen enough, and there is no end otherwise.
+        listener.robot.limit_waits(None);
         listener
             .robot
             .stop_when(Some(Box::new(move || interrupt.is_requested())));
@@ -107,7 +108,7 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
             Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
             ended => ended,
         };
-        listener.robot.stop_when(None);
+        robot::end_soon(&mut listener.robot);
         match ended {
             Err(error) if listener.recording.is_none() && is_taken_over(&error) => {
                 match listener.begin_again(args, wanted, interrupt, console)? {

@@ -1,7 +1,7 @@
 //! From a source file to a verified blob, with everything said that is to be said about it.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
@@ -75,7 +75,10 @@ pub fn tell(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     match audience {
-        Audience::Program => console.text(&checked.json_lines()),
+        Audience::Program => {
+            (console.json_out()).write_all(checked.json_lines().as_bytes())?;
+            Ok(())
+        }
         Audience::Person => {
             let Folded {
                 text,
@@ -104,7 +107,7 @@ pub fn tell_all(checked: &Checked, console: &mut Console) {
 /// Tells messages, and once where more is said: of a code that was just seen.
 fn tell_person(messages: &str, first_code: Option<Code>, console: &mut Console) {
     if let Some(code) = first_code {
-        console.rendered(messages.trim_end());
+        console.coloured(messages.trim_end());
         console.note(&format!("\n`esm explain {code}` says more about a code."));
     }
 }

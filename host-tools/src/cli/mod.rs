@@ -144,11 +144,12 @@ pub fn main() -> ExitCode {
 /// }
 /// ```
 pub fn main_with(robot: RobotMaker) -> ExitCode {
+    console::take_over_panics();
+    let mut console = Console::of_this_process();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(refusal) => {
-            // Help that nobody reads any more is not a failure: `esm --help | head -1`.
-            let _ = refusal.print();
+            console.usage(&refusal);
             return if refusal.use_stderr() {
                 exit::ExitStatus::WrongUsage
             } else {
@@ -157,7 +158,6 @@ pub fn main_with(robot: RobotMaker) -> ExitCode {
             .into();
         }
     };
-    let mut console = Console::of_this_process();
     let ended = execute(&cli.command, robot, &mut console)
         .and_then(|()| console.flush().map_err(CommandError::from));
     match ended {

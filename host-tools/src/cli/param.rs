@@ -161,7 +161,7 @@ pub fn execute(args: &ParamArgs, console: &mut Console) -> Result<(), CommandErr
 }
 
 fn get(args: &GetArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     robot.require(Feature::Params)?;
     let known = Known::read(&mut robot)?;
     let wanted = match &args.name {
@@ -223,7 +223,7 @@ fn get(args: &GetArgs, console: &mut Console) -> Result<(), CommandError> {
 }
 
 fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     robot.require(Feature::Params)?;
     let known = Known::read(&mut robot)?;
     let parameter = known.find(&args.name)?;
@@ -266,7 +266,7 @@ fn set(args: &SetArgs, console: &mut Console) -> Result<(), CommandError> {
 }
 
 fn save(args: &SaveArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
     robot.require(Feature::Params)?;
     let mission = info.mission.ok_or_else(|| {
         CommandError::Input(anyhow!(

@@ -10,13 +10,14 @@ use clap::Args;
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::{Console, counted};
+use super::console::{self, Console, counted};
 use super::exit::{CommandError, ExitStatus};
 use super::expected::{self, Expected};
 use super::file::Draft;
 use super::run::read_recording;
 use super::step::{self, view::View};
 use super::{file, terminal};
+use crate::clean::Clean;
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
 use crate::recording::walk::Walk;
@@ -122,7 +123,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     let mut trace = Trace {
         interrupt,
         out: match &args.trace {
-            Some(_) if to_standard_output => Some(BufWriter::new(io::stdout())),
+            Some(_) if to_standard_output => Some(BufWriter::new(console::json_output())),
             _ => None,
         },
         file: match &args.trace {
@@ -135,7 +136,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
         let (remove, told) = (file.remover(), interrupted(path));
         interrupt.insist(GRACE, ExitStatus::WorldFailed as u8, move || {
             remove();
-            eprintln!("error: {told}");
+            console::warn(&format!("error: {told}"));
         });
     }
     let is_wanted = args.trace.is_some() || args.expect.is_some();
@@ -189,7 +190,7 @@ fn interrupted(trace: &Path) -> String {
 struct Trace {
     /// Ends it.
     interrupt: Option<Interrupt>,
-    out: Option<BufWriter<io::Stdout>>,
+    out: Option<BufWriter<Clean<io::Stdout>>>,
     file: Option<Draft>,
     expected: Option<Expected<BufReader<File>>>,
 }

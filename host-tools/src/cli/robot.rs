@@ -1,7 +1,8 @@
 //! A robot at the other end of a line, as several commands reach it.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 use clap::Args;
 use rt_firmware::features::Feature;
@@ -10,14 +11,16 @@ use rt_firmware::link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;
+use super::console::Console;
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
-use crate::link_client::{ClientError, KeyLoader, LinkClient, RobotInfo};
+use crate::link_client::{ClientError, KeyLoader, LinkClient, NOISY_DEADLINE, RobotInfo};
 use crate::reading::ReadError;
 use crate::run::interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
 use crate::serial::noise::{Noise, Noisy};
+use crate::serial::takeover::NotServed;
 use crate::serial::{self, ByteLink, OpenError, Opened};
 
 /// Where a robot is.
@@ -80,9 +83,10 @@ impl RobotArgs {
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
-    pub fn connect(&self) -> Result<(Robot, RobotInfo), CommandError> {
-        let (mut robot, info) = self.connect_quietly()?;
-        warn(info.access);
+    pub fn connect(&self, console: &mut Console) -> Result<(Robot, RobotInfo), CommandError> {
+        let (mut robot, info, not_served) = self.begin()?;
+        tell(not_served.as_ref(), console);
+        warn(info.access, console);
         if is_named(self.key.as_deref()) {
             robot.insist_on_key();
         }
@@ -93,11 +97,22 @@ impl RobotArgs {
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
-    pub fn connect_to_stop(&self, is_emergency: bool) -> Result<Robot, CommandError> {
+    pub fn connect_to_stop(
+        &self,
+        is_emergency: bool,
+        console: &mut Console,
+    ) -> Result<Robot, CommandError> {
         let opened = serial::open_to_stop(&self.port, self.line.baud);
-        let link = told(opened, self.line)?;
-        let (mut robot, info) = LinkClient::connect_to_stop(link, is_emergency)?;
-        warn(info.access);
+        let (link, not_served) = line_of(opened, self.line)?;
+        let (mut robot, info) = LinkClient::connect_to_stop(
+            link,
+            is_emergency,
+            Some(LONGEST_WAITS),
+            until_interrupt(),
+        )?;
+        robot.end_when(Some(Box::new(interrupt::is_overdue)));
+        tell(not_served.as_ref(), console);
+        warn(info.access, console);
         robot.use_key(key_at(self.key.as_deref()));
         if is_named(self.key.as_deref()) {
             robot.insist_on_key();
@@ -110,7 +125,12 @@ impl RobotArgs {
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect_quietly(&self) -> Result<(Robot, RobotInfo), CommandError> {
-        let (mut robot, info) = open(&self.port, self.line)?;
+        let (robot, info, _) = self.begin()?;
+        Ok((robot, info))
+    }
+
+    fn begin(&self) -> Result<(Robot, RobotInfo, Option<NotServed>), CommandError> {
+        let (mut robot, info, not_served) = open(&self.port, self.line)?;
         // Whoever names a key counts on it.
         if is_named(self.key.as_deref()) && info.access == Access::Unsupported {
             return Err(ClientError::NotBuiltIn {
@@ -119,7 +139,7 @@ impl RobotArgs {
             .into());
         }
         robot.use_key(key_at(self.key.as_deref()));
-        Ok((robot, info))
+        Ok((robot, info, not_served))
     }
 }
 
@@ -133,44 +153,85 @@ pub fn key_at(named: Option<&Path>) -> KeyLoader {
 ///
 /// # Errors
 /// What is wrong with the port, or with the robot behind it.
-pub fn connect(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
-    let (robot, info) = open(port, line)?;
-    warn(info.access);
+pub fn connect(
+    port: &Port,
+    line: LineArgs,
+    console: &mut Console,
+) -> Result<(Robot, RobotInfo), CommandError> {
+    let (robot, info, not_served) = open(port, line)?;
+    tell(not_served.as_ref(), console);
+    warn(info.access, console);
     Ok((robot, info))
 }
 
-fn open(port: &Port, line: LineArgs) -> Result<(Robot, RobotInfo), CommandError> {
-    let line = told(serial::open_served(port, line.baud), line)?;
-    Ok(LinkClient::connect_until(
-        line,
-        Some(Box::new(interrupt::is_overdue)),
-    )?)
+fn open(
+    port: &Port,
+    line: LineArgs,
+) -> Result<(Robot, RobotInfo, Option<NotServed>), CommandError> {
+    let (line, not_served) = line_of(serial::open_served(port, line.baud), line)?;
+    let limit = Some(LONGEST_WAITS);
+    let (mut robot, info) = LinkClient::connect_within(line, limit, until_interrupt())?;
+    robot.end_when(Some(Box::new(interrupt::is_overdue)));
+    Ok((robot, info, not_served))
 }
 
-/// A line that was opened, and a word where a stop cannot take it over.
-fn told(
+/// A line that was opened, and why a stop cannot take it over, if it cannot.
+fn line_of(
     opened: Result<Opened, OpenError>,
     line: LineArgs,
-) -> Result<Box<dyn ByteLink>, CommandError> {
+) -> Result<(Box<dyn ByteLink>, Option<NotServed>), CommandError> {
     let opened = opened.map_err(|error| CommandError::World(error.into()))?;
-    if let Some(why) = opened.not_served {
-        // There is no better place to tell that standard error is closed.
-        let _ = writeln!(
-            io::stderr(),
-            "`esm stop` cannot take the port over from this command: {why}"
-        );
-    }
-    Ok(match line.line_noise {
+    let link: Box<dyn ByteLink> = match line.line_noise {
         Some(noise) => Box::new(Noisy::new(opened.line, noise, NOISE_SEED)),
         None => opened.line,
-    })
+    };
+    Ok((link, opened.not_served))
+}
+
+/// Tells that a stop cannot take the port over from this command.
+fn tell(not_served: Option<&NotServed>, console: &mut Console) {
+    if let Some(why) = not_served {
+        console.note(&format!(
+            "`esm stop` cannot take the port over from this command: {why}"
+        ));
+    }
+}
+
+/// Until Ctrl-C.
+fn until_interrupt() -> Option<Box<dyn Fn() -> bool + Send>> {
+    Some(Box::new(interrupt::is_requested))
+}
+
+/// How long all requests of a command together may wait for a robot, where it does not do more than ask: beyond that the robot does not mean to answer.
+pub const LONGEST_WAITS: Duration = NOISY_DEADLINE;
+
+/// How long a robot may take to hear that a command ends, when the person wants that at once: with [`LONGEST_HOLD`] before it, less than a second.
+const LONGEST_FAREWELL: Duration = Duration::from_millis(500);
+
+/// How long a command goes on behind Ctrl-C with something that should not be left in doubt.
+const LONGEST_HOLD: Duration = Duration::from_millis(300);
+
+/// Lets a robot hear, still, that a command ends: not for long after Ctrl-C.
+pub fn end_soon(robot: &mut Robot) {
+    robot.stop_when(None);
+    if interrupt::is_requested() {
+        robot.limit_waits(Some(LONGEST_FAREWELL));
+    }
+}
+
+/// Lets a robot have its time for something of which nobody should be in doubt whether it was done: also after Ctrl-C, but then not for long.
+pub fn hold_out(robot: &mut Robot) {
+    let clock = robot.clock().clone();
+    let seen = OnceLock::new();
+    robot.stop_when(Some(Box::new(move || {
+        interrupt::is_requested() && clock.since(*seen.get_or_init(|| clock.now())) >= LONGEST_HOLD
+    })));
 }
 
 /// Tells who may command a robot, where that is not as it should be.
-fn warn(access: Access) {
+fn warn(access: Access, console: &mut Console) {
     if let Some(warning) = warning(access) {
-        // There is no better place to tell that standard error is closed.
-        let _ = writeln!(io::stderr(), "{warning}");
+        console.note(warning);
     }
 }
 

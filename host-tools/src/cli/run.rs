@@ -7,11 +7,10 @@ use std::str::FromStr;
 
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
-use indicatif::ProgressBar;
 use thiserror::Error;
 
 use super::argument::{Time, TimeError};
-use super::console::Console;
+use super::console::{self, Console, Progress};
 use super::exit::CommandError;
 use super::{file, robot, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
@@ -410,7 +409,7 @@ fn open_trace(args: &RunArgs) -> Result<Tee, CommandError> {
     }
     match (named_trace(args), &args.trace) {
         (Some(path), _) => tee.0.push(Box::new(file::create(path, "trace")?)),
-        (None, Some(_)) => tee.0.push(Box::new(io::stdout())),
+        (None, Some(_)) => tee.0.push(Box::new(console::json_output())),
         (None, None) => {}
     }
     Ok(tee)
@@ -511,7 +510,7 @@ struct Teller<'c> {
     console: &'c mut Console,
     /// Whether words for the person go to standard error.
     aside: bool,
-    upload: Option<ProgressBar>,
+    upload: Option<Progress>,
     /// Why nothing can be told any more.
     failed: Option<CommandError>,
 }

@@ -63,7 +63,7 @@ pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError
     let outcome = match args.trace.as_deref() {
         None => sim::run(verified, &directory, &bound, std::io::sink())?,
         Some(path) if path == Path::new("-") => {
-            sim::run(verified, &directory, &bound, console.out())?
+            sim::run(verified, &directory, &bound, console.json_out())?
         }
         Some(path) => sim::run(verified, &directory, &bound, file::create(path, "trace")?)?,
     };

@@ -31,7 +31,7 @@ pub struct StartArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     if args.release {
         robot.release().map_err(|error| match error.refusal() {
             Some(LinkError::EmergencyStopped) => CommandError::Input(anyhow!(

@@ -353,7 +353,7 @@ impl From<FallBack> for FallBackReport {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
     let reading = Reader::default().read(&mut robot, Tasks::None)?;
     let (words, file) = robot.last_words()?;
     let left_out = robot.built_in()?.left_out();

@@ -34,7 +34,7 @@ pub struct StopArgs {
 /// # Errors
 /// What kept it from ending well.
 pub fn execute(args: &StopArgs, console: &mut Console) -> Result<(), CommandError> {
-    let mut robot = args.robot.connect_to_stop(args.emergency)?;
+    let mut robot = args.robot.connect_to_stop(args.emergency, console)?;
     if args.emergency {
         robot.emergency_stop()?;
     } else {

@@ -53,7 +53,7 @@ pub fn execute(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     if let Some(port) = &args.port {
-        let (mut client, info) = robot::connect(port, args.line)?;
+        let (mut client, info) = robot::connect(port, args.line, console)?;
         return print(&mut client, &info, console);
     }
     // A board by itself, in a world that it never drives in.

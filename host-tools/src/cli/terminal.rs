@@ -1,6 +1,5 @@
 //! The screen of a terminal, while a command has it: taken, drawn on, and given back as it was, whatever ends the command.
 
-use std::io::stdout;
 use std::ops::ControlFlow;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
@@ -18,8 +17,9 @@ use ratatui::crossterm::terminal::{
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 
-use super::console::Console;
+use super::console::{Console, process_out};
 use super::exit::CommandError;
+use crate::clean::is_harmful;
 use crate::run::interrupt::Interrupt;
 
 /// How long a wait for a key may last before the screen is drawn anew and Ctrl-C from elsewhere is looked for.
@@ -128,8 +128,8 @@ impl Screen {
         IS_TAKEN.store(true, SeqCst);
         // From here on the terminal is given back, whatever part of it was done.
         let taken = enable_raw_mode()
-            .and_then(|()| execute!(stdout(), EnterAlternateScreen))
-            .and_then(|()| ratatui::Terminal::new(CrosstermBackend::new(stdout())));
+            .and_then(|()| execute!(process_out(), EnterAlternateScreen))
+            .and_then(|()| ratatui::Terminal::new(CrosstermBackend::new(process_out())));
         taken.map(Screen).map_err(|error| {
             give_back();
             error.into()
@@ -153,7 +153,7 @@ fn give_back() {
     if IS_TAKEN.swap(false, SeqCst) {
         // There is no better place to tell that the terminal has gone.
         let _ = disable_raw_mode();
-        let _ = execute!(stdout(), LeaveAlternateScreen, Show);
+        let _ = execute!(process_out(), LeaveAlternateScreen, Show);
     }
 }
 
@@ -170,7 +170,7 @@ pub fn show(shown: &mut impl Shown, interrupt: Interrupt) -> Result<(), CommandE
                 "a part of this command has failed; its message is above"
             )));
         }
-        screen.0.draw(|frame| shown.draw(frame))?;
+        screen.0.draw(|frame| draw_clean(shown, frame))?;
         // All that was typed or pasted meanwhile, before the next drawing.
         while event::poll(wait)? {
             wait = Duration::ZERO;
@@ -187,6 +187,16 @@ pub fn show(shown: &mut impl Shown, interrupt: Interrupt) -> Result<(), CommandE
         }
     }
     Ok(())
+}
+
+/// Draws, and sees to it that no cell does anything to the terminal: `ratatui` keeps control characters out, and lets others that nobody sees hang on to those before them.
+fn draw_clean(shown: &mut impl Shown, frame: &mut Frame<'_>) {
+    shown.draw(frame);
+    for cell in &mut frame.buffer_mut().content {
+        if cell.symbol().contains(|it| it == '\n' || is_harmful(it)) {
+            cell.set_char(char::REPLACEMENT_CHARACTER);
+        }
+    }
 }
 
 /// Whether a key is Ctrl-C, which comes as a key while the command has the screen.
@@ -250,6 +260,44 @@ pub(super) mod tests {
             expected,
             "{} differs: look at it with ESM_BLESS=1",
             path.display()
+        );
+    }
+
+    struct Hostile;
+
+    impl Shown for Hostile {
+        fn update(&mut self) -> Result<Duration, CommandError> {
+            Ok(KEY_WAIT)
+        }
+
+        fn draw(&mut self, frame: &mut Frame<'_>) {
+            let lines = [
+                "a\u{202e}b\u{200b}",
+                "\u{9b}2Jc",
+                "\x1b]0;d\x07",
+                "e\u{2066}\u{e0041}",
+            ];
+            let lines: Vec<Line<'_>> = lines.into_iter().map(Line::from).collect();
+            frame.render_widget(ratatui::widgets::Paragraph::new(lines), frame.area());
+            let [x, y] = [10, 0];
+            frame.buffer_mut()[(x, y)].set_symbol("\x1b[2J");
+        }
+
+        fn press(&mut self, _: KeyEvent) -> ControlFlow<()> {
+            ControlFlow::Continue(())
+        }
+    }
+
+    #[test]
+    fn no_cell_of_a_screen_does_anything_to_the_terminal() {
+        let buffer = drawn(20, 4, |frame| draw_clean(&mut Hostile, frame));
+        assert!(!text(&buffer).contains(is_harmful), "{buffer:?}");
+        assert_eq!(buffer[(10, 0)].symbol(), "\u{fffd}");
+        assert!(text(&buffer).contains('c'), "the rest is there");
+        let raw = drawn(20, 4, |frame| Hostile.draw(frame));
+        assert!(
+            text(&raw).contains(is_harmful),
+            "there was something to clean"
         );
     }
 

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
@@ -16,7 +16,7 @@ use super::argument::Time;
 use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::recorder::{self, Recorder};
-use super::robot::{OnTheLine, Robot, RobotArgs, is_back, what_runs};
+use super::robot::{self, LONGEST_WAITS, OnTheLine, Robot, RobotArgs, is_back, what_runs};
 use super::{file, stage};
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
@@ -28,7 +28,7 @@ use crate::run::mission::{Mission, hash_text};
 use crate::run::story;
 use crate::schedule::handover::{Handover, SlotTable};
 use crate::serial::wire::is_taken_over;
-use crate::trial::{self, End, Outcome, Tried};
+use crate::trial::{self, End, LONGEST_TRIAL, Outcome, Tried};
 
 /// Gives a robot that is on a new mission
 ///
@@ -167,6 +167,15 @@ struct Compared<'p> {
     carry_over: Option<&'p CarryOver>,
 }
 
+/// What a byte of a mission may take on its way: on a line of 300 bits a second, or on a faster one that spoils one byte in ten.
+const SLOWEST_BYTE: Duration = Duration::from_millis(40);
+
+/// From now on the robot may take so long for everything, but for a trial that is waited for.
+fn limit_waits(robot: &mut Robot, mission: &Mission) {
+    let bytes = u32::try_from(mission.blob.len()).unwrap_or(u32::MAX);
+    robot.limit_waits(Some(LONGEST_WAITS + SLOWEST_BYTE.saturating_mul(bytes)));
+}
+
 /// How many differences of a kind are shown before an upload, and with `--diff`.
 const SHOWN: usize = 4;
 const SHOWN_ALONE: usize = 100;
@@ -232,7 +241,10 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         stage::require_names(&staged.mission)?;
     }
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
+    if !args.diff {
+        limit_waits(&mut robot, &staged.mission);
+    }
     if args.warm {
         robot.require(Feature::Warm)?;
     }
@@ -331,7 +343,8 @@ fn install(
         &format!("uploading {}", mission.name),
         mission.blob.len() as u64,
     );
-    let started = Instant::now();
+    let clock = robot.clock().clone();
+    let started = clock.now();
     let trial_time = args.trial.map_or_else(
         || trial::trial_time(mission.directory.interpreter_period_us()),
         |trial| Duration::from_micros(trial.us),
@@ -348,7 +361,7 @@ fn install(
     });
     bar.finish_and_clear();
     // A switch that was asked for is waited for: nobody should be in doubt about what runs.
-    robot.stop_when(None);
+    robot::hold_out(robot);
     if let Some(there @ 1..) = there_before {
         console.note(&format!(
             "went on at byte {there} of {}: the robot had the rest from an upload that was broken off",
@@ -376,17 +389,18 @@ fn install(
     let committed = robot
         .commit(swap)
         .map_err(|error| ended_by(error, mission, &unknown_whether_it_runs(mission, swap)))?;
-    let tried = Tried::since(&status, committed.mission);
-    let upload_s = started.elapsed().as_secs_f64();
+    let tried = Tried::since(&status, committed.mission, trial_time);
+    let upload_s = clock.since(started).as_secs_f64();
     let outcome = match args.trial {
         Some(_) => None,
         None => {
             robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
+            robot.extend_waits(tried.limit());
             let outcome = trial::watch_and(robot, tried, |robot| match recorder {
                 Some(recorder) => recorder.keep_up(robot, console),
                 None => Ok(()),
             });
-            robot.stop_when(None);
+            robot::hold_out(robot);
             match outcome {
                 Err(ClientError::Interrupted { .. }) => {
                     return Err(given_up(robot, committed.mission));
@@ -497,7 +511,8 @@ fn end_earlier_trial(
         return Ok(None);
     };
     let hash = hash_text(mission);
-    let started = Instant::now();
+    let clock = robot.clock().clone();
+    let started = clock.now();
     let asked = match wanted {
         OnTrial::Confirm => robot.confirm(mission).map(|()| Some(End::Confirmed)),
         OnTrial::Fallback => robot.fall_back(mission).map(|()| {
@@ -522,13 +537,16 @@ fn end_earlier_trial(
     let mut left_s = f64::from(trial.left_ms) / 1e3;
     let end = match asked {
         Some(end) => Ok(end),
-        None => trial::outlast(robot, tried, &mut |left| {
-            left_s = left.as_secs_f64();
-            bar.set_message(format!("{hash} is on trial for {left_s:.1} s more"));
-            bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
-        }),
+        None => {
+            robot.extend_waits(tried.limit());
+            trial::outlast(robot, tried, &mut |left| {
+                left_s = left.as_secs_f64();
+                bar.set_message(&format!("{hash} is on trial for {left_s:.1} s more"));
+                bar.set_position(u64::from(trial.left_ms).saturating_sub(left.as_millis() as u64));
+            })
+        }
     };
-    robot.stop_when(None);
+    robot::hold_out(robot);
     bar.finish_and_clear();
     let (confirmed, fell_back) = match end {
         Ok(End::Confirmed) => (true, None),
@@ -556,12 +574,13 @@ fn end_earlier_trial(
         mission: hash,
         confirmed,
         fell_back,
-        waited_s: started.elapsed().as_secs_f64(),
+        waited_s: clock.since(started).as_secs_f64(),
     }))
 }
 
 /// Lets the robot forget the upload, and says what it runs.
 fn aborted(robot: &mut Robot) -> CommandError {
+    robot::end_soon(robot);
     let ended = robot.abort().and_then(|()| robot.status());
     match ended {
         Ok(status) => CommandError::World(anyhow!("interrupted; {}", what_runs(&status))),
@@ -580,6 +599,7 @@ fn on_the_line(said: String, cause: ClientError) -> CommandError {
 
 /// Lets the robot go back to the mission before, and says what it runs.
 fn given_up(robot: &mut Robot, hash: u32) -> CommandError {
+    robot::end_soon(robot);
     let ended = match robot.fall_back(hash) {
         // It was faster.
         Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => robot.status(),
@@ -599,9 +619,6 @@ fn given_up(robot: &mut Robot, hash: u32) -> CommandError {
         ),
     }
 }
-
-/// The longest trial.
-const LONGEST_TRIAL: Duration = Duration::from_secs(3600);
 
 /// Reads how long a trial is.
 fn trial_time(text: &str) -> Result<Time, String> {

@@ -14,7 +14,7 @@ use serde::ser::{SerializeMap, Serializer};
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{Robot, RobotArgs};
+use super::robot::{self, LONGEST_WAITS, Robot, RobotArgs};
 use crate::nearest::nearest;
 use crate::reading::ReadError;
 use crate::run::interrupt::Interrupt;
@@ -89,9 +89,14 @@ impl Serialize for Values<'_> {
 /// What kept it from ending well.
 pub fn execute(args: &ValuesArgs, console: &mut Console) -> Result<(), CommandError> {
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, _) = args.robot.connect()?;
+    let (mut robot, _) = args.robot.connect(console)?;
     robot.require(Feature::Telemetry)?;
     let ended = show(args, &mut robot, &interrupt, console);
+    let ended = match ended {
+        Err(CommandError::World(_)) if interrupt.is_requested() => Ok(()),
+        ended => ended,
+    };
+    robot::end_soon(&mut robot);
     // Should the robot have gone meanwhile, there is nothing left to end.
     let _ = robot.end_values();
     ended
@@ -106,7 +111,8 @@ fn show(
     let Some(every) = args.every else {
         let catalogue = read(robot)?;
         for group in wanted_groups(&catalogue, &args.nets)? {
-            show_once(robot, catalogue.mission, group, args.json, console)?;
+            let mission = catalogue.mission;
+            show_once(robot, mission, group, args.json, interrupt, console)?;
         }
         return Ok(());
     };
@@ -126,6 +132,7 @@ fn show(
         if interrupt.is_requested() {
             return Ok(());
         }
+        robot.limit_waits(Some(LONGEST_WAITS));
         console.note("the mission is another one");
     }
 }
@@ -195,11 +202,12 @@ fn show_once(
     mission: u32,
     nets: Named,
     json: bool,
+    interrupt: &Interrupt,
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, Duration::ZERO)?;
     let begun = robot.clock().now();
-    loop {
+    while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
             match subscription.read(&event) {
@@ -220,6 +228,7 @@ fn show_once(
             )));
         }
     }
+    Ok(())
 }
 
 /// Shows samples until Ctrl-C, or until the mission is another one.
@@ -233,6 +242,8 @@ fn follow(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, period)?;
+    // From here on nobody waits for anything in particular.
+    robot.limit_waits(None);
     while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
@@ -310,7 +321,7 @@ impl From<ValuesError> for CommandError {
         match error {
             ValuesError::Client(error) => error.into(),
             ValuesError::NoNames(_) => CommandError::Input(error.into()),
-            ValuesError::Unknown => CommandError::World(error.into()),
+            ValuesError::Unknown | ValuesError::TooMany => CommandError::World(error.into()),
         }
     }
 }

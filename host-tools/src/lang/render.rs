@@ -4,6 +4,7 @@ use annotate_snippets::renderer::DecorStyle;
 use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
 use serde::Serialize;
 
+use crate::clean::clean;
 use crate::model::{SourceFile, Span};
 
 use super::diagnostic::{Diagnostic, Severity};
@@ -44,7 +45,8 @@ pub(super) fn json_lines(files: &[SourceFile], diagnostics: &[Diagnostic]) -> St
         .collect()
 }
 
-/// Messages with the source lines they are about, one below the other.
+/// Messages with the source lines they are about, one below the other. Words of the source in them are clean where `annotate_snippets` does not see to that: it shows control
+/// characters of excerpts as pictures of them, and what is left of those is cleaned where the text is written.
 pub(super) fn for_people(files: &[SourceFile], diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour {
         Renderer::styled()
@@ -71,7 +73,7 @@ fn group<'d>(
         Severity::Warning => Level::WARNING,
     };
     let mut group = level
-        .primary_title(diagnostic.message.as_str())
+        .primary_title(clean(&diagnostic.message))
         .id(diagnostic.code.as_str())
         .elements(snippet(
             files,
@@ -90,7 +92,7 @@ fn group<'d>(
         ));
     }
     if let Some(hint) = &diagnostic.hint {
-        group = group.element(Level::HELP.message(hint.as_str()));
+        group = group.element(Level::HELP.message(clean(hint)));
     }
     group
 }
@@ -123,9 +125,9 @@ fn snippet<'d>(
         .clamp(marked_start, shown.len());
     Some(
         Snippet::source(shown)
-            .path(positions.path(span))
+            .path(clean(positions.path(span)))
             .line_start(positions.of(span).line as usize)
-            .annotation(kind.span(marked_start..marked_end).label(label)),
+            .annotation(kind.span(marked_start..marked_end).label(label.map(clean))),
     )
 }
 

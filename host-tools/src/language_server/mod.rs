@@ -68,6 +68,10 @@ pub fn serve() -> io::Result<Ended> {
     let (sender, receiver) = mpsc::sync_channel(MESSAGES_AHEAD);
     // It ends with the stream, or with the process.
     std::thread::spawn(move || read_all(&sender));
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the other end is an editor, which reads messages and no text"
+    )]
     let mut output = io::stdout().lock();
     let mut server = Server::default();
     let mut queue = VecDeque::new();

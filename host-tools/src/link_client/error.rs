@@ -58,6 +58,27 @@ pub enum ClientError {
         /// What was asked.
         request: &'static str,
     },
+    /// The robot answered in parts that are none of a whole.
+    #[error(
+        "the robot's answer to `{request}` makes no sense: {flaw}; its firmware and this program do not fit together, or something else than a robot answers"
+    )]
+    BadParts {
+        /// What was asked.
+        request: &'static str,
+        /// What is wrong with them.
+        flaw: Flaw,
+    },
+    /// The robot answers, and so slowly that it would never come to an end.
+    #[error(
+        "the robot was waited for {:.1} s in all, and `{request}` is not through; it answers too slowly, or nonsense",
+        limit.as_secs_f64()
+    )]
+    TooSlow {
+        /// What was asked.
+        request: &'static str,
+        /// How long all of it could have taken.
+        limit: Duration,
+    },
     /// The robot refused.
     #[error("the robot refused `{request}`: {}", reason(*error))]
     Refused {
@@ -122,6 +143,48 @@ pub enum ClientError {
         /// The last reason.
         error: LinkError,
     },
+}
+
+/// What is wrong with the parts of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Flaw {
+    /// It is longer than it can be.
+    #[error("it has {said} {unit}, and {most} are the most there can be")]
+    TooLong {
+        /// What the robot says.
+        said: u64,
+        /// The most.
+        most: u64,
+        /// Of what.
+        unit: &'static str,
+    },
+    /// Its length is another one in each part.
+    #[error("it has {before} bytes at first and {now} later")]
+    OtherLength {
+        /// What the first part said.
+        before: usize,
+        /// What a later one said.
+        now: usize,
+    },
+    /// A part is empty, and the whole is not there.
+    #[error("it ends after {there} of {total}")]
+    NoEnd {
+        /// What is there.
+        there: usize,
+        /// What the robot says there is.
+        total: usize,
+    },
+    /// More came than there is.
+    #[error("{there} bytes came of {total}")]
+    Overfull {
+        /// What came.
+        there: usize,
+        /// What the robot says there is.
+        total: usize,
+    },
+    /// A later part tells what was told before.
+    #[error("it goes back")]
+    GoesBack,
 }
 
 impl ClientError {

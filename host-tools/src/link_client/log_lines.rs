@@ -9,10 +9,14 @@ use std::path::{Path, PathBuf};
 use defmt_decoder::{DecodeError, Encoding, Table};
 use thiserror::Error;
 
+use super::log_frames::Texts;
 use crate::files::{self, MAX_FIRMWARE_BYTES};
 
 /// Longest frame that is waited for. Longer ones are noise.
 const FRAME_LIMIT_BYTES: usize = 4096;
+
+/// What is shown of a line at most, in bytes. A longer one is noise, or somebody's who has nothing to say.
+pub const MAX_LINE_BYTES: usize = 2048;
 
 /// Ends each frame in the encoding that the firmware uses.
 const FRAME_END: u8 = 0;
@@ -112,9 +116,51 @@ pub enum LogReader {
     Text {
         /// The beginning of a line whose end has not come yet.
         pending: Vec<u8>,
-        /// Something was lost: what comes up to the next end of a line is the rest of one.
+        /// Something was lost, or cut: what comes up to the next end of a line is the rest of one.
         is_torn: bool,
     },
+}
+
+/// What stands behind the beginning of a line that is longer than [`MAX_LINE_BYTES`].
+const CUT: &str = " … (cut: the line goes on)";
+
+/// The beginning of what is written, as long as a line may be.
+#[derive(Default)]
+struct Beginning {
+    text: String,
+    is_cut: bool,
+}
+
+impl Beginning {
+    fn of(shown: impl fmt::Display) -> String {
+        use fmt::Write;
+        let mut beginning = Beginning::default();
+        // It ends where there is no more room.
+        let _ = write!(beginning, "{shown}");
+        if beginning.is_cut {
+            beginning.text.push_str(CUT);
+        }
+        beginning.text
+    }
+}
+
+impl fmt::Write for Beginning {
+    fn write_str(&mut self, part: &str) -> fmt::Result {
+        let room = MAX_LINE_BYTES - self.text.len();
+        let end = part.floor_char_boundary(room);
+        self.text.push_str(part.get(..end).unwrap_or_default());
+        self.is_cut = end < part.len();
+        if self.is_cut { Err(fmt::Error) } else { Ok(()) }
+    }
+}
+
+/// A plain line.
+fn plain(text: impl fmt::Display) -> LogLine {
+    LogLine {
+        level: None,
+        timestamp: None,
+        text: Beginning::of(text),
+    }
 }
 
 /// Passes over bytes up to the end of a line or frame whose beginning is lost.
@@ -166,25 +212,26 @@ impl LogReader {
             bytes
         };
         pending.extend_from_slice(bytes);
-        let Some(last_end) = pending.iter().rposition(|&byte| byte == b'\n') else {
-            return Vec::new();
-        };
-        let rest = pending.split_off(last_end + 1);
+        let end = pending.iter().rposition(|&byte| byte == b'\n');
+        let rest = pending.split_off(end.map_or(0, |end| end + 1));
         let complete = std::mem::replace(pending, rest);
-        String::from_utf8_lossy(&complete)
-            .lines()
-            .map(|text| LogLine {
-                level: None,
-                timestamp: None,
-                text: text.to_owned(),
-            })
-            .collect()
+        let mut lines: Vec<LogLine> = (String::from_utf8_lossy(&complete).lines())
+            .map(plain)
+            .collect();
+        if pending.len() > MAX_LINE_BYTES {
+            lines.push(plain(String::from_utf8_lossy(pending)));
+            pending.clear();
+            *is_torn = true;
+        }
+        lines
     }
 }
 
 /// Makes lines of `defmt` frames, with the texts of one firmware.
 pub struct LogDecoder {
     table: Table,
+    /// The same texts, by which frames are looked at first.
+    texts: Texts,
     /// Something was lost: what comes up to the next end of a frame is the rest of one.
     is_torn: bool,
     /// What came after the last end of a frame.
@@ -207,9 +254,10 @@ impl LogDecoder {
             path: path.to_owned(),
             cause,
         })?;
-        match table {
-            Some(table) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
+        match table.zip(Texts::of(&elf)) {
+            Some((table, texts)) if table.encoding() == Encoding::Rzcobs => Ok(LogDecoder {
                 table,
+                texts,
                 is_torn: false,
                 pending: Vec::new(),
                 bad_frames: 0,
@@ -244,10 +292,17 @@ impl LogDecoder {
         };
         let rest = self.pending.split_off(last_end + 1);
         let complete = std::mem::replace(&mut self.pending, rest);
-        let mut decoder = self.table.new_stream_decoder();
-        decoder.received(&complete);
         let mut lines = Vec::new();
-        loop {
+        for frame in complete.split_inclusive(|byte| *byte == FRAME_END) {
+            let Some(packed @ [_, ..]) = frame.strip_suffix(&[FRAME_END]) else {
+                continue;
+            };
+            if packed.len() > FRAME_LIMIT_BYTES || !self.texts.admit(packed) {
+                self.bad_frames += 1;
+                continue;
+            }
+            let mut decoder = self.table.new_stream_decoder();
+            decoder.received(frame);
             match decoder.decode() {
                 Ok(frame) => lines.push(LogLine {
                     level: frame.level().map(|level| match level.as_str() {
@@ -257,13 +312,13 @@ impl LogDecoder {
                         "warn" => Level::Warn,
                         _ => Level::Error,
                     }),
-                    timestamp: frame.display_timestamp().map(|time| time.to_string()),
-                    text: frame.display_message().to_string(),
+                    timestamp: frame.display_timestamp().map(Beginning::of),
+                    text: Beginning::of(frame.display_message()),
                 }),
-                Err(DecodeError::UnexpectedEof) => return lines,
-                Err(DecodeError::Malformed) => self.bad_frames += 1,
+                Err(DecodeError::UnexpectedEof | DecodeError::Malformed) => self.bad_frames += 1,
             }
         }
+        lines
     }
 
     /// Frames that could not be read: lost bytes, or the texts of another firmware.
@@ -285,6 +340,28 @@ mod tests {
         assert_eq!(texts(b"one\ntw"), ["one"]);
         assert!(texts(b"").is_empty());
         assert_eq!(texts(b"o\nthree\n"), ["two", "three"]);
+    }
+
+    #[test]
+    fn a_line_without_end_is_cut_where_one_can_see_it_and_the_next_one_is_whole() {
+        let mut log = LogReader::text();
+        let mut texts = Vec::new();
+        let mut pending_most = 0;
+        for _ in 0..100 {
+            texts.extend(log.lines(&[b'a'; 96]));
+            if let LogReader::Text { pending, .. } = &log {
+                pending_most = pending_most.max(pending.len());
+            }
+        }
+        texts.extend(log.lines(b"its end\nnext\n"));
+        let cut = "a".repeat(MAX_LINE_BYTES) + CUT;
+        let texts: Vec<_> = texts.iter().map(|it| &it.text[..]).collect();
+        assert_eq!(texts, [&cut[..], "next"]);
+        assert!(pending_most <= MAX_LINE_BYTES);
+        let at_once = ["ü".repeat(3000).as_bytes(), b"\nnext\n"].concat();
+        let texts = log.lines(&at_once);
+        assert_eq!(texts[0].text, "ü".repeat(MAX_LINE_BYTES / 2) + CUT);
+        assert_eq!(texts[1].text, "next");
     }
 
     #[test]

@@ -20,6 +20,7 @@ macro_rules! planted {
 }
 
 pub mod error;
+mod log_frames;
 pub mod log_lines;
 mod loss;
 #[cfg(test)]
@@ -47,13 +48,14 @@ use rt_firmware::link::message::{
 use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
 
-pub use error::ClientError;
+pub use error::{ClientError, Flaw};
 use session::{Answer, Expected, innermost_kind};
 use signing::Signing;
 pub use signing::{KeyLoader, RobotIdentity};
-use streams::Assembler;
 pub use streams::StreamEvent;
-use timing::{Patience, REQUEST_DEADLINE, ReplyTime};
+use streams::{Assembler, Waiting};
+pub use timing::NOISY_DEADLINE;
+use timing::{Allowance, Patience, REQUEST_DEADLINE, ReplyTime};
 
 /// How long the robot may be busy with the request before.
 const BUSY_WAIT: Duration = Duration::from_millis(5);
@@ -76,6 +78,25 @@ pub const CALL_INTERVAL: Duration = Duration::from_millis(200);
 /// What stops a robot, and its name.
 const STOP: (&str, Request<'static>) = ("stop", Request::Stop);
 const EMERGENCY_STOP: (&str, Request<'static>) = ("emergency stop", Request::EmergencyStop);
+
+/// What a mission's blob has at most, in bytes, whatever a robot says that it has room for: more than any robot of this kind has flash.
+const MAX_BLOB_BYTES: u32 = 256 * 1024;
+
+/// What a task's declaration has at most, and what a type's fields have, as text, in bytes.
+const MAX_TEXT_BYTES: u32 = 16 * 1024;
+
+/// What a flight recorder holds at most, in records: a MiB of flash.
+const MAX_BLACK_BOX_RECORDS: usize = 1024 * 1024 / RECORD_BYTES;
+
+/// Those of a robot that has not said any.
+const NO_CAPACITIES: Capacities = Capacities {
+    blob_bytes: 0,
+    arena_words: 0,
+    slots: 0,
+    task_instances: 0,
+    nets: 0,
+    exclusive_groups: 0,
+};
 
 /// Bytes taken from the line at once.
 const READ_BYTES: usize = 1024;
@@ -199,6 +220,10 @@ pub struct LinkClient<L> {
     sent: Instant,
     /// What the robot said of uploads.
     uploads: Uploads,
+    /// What it said that a mission may use.
+    capacities: Capacities,
+    /// How long all requests together may wait.
+    allowance: Allowance,
     /// What it said of its firmware, once it was asked.
     built_in: Option<BuiltIn>,
     /// Whether whoever waits for an answer has had enough.
@@ -236,20 +261,19 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
     pub fn connect(link: L) -> Result<(Self, RobotInfo), ClientError> {
-        Self::connect_until(link, None)
+        Self::connect_within(link, None, None)
     }
 
-    /// The same. From now on all that waits ends with [`ClientError::Interrupted`] as soon as `end` says so, whatever
-    /// [`LinkClient::stop_when`] says.
+    /// The same, with an end to all waiting of the session ([`LinkClient::limit_waits`]), and to all at once ([`LinkClient::stop_when`]).
     ///
     /// # Errors
-    /// As [`LinkClient::connect`].
-    pub fn connect_until(
+    /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
+    pub fn connect_within(
         link: L,
-        end: Option<Box<dyn Fn() -> bool + Send>>,
+        limit: Option<Duration>,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
     ) -> Result<(Self, RobotInfo), ClientError> {
-        let mut client = Self::new(link);
-        client.end = end;
+        let mut client = Self::new(link, limit, stop);
         let info = client.hello()?;
         Ok((client, info))
     }
@@ -258,8 +282,13 @@ impl<L: ByteLink> LinkClient<L> {
     ///
     /// # Errors
     /// [`ClientError`], as of [`LinkClient::connect`]
-    pub fn connect_to_stop(link: L, is_emergency: bool) -> Result<(Self, RobotInfo), ClientError> {
-        let mut client = Self::new(link);
+    pub fn connect_to_stop(
+        link: L,
+        is_emergency: bool,
+        limit: Option<Duration>,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
+    ) -> Result<(Self, RobotInfo), ClientError> {
+        let mut client = Self::new(link, limit, stop);
         let (name, request) = if is_emergency { EMERGENCY_STOP } else { STOP };
         let stop = client.frame(name, request, Expected::Plain)?;
         client.send_wire(stop.wire())?;
@@ -267,7 +296,7 @@ impl<L: ByteLink> LinkClient<L> {
         Ok((client, info))
     }
 
-    fn new(link: L) -> Self {
+    fn new(link: L, limit: Option<Duration>, stop: Option<Box<dyn Fn() -> bool + Send>>) -> Self {
         let clock = link.clock();
         LinkClient {
             link,
@@ -279,6 +308,7 @@ impl<L: ByteLink> LinkClient<L> {
                 std::process::id() as u8
             },
             sent: clock.now(),
+            allowance: Allowance::new(limit, clock.now()),
             clock,
             reply_time: ReplyTime::default(),
             counts: LinkCounts::default(),
@@ -287,8 +317,9 @@ impl<L: ByteLink> LinkClient<L> {
                 chunk_bytes: 1,
                 window_bytes: 1,
             },
+            capacities: NO_CAPACITIES,
             built_in: None,
-            stop: None,
+            stop,
             end: None,
             signing: Signing::default(),
             calling: None,
@@ -309,6 +340,7 @@ impl<L: ByteLink> LinkClient<L> {
             return Err(ClientError::OtherVersion { robot: protocol });
         }
         self.uploads = info.uploads;
+        self.capacities = info.capacities;
         // It may have another firmware than before.
         self.built_in = None;
         self.signing.told(info.access);
@@ -466,12 +498,24 @@ impl<L: ByteLink> LinkClient<L> {
                     .filter_map(Record::from_bytes)
                     .filter(is_before_end),
             );
+            let bad = |flaw| ClientError::BadParts {
+                request: name,
+                flaw,
+            };
+            if records.len() > MAX_BLACK_BOX_RECORDS {
+                return Err(bad(Flaw::TooLong {
+                    said: records.len() as u64,
+                    most: MAX_BLACK_BOX_RECORDS as u64,
+                    unit: "records",
+                }));
+            }
             let next = u32::from_le_bytes([first, second, third, fourth]).wrapping_add(1);
-            // A robot that goes back would be asked forever.
-            if (next.wrapping_sub(end) as i32) >= 0
-                || from.is_some_and(|from| (next.wrapping_sub(from) as i32) <= 0)
-            {
+            if (next.wrapping_sub(end) as i32) >= 0 {
                 return Ok(records);
+            }
+            // A robot that goes back would be asked forever.
+            if from.is_some_and(|from| (next.wrapping_sub(from) as i32) <= 0) {
+                return Err(bad(Flaw::GoesBack));
             }
             from = Some(next);
         }
@@ -506,31 +550,23 @@ impl<L: ByteLink> LinkClient<L> {
     /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
     pub fn fields(&mut self, mission: u32, net: u16) -> Result<String, ClientError> {
         let name = "fields of a value";
-        let mut bytes = Vec::new();
+        let bad = ClientError::BadAnswer { request: name };
+        let mut parts = Parts::new(name, MAX_TEXT_BYTES);
         loop {
-            let bad = ClientError::BadAnswer { request: name };
-            let Ok(offset) = u16::try_from(bytes.len()) else {
+            let Ok(offset) = u16::try_from(parts.there()) else {
                 return Err(bad);
             };
             let ask = numbers_of(0, mission, &[net, offset]);
-            let (total, is_empty) =
-                self.ask(
-                    name,
-                    Request::Values { ask: &ask },
-                    |response| match response {
-                        Response::TaskText { total, text } => {
-                            bytes.extend_from_slice(text);
-                            Some((usize::from(total), text.is_empty()))
-                        }
-                        _ => None,
-                    },
-                )?;
-            match bytes.len() {
-                length if length == total => {
-                    return String::from_utf8(bytes).map_err(|_| bad);
-                }
-                length if length < total && !is_empty => {}
-                _ => return Err(bad),
+            let is_whole = self.ask(
+                name,
+                Request::Values { ask: &ask },
+                |response| match response {
+                    Response::TaskText { total, text } => Some(parts.take(total.into(), text)),
+                    _ => None,
+                },
+            )??;
+            if is_whole {
+                return String::from_utf8(parts.bytes).map_err(|_| bad);
             }
         }
     }
@@ -597,7 +633,7 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]
     pub fn task_declaration(&mut self, index: u8) -> Result<String, ClientError> {
-        let bytes = self.read_all("tasks", |offset| {
+        let bytes = self.read_all("tasks", MAX_TEXT_BYTES, |offset| {
             let offset = u16::try_from(offset).ok()?;
             Some(Request::Task { index, offset })
         })?;
@@ -613,7 +649,12 @@ impl<L: ByteLink> LinkClient<L> {
         const READS: u32 = 5;
         let mut read = self.read_running_blob();
         for _ in 1..READS {
-            if !matches!(read, Err(ClientError::BadAnswer { .. })) {
+            let is_mixed = match &read {
+                Err(ClientError::BadAnswer { .. }) => true,
+                Err(ClientError::BadParts { flaw, .. }) => !matches!(flaw, Flaw::TooLong { .. }),
+                _ => false,
+            };
+            if !is_mixed {
                 break;
             }
             read = self.read_running_blob();
@@ -624,7 +665,8 @@ impl<L: ByteLink> LinkClient<L> {
     /// The same, read once.
     fn read_running_blob(&mut self) -> Result<Vec<u8>, ClientError> {
         const NAME: &str = "read the mission";
-        let blob = self.read_all(NAME, |offset| {
+        let most = self.capacities.blob_bytes.min(MAX_BLOB_BYTES);
+        let blob = self.read_all(NAME, most, |offset| {
             let offset = u32::try_from(offset).ok()?;
             Some(Request::ReadBlob { offset })
         })?;
@@ -655,6 +697,9 @@ impl<L: ByteLink> LinkClient<L> {
     /// Reads the states once; answers also whether all parts were of one macro step.
     fn read_states(&mut self) -> Result<(bool, CurrentStates), ClientError> {
         let request = "states";
+        // A region has its state in half a word at least.
+        let most = u64::from(self.capacities.arena_words) * 2;
+        let bad = |flaw| ClientError::BadParts { request, flaw };
         let mut states = Vec::new();
         let mut first_step = None;
         let mut whole = true;
@@ -674,11 +719,22 @@ impl<L: ByteLink> LinkClient<L> {
                         _ => None,
                     },
                 )?;
+            if u64::from(total) > most {
+                return Err(bad(Flaw::TooLong {
+                    said: total.into(),
+                    most,
+                    unit: "states",
+                }));
+            }
             whole &= *first_step.get_or_insert(step) == step;
             let (pairs, _) = part.as_chunks::<2>();
             states.extend(pairs.iter().map(|pair| u16::from_le_bytes(*pair)));
-            if states.len() >= usize::from(total) || pairs.is_empty() {
+            let (there, total) = (states.len(), usize::from(total));
+            if there >= total {
                 return Ok((whole, CurrentStates { step, states }));
+            }
+            if pairs.is_empty() {
+                return Err(bad(Flaw::NoEnd { there, total }));
             }
         }
     }
@@ -788,8 +844,25 @@ impl<L: ByteLink> LinkClient<L> {
         self.stop = stop;
     }
 
+    /// From now on all that waits ends with [`ClientError::Interrupted`] as soon as `end` says so, whatever
+    /// [`LinkClient::stop_when`] says.
+    pub fn end_when(&mut self, end: Option<Box<dyn Fn() -> bool + Send>>) {
+        self.end = end;
+    }
+
+    /// From now on all requests and uploads together may wait for the robot so long; after that they fail with [`ClientError::TooSlow`]. `None` lets the session last as long as
+    /// each of them alone makes it. Time in which nothing is asked does not count.
+    pub fn limit_waits(&mut self, limit: Option<Duration>) {
+        self.allowance = Allowance::new(limit, self.clock.now());
+    }
+
+    /// Lets them wait longer, where there is a limit: there is more to do than was known.
+    pub fn extend_waits(&mut self, more: Duration) {
+        self.allowance.extend(more);
+    }
+
     /// Fails where it is to end.
-    fn check_stop(&self, request: &'static str) -> Result<(), ClientError> {
+    fn check_stop(&mut self, request: &'static str) -> Result<(), ClientError> {
         if [&self.stop, &self.end]
             .into_iter()
             .flatten()
@@ -797,7 +870,7 @@ impl<L: ByteLink> LinkClient<L> {
         {
             return Err(ClientError::Interrupted { request });
         }
-        Ok(())
+        self.allowance.look(self.clock.now(), request)
     }
 
     /// Listens to the streams for up to `timeout`; returns when something has come.
@@ -845,7 +918,7 @@ impl<L: ByteLink> LinkClient<L> {
 
     /// What the streams brought since the last call.
     pub fn take_events(&mut self) -> Vec<StreamEvent> {
-        std::mem::take(&mut self.incoming.events)
+        self.incoming.events.take()
     }
 
     /// The line, for another session.
@@ -873,33 +946,25 @@ impl<L: ByteLink> LinkClient<L> {
         })
     }
 
-    /// Reads something that comes in pieces, each asked for by its offset, until it is whole.
+    /// Reads something of `most` bytes at most that comes in pieces, each asked for by its offset, until it is whole.
     fn read_all(
         &mut self,
         name: &'static str,
+        most: u32,
         request: impl Fn(usize) -> Option<Request<'static>>,
     ) -> Result<Vec<u8>, ClientError> {
-        let bad = ClientError::BadAnswer { request: name };
-        let mut bytes = Vec::new();
+        let mut parts = Parts::new(name, most);
         loop {
-            let Some(request) = request(bytes.len()) else {
-                return Err(bad);
+            let Some(request) = request(parts.there()) else {
+                return Err(ClientError::BadAnswer { request: name });
             };
-            let total = self.ask(name, request, |response| match response {
-                Response::TaskText { total, text } => {
-                    bytes.extend_from_slice(text);
-                    Some((usize::from(total), text.is_empty()))
-                }
-                Response::Blob { total, data } => {
-                    bytes.extend_from_slice(data);
-                    Some((total as usize, data.is_empty()))
-                }
+            let is_whole = self.ask(name, request, |response| match response {
+                Response::TaskText { total, text } => Some(parts.take(total.into(), text)),
+                Response::Blob { total, data } => Some(parts.take(total, data)),
                 _ => None,
-            })?;
-            match total {
-                (total, _) if bytes.len() == total => return Ok(bytes),
-                (total, false) if bytes.len() < total => {}
-                _ => return Err(bad),
+            })??;
+            if is_whole {
+                return Ok(parts.bytes);
             }
         }
     }
@@ -1206,6 +1271,60 @@ impl<L: ByteLink> LinkClient<L> {
     }
 }
 
+/// Bytes that come in parts, each with the length of the whole.
+struct Parts {
+    request: &'static str,
+    /// What the whole can have at most.
+    most: u32,
+    total: Option<u32>,
+    bytes: Vec<u8>,
+}
+
+impl Parts {
+    fn new(request: &'static str, most: u32) -> Self {
+        Parts {
+            request,
+            most,
+            total: None,
+            bytes: Vec::new(),
+        }
+    }
+
+    fn there(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// Takes the next part. Answers whether the whole is there.
+    fn take(&mut self, said: u32, part: &[u8]) -> Result<bool, ClientError> {
+        let before = *self.total.get_or_insert(said);
+        let total = said as usize;
+        let flaw = if said > self.most && !planted!(LengthBelieved) {
+            Flaw::TooLong {
+                said: said.into(),
+                most: self.most.into(),
+                unit: "bytes",
+            }
+        } else if said != before {
+            Flaw::OtherLength {
+                before: before as usize,
+                now: total,
+            }
+        } else {
+            self.bytes.extend_from_slice(part);
+            match self.there() {
+                there if there == total => return Ok(true),
+                there if there > total => Flaw::Overfull { there, total },
+                there if part.is_empty() => Flaw::NoEnd { there, total },
+                _ => return Ok(false),
+            }
+        };
+        Err(ClientError::BadParts {
+            request: self.request,
+            flaw,
+        })
+    }
+}
+
 fn too_long(request: &'static str) -> ClientError {
     ClientError::Refused {
         request,
@@ -1279,7 +1398,7 @@ struct Incoming {
     log: Assembler,
     record: Assembler,
     values: Assembler,
-    events: Vec<StreamEvent>,
+    events: Waiting,
     /// This session has asked for streams: what comes before is of another one.
     has_asked_for_streams: bool,
     bad_frames: u64,
@@ -1295,7 +1414,7 @@ impl Incoming {
             log: Assembler::new(Channel::Log),
             record: Assembler::new(Channel::Record),
             values: Assembler::new(Channel::Values),
-            events: Vec::new(),
+            events: Waiting::default(),
             has_asked_for_streams: false,
             bad_frames: 0,
             other_version: None,

@@ -20,7 +20,7 @@ use rt_firmware::link::message::{
 
 use super::session::innermost_kind;
 use super::timing::REQUEST_DEADLINE;
-use super::{ClientError, LinkClient, StreamEvent, Streams};
+use super::{ClientError, Flaw, LinkClient, StreamEvent, Streams};
 use crate::serial::ByteLink;
 use crate::serial::clock::{Clock, SimulatedTime};
 
@@ -41,6 +41,8 @@ bugs! {
     DeadlineForgotten: "a command is sent without its deadline",
     DeadlineTooFar: "a command may be carried out after nobody waits any more",
     FlashForgotten: "a robot that writes its flash is asked again before it can have done that",
+    LengthBelieved: "a robot may say any length of what is read from it",
+    SlownessBorne: "a session whose waits have an end goes on behind it",
     MixedBlobTaken: "a blob that was read in parts of two missions is taken",
     WindowOverrun: "more of an upload is on its way than the robot allows",
     ResumedElsewhere: "an upload goes on at another byte than the robot named",
@@ -624,6 +626,60 @@ const LAWS: &[(&str, Law)] = &[
             matches!(ended, Err(ClientError::BadAnswer { .. })),
         )
     }),
+    ("what is read is no longer than it can be", || {
+        const SAID: u32 = u32::MAX;
+        // One that never ends: as long as it says the same each time, there is always a next part.
+        let asked = Arc::new(Mutex::new(0));
+        let of_robot = asked.clone();
+        let (mut client, _) = session(move |seq, request| {
+            let mut asked = of_robot.lock().expect("nobody panics with it");
+            *asked += 1;
+            match *request {
+                Request::ReadBlob { .. } if *asked < 100 => {
+                    let data = &[7; 60];
+                    vec![(seq, Ok(Response::Blob { total: SAID, data }))]
+                }
+                _ => vec![(seq, Err(LinkError::NoMission))],
+            }
+        })?;
+        let read = client.running_blob();
+        let is_told = matches!(
+            read,
+            Err(ClientError::BadParts {
+                flaw: Flaw::TooLong {
+                    said: 0xffff_ffff,
+                    most: 4_096,
+                    ..
+                },
+                ..
+            })
+        );
+        holds("it is told", is_told)?;
+        let asked = *asked.lock().expect("nobody panics with it");
+        holds("at once", asked == 1)
+    }),
+    (
+        "a session that is to end ends, however busy the robot",
+        || {
+            let (mut client, time) = session(|seq, _| vec![(seq, Err(LinkError::NoAnswer))])?;
+            let limit = Duration::from_secs(3);
+            client.limit_waits(Some(limit));
+            let before = time.elapsed();
+            let told = client.abort();
+            holds(
+                "it is told",
+                matches!(told, Err(ClientError::TooSlow { .. })),
+            )?;
+            let took = time.elapsed() - before;
+            holds("in time", took < limit + Duration::from_millis(200))?;
+            client.limit_waits(None);
+            let refused = client.abort().map_err(|error| error.refusal());
+            holds(
+                "and goes on without a limit",
+                refused == Err(Some(LinkError::NoAnswer)),
+            )
+        },
+    ),
     ("an upload goes on as soon as answers come", || {
         let mut withheld = Vec::new();
         let (taken, _) = upload(&blob(1_000, 0), 0, move |taken, seq, offset, data| {

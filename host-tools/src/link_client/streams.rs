@@ -44,6 +44,76 @@ pub enum StreamEvent {
     },
 }
 
+/// What a record of a stream has at most, in bytes: one that tells of all words of an interpreter, of five bytes each, in more RAM than a robot of this kind has.
+const MAX_RECORD_BYTES: usize = 64 * 1024;
+
+/// What is kept at most of what streams brought until somebody fetches it, in bytes: more than a line brings while a request is waited for as long as any is.
+const MAX_WAITING_BYTES: usize = 4 * 1024 * 1024;
+
+/// What an event takes beside its bytes.
+const EVENT_BYTES: usize = 64;
+
+/// What streams brought, until somebody fetches it. What there is no room for is told as missing.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    events: Vec<StreamEvent>,
+    bytes: usize,
+    /// Events that there was no room for, by their channel.
+    left_out: Vec<(Channel, u32)>,
+    is_full: bool,
+}
+
+impl Waiting {
+    pub(super) fn push(&mut self, event: StreamEvent) {
+        self.bytes += EVENT_BYTES + bytes_of(&event);
+        self.is_full |= self.bytes > MAX_WAITING_BYTES;
+        if !self.is_full {
+            self.events.push(event);
+            return;
+        }
+        let (channel, missing) = match event {
+            StreamEvent::Trace(_) => (Channel::Trace, 1),
+            StreamEvent::Log(_) => (Channel::Log, 1),
+            StreamEvent::Record(_) => (Channel::Record, 1),
+            StreamEvent::Values { .. } | StreamEvent::ValuesEnded { .. } => (Channel::Values, 1),
+            StreamEvent::Gap { channel, missing } => (channel, missing),
+            // The next ones tell how the robot is then.
+            StreamEvent::News(_) => return,
+        };
+        match self
+            .left_out
+            .iter_mut()
+            .find(|(known, _)| *known == channel)
+        {
+            Some((_, count)) => *count = count.saturating_add(missing),
+            None => self.left_out.push((channel, missing)),
+        }
+    }
+
+    /// All of it.
+    pub(super) fn take(&mut self) -> Vec<StreamEvent> {
+        let Waiting {
+            mut events,
+            left_out,
+            ..
+        } = std::mem::take(self);
+        let gaps = left_out.into_iter();
+        events.extend(gaps.map(|(channel, missing)| StreamEvent::Gap { channel, missing }));
+        events
+    }
+}
+
+/// What an event has to say, in bytes.
+fn bytes_of(event: &StreamEvent) -> usize {
+    match event {
+        StreamEvent::Trace(bytes) | StreamEvent::Log(bytes) | StreamEvent::Record(bytes) => {
+            bytes.len()
+        }
+        StreamEvent::Values { words, .. } => size_of_val(words.as_slice()),
+        StreamEvent::News(_) | StreamEvent::ValuesEnded { .. } | StreamEvent::Gap { .. } => 0,
+    }
+}
+
 /// Puts the parts of one stream together.
 #[derive(Debug)]
 pub(super) struct Assembler {
@@ -68,7 +138,7 @@ impl Assembler {
     }
 
     /// Takes the next part that came and adds what is complete to `events`.
-    pub(super) fn take(&mut self, part: &Stream<'_>, events: &mut Vec<StreamEvent>) {
+    pub(super) fn take(&mut self, part: &Stream<'_>, events: &mut Waiting) {
         let lost_parts = match self.next_part {
             Some(expected) => u32::from(part.seq.wrapping_sub(expected)),
             None => {
@@ -77,7 +147,7 @@ impl Assembler {
                 0
             }
         };
-        let missing = lost_parts.wrapping_add(part.dropped.wrapping_sub(self.dropped));
+        let missing = lost_parts.saturating_add(part.dropped.wrapping_sub(self.dropped));
         self.next_part = Some(part.seq.wrapping_add(1));
         self.dropped = part.dropped;
         if missing > 0 {
@@ -97,7 +167,7 @@ impl Assembler {
         }
     }
 
-    fn take_records(&mut self, part: &Stream<'_>, events: &mut Vec<StreamEvent>) {
+    fn take_records(&mut self, part: &Stream<'_>, events: &mut Waiting) {
         if !part.continues {
             self.pending.clear();
             self.in_step = true;
@@ -110,8 +180,10 @@ impl Assembler {
         loop {
             match take_one(self.channel, &mut rest) {
                 Ok(()) => whole = self.pending.len() - rest.len(),
-                Err(TraceError::Incomplete) => break,
-                Err(TraceError::Unknown) => {
+                Err(TraceError::Incomplete) if self.pending.len() - whole <= MAX_RECORD_BYTES => {
+                    break;
+                }
+                Err(TraceError::Incomplete | TraceError::Unknown) => {
                     events.push(StreamEvent::Gap {
                         channel: self.channel,
                         missing: 1,
@@ -238,11 +310,61 @@ mod tests {
         ];
         for (what, parts, expected) in cases {
             let mut assembler = Assembler::new(Channel::Trace);
-            let mut events = Vec::new();
+            let mut events = Waiting::default();
             for part in &parts {
                 assembler.take(part, &mut events);
             }
-            assert_eq!(events, expected, "{what}");
+            assert_eq!(events.take(), expected, "{what}");
         }
+    }
+
+    #[test]
+    fn a_record_without_end_is_given_up() {
+        let mut assembler = Assembler::new(Channel::Trace);
+        let mut events = Waiting::default();
+        // A step that tells of more states than ever come.
+        let step = [1, 1, 0, 0, 0];
+        let head: Vec<u8> = (0..=u8::MAX)
+            .map(|kind| [&[kind][..], &step].concat())
+            .find(|bytes| {
+                let taken = TraceRecord::take(&mut &bytes[..]);
+                matches!(taken, Ok(TraceRecord::Step { .. }))
+            })
+            .map(|bytes| [bytes[0], 1, 1, 0xff, 0xff, 0x03].to_vec())
+            .unwrap();
+        assembler.take(&part(0, false, 0, &head), &mut events);
+        let most = MAX_RECORD_BYTES / 96 + 2;
+        for number in 0..most * 2 {
+            assembler.take(
+                &part((number as u8).wrapping_add(1), true, 0, &[1; 96]),
+                &mut events,
+            );
+            assert!(assembler.pending.len() <= MAX_RECORD_BYTES + 96);
+        }
+        let told = events.take();
+        let gap = StreamEvent::Gap {
+            channel: Channel::Trace,
+            missing: 1,
+        };
+        assert_eq!(told, [gap], "once");
+    }
+
+    #[test]
+    fn what_nobody_fetches_is_kept_up_to_a_limit_and_then_told_as_missing() {
+        let mut waiting = Waiting::default();
+        const EVENTS: usize = 100_000;
+        for _ in 0..EVENTS {
+            waiting.push(StreamEvent::Log(vec![7; 96]));
+        }
+        let kept = MAX_WAITING_BYTES / (96 + EVENT_BYTES);
+        let told = waiting.take();
+        assert_eq!(told.len(), kept + 1);
+        let gap = StreamEvent::Gap {
+            channel: Channel::Log,
+            missing: (EVENTS - kept) as u32,
+        };
+        assert_eq!(told.last(), Some(&gap));
+        waiting.push(StreamEvent::Log(vec![7; 96]));
+        assert_eq!(waiting.take().len(), 1, "there is room again");
     }
 }

@@ -298,6 +298,8 @@ fn timed(byte_us: f64, answer_us: f64, window_bytes: u16) -> LinkClient<Timed> {
     LinkClient {
         clock: link.clock(),
         sent: link.clock().now(),
+        allowance: Allowance::new(None, link.clock().now()),
+        capacities: NO_CAPACITIES,
         link,
         incoming: Incoming::new(),
         seq: 0,
@@ -527,6 +529,8 @@ fn over<L, M: ByteLink>(client: LinkClient<L>, line: impl FnOnce(L) -> M) -> Lin
     let link = line(client.link);
     LinkClient {
         sent: client.sent,
+        allowance: client.allowance,
+        capacities: client.capacities,
         clock: link.clock(),
         link,
         incoming: client.incoming,

@@ -8,7 +8,7 @@ use super::ClientError;
 pub(super) const REQUEST_DEADLINE: Duration = Duration::from_secs(6);
 
 /// How long it may take while something does come: a robot is there, and the line is bad.
-pub(super) const NOISY_DEADLINE: Duration = Duration::from_secs(30);
+pub const NOISY_DEADLINE: Duration = Duration::from_secs(30);
 
 const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
@@ -139,6 +139,46 @@ impl Patience {
             waited: self.spent,
             spoiled_frames: self.spoiled_frames,
         })
+    }
+}
+
+/// How long all requests together may wait, where that has an end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Allowance {
+    limit: Option<Duration>,
+    looked: Instant,
+    spent: Duration,
+}
+
+impl Allowance {
+    /// From now on, so long.
+    pub(super) fn new(limit: Option<Duration>, now: Instant) -> Self {
+        Allowance {
+            limit,
+            looked: now,
+            spent: Duration::ZERO,
+        }
+    }
+
+    /// So much more.
+    pub(super) fn extend(&mut self, more: Duration) {
+        self.limit = self.limit.map(|limit| limit.saturating_add(more));
+    }
+
+    /// Counts what has passed since the last look.
+    ///
+    /// # Errors
+    /// It is over.
+    pub(super) fn look(&mut self, now: Instant, request: &'static str) -> Result<(), ClientError> {
+        let passed = now.saturating_duration_since(self.looked);
+        self.spent += passed.min(LONGEST_LOOK);
+        self.looked = now;
+        match self.limit {
+            Some(limit) if self.spent >= limit && !planted!(SlownessBorne) => {
+                Err(ClientError::TooSlow { request, limit })
+            }
+            _ => Ok(()),
+        }
     }
 }
 

@@ -10,7 +10,7 @@
 use std::time::{Duration, Instant};
 
 use rt_firmware::link::frame;
-use rt_firmware::link::message::{LinkError, Request, Response, Uploads};
+use rt_firmware::link::message::{LinkError, MAX_CHUNK, Request, Response, Uploads};
 
 use super::loss::{Loss, OVERHEAD};
 use super::session::{Answer, Expected};
@@ -82,7 +82,7 @@ impl Standing {
         Standing {
             len,
             there,
-            largest_chunk: usize::from(uploads.chunk_bytes).clamp(1, window),
+            largest_chunk: usize::from(uploads.chunk_bytes).clamp(1, window.min(MAX_CHUNK)),
             window,
             unsent: there,
             sent: Vec::new(),

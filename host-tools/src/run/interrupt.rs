@@ -1,6 +1,6 @@
 //! Ctrl-C, seen by whoever runs a loop: the loop ends in order, and with it everything that it started.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use std::{process, thread};
 
@@ -12,7 +12,7 @@ const LOOK_TIME: Duration = Duration::from_millis(20);
 const FAREWELL: Duration = Duration::from_millis(600);
 
 /// When it was requested.
-static REQUESTED: OnceLock<Instant> = OnceLock::new();
+static REQUESTED: Mutex<Option<Instant>> = Mutex::new(None);
 static INSTALLED: OnceLock<Result<(), String>> = OnceLock::new();
 
 /// The wish of the person at the terminal (or of the system, by SIGTERM or SIGHUP) that the process end.
@@ -26,13 +26,7 @@ impl Interrupt {
     /// What the system says, where it does not allow that.
     pub fn take_over() -> Result<Self, std::io::Error> {
         INSTALLED
-            .get_or_init(|| {
-                ctrlc::set_handler(|| {
-                    // The first counts.
-                    let _ = REQUESTED.set(Instant::now());
-                })
-                .map_err(|error| error.to_string())
-            })
+            .get_or_init(|| ctrlc::set_handler(|| request(true)).map_err(|error| error.to_string()))
             .clone()
             .map_err(std::io::Error::other)?;
         Ok(Interrupt(()))
@@ -57,12 +51,23 @@ impl Interrupt {
     }
 }
 
-/// Whether the process is to end; never where it did not take Ctrl-C over.
+/// Whether the process is to end, for who does not know whether Ctrl-C was [taken over](Interrupt::take_over). If not, the system ends it.
 pub fn is_requested() -> bool {
-    REQUESTED.get().is_some()
+    requested_at().is_some()
 }
 
 /// Whether it was to end so long ago that nothing is waited for any more.
 pub fn is_overdue() -> bool {
-    (REQUESTED.get()).is_some_and(|requested| requested.elapsed() >= FAREWELL)
+    requested_at().is_some_and(|requested| requested.elapsed() >= FAREWELL)
+}
+
+/// Ends the command that runs as Ctrl-C does, or lets the next one run: for a program that has [commands run within it](crate::cli::execute).
+pub fn request(is_requested: bool) {
+    let mut requested = REQUESTED.lock().unwrap_or_else(PoisonError::into_inner);
+    // The first counts.
+    *requested = is_requested.then(|| requested.unwrap_or_else(Instant::now));
+}
+
+fn requested_at() -> Option<Instant> {
+    *REQUESTED.lock().unwrap_or_else(PoisonError::into_inner)
 }

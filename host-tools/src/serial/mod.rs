@@ -38,6 +38,7 @@ use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use serialport::{SerialPort, TTYPort};
 use thiserror::Error;
 
+use crate::run::interrupt;
 use clock::Clock;
 use pacing::Paced;
 use port::Port;
@@ -181,6 +182,13 @@ pub fn open(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
 pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
     let system = |cause: io::Error| open_error(port, cause);
     let file: OwnedFd = match port {
+        // It keeps its rate by itself.
+        Port::Own(line) => {
+            return Ok(Opened {
+                line: line.open().map_err(system)?,
+                not_served: None,
+            });
+        }
         Port::Tty(path) => open_tty(port, path, baud, Use::Alone)?.into(),
         Port::Unix(path) => connect_unix(path).map_err(system)?.into(),
         Port::Tcp { host, port: number } => {
@@ -371,6 +379,34 @@ fn received(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
+/// Writes all of it to a line whose writes wait for [`WRITE_LOOK`] at most.
+fn write_patiently(line: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
+    let mut begun = Instant::now();
+    while !bytes.is_empty() {
+        match line.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => {
+                bytes = bytes.get(count..).unwrap_or_default();
+                begun = Instant::now();
+            }
+            Err(error) => match error.kind() {
+                io::ErrorKind::WouldBlock
+                | io::ErrorKind::TimedOut
+                | io::ErrorKind::Interrupted => {
+                    if interrupt::is_requested() {
+                        return Err(io::Error::other("interrupted, and it takes nothing"));
+                    }
+                    if begun.elapsed() >= WRITE_TIMEOUT {
+                        return Err(io::ErrorKind::TimedOut.into());
+                    }
+                }
+                _ => return Err(error),
+            },
+        }
+    }
+    Ok(())
+}
+
 impl ByteLink for UnixStream {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         self.set_read_timeout(Some(timeout.max(SHORTEST_WAIT)))?;
@@ -378,7 +414,7 @@ impl ByteLink for UnixStream {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.write_all(bytes)
+        write_patiently(self, bytes)
     }
 
     fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {

@@ -1,10 +1,14 @@
 //! The name of a port: how a person says where a robot is reached.
 
 use std::fmt;
+use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use thiserror::Error;
+
+use super::ByteLink;
 
 /// Where a robot is reached.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,7 +24,47 @@ pub enum Port {
         /// TCP port.
         port: u16,
     },
+    /// A line of somebody's own, that no name stands for.
+    Own(OwnLine),
 }
+
+/// What opens a line that this program knows nothing of: for a program that has commands run within it.
+#[derive(Clone)]
+pub struct OwnLine {
+    open: Arc<dyn Fn() -> io::Result<Box<dyn ByteLink>> + Send + Sync>,
+}
+
+impl OwnLine {
+    /// A line that is opened like this.
+    pub fn new(open: impl Fn() -> io::Result<Box<dyn ByteLink>> + Send + Sync + 'static) -> Self {
+        OwnLine {
+            open: Arc::new(open),
+        }
+    }
+
+    /// Opens it.
+    ///
+    /// # Errors
+    /// Whatever keeps it from being opened.
+    pub fn open(&self) -> io::Result<Box<dyn ByteLink>> {
+        (self.open)()
+    }
+}
+
+impl fmt::Debug for OwnLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("OwnLine")
+    }
+}
+
+/// The same line.
+impl PartialEq for OwnLine {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.open, &other.open)
+    }
+}
+
+impl Eq for OwnLine {}
 
 /// Why a text is no [`Port`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -75,6 +119,7 @@ impl fmt::Display for Port {
             Port::Unix(path) => write!(f, "unix:{}", path.display()),
             Port::Tcp { host, port } if host.contains(':') => write!(f, "tcp:[{host}]:{port}"),
             Port::Tcp { host, port } => write!(f, "tcp:{host}:{port}"),
+            Port::Own(_) => f.write_str("a line of its own"),
         }
     }
 }

@@ -89,6 +89,8 @@ pub(super) fn identity(port: &Port) -> io::Result<String> {
             format!("socket {} {}", found.dev(), found.ino())
         }
         Port::Tcp { host, port } => format!("tcp {} {port}", host.to_lowercase()),
+        // No other process can name it.
+        Port::Own(_) => return Err(io::ErrorKind::Unsupported.into()),
     })
 }
 

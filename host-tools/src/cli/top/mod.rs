@@ -68,7 +68,7 @@ pub struct TopArgs {
 /// What kept it from ending well.
 pub fn execute(args: &TopArgs, console: &mut Console) -> Result<(), CommandError> {
     if args.json || args.once || !terminal::has_screen(console) {
-        let (mut robot, info) = args.robot.connect()?;
+        let (mut robot, info) = args.robot.connect(console)?;
         let reading = Reader::default().read(&mut robot, Tasks::All)?;
         let report = TopReport::new(info, reading);
         return if args.json {
@@ -79,7 +79,8 @@ pub fn execute(args: &TopArgs, console: &mut Console) -> Result<(), CommandError
     }
     let interrupt = Interrupt::take_over()?;
     // What is wrong with the port is said before the screen is taken.
-    let (robot, info) = args.robot.connect()?;
+    let (mut robot, info) = args.robot.connect(console)?;
+    robot.limit_waits(None);
     let interval = Duration::from_micros(args.interval.us).max(SHORTEST_INTERVAL);
     let watch = Watch::start(args.robot.clone(), robot, interval)?;
     let mut following = Following {

@@ -93,8 +93,9 @@ fn watch(
                     News::Lost(error.to_string())
                 }
             },
-            None => match port.connect() {
-                Ok((found, info)) => {
+            None => match port.connect_quietly() {
+                Ok((mut found, info)) => {
+                    found.limit_waits(None);
                     // A session begins without values.
                     nets = Nets::default();
                     robot = Some(found);
