@@ -8,12 +8,14 @@ use esm_core::BlobBuffer;
 use heapless::spsc::{Consumer, Producer};
 
 use super::port::LinkPort;
+use super::stop::Awaited;
 use super::upload::Upload;
 use crate::features::{NEWS, PARAMS, TELEMETRY};
 use crate::link::access::{Access, Needs, may_have_deadline, needs};
 use crate::link::keys::Keys;
 use crate::link::message::{Capacities, LinkError, Request, Response};
 use crate::link::news::Watch;
+use crate::link::stops::Place;
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::upcoming::Rooms;
@@ -38,6 +40,10 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) letter: Option<&'m mut Letter<'m>>,
     /// The request that is carried out, as long as it has asked nobody.
     pub(crate) ticket: Option<Ticket>,
+    /// The stop that was read last, until the robot has stopped.
+    pub(crate) awaited_stop: Option<Awaited>,
+    /// Where the link stands among the bytes of its line.
+    pub(crate) place: Place,
     /// The request whose answer the letter will bring.
     pub(crate) asked: Option<Ticket>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
@@ -159,7 +165,7 @@ impl Desk<'_, '_> {
                 let kept = port.keeper().map(|keeper| keeper.kept());
                 Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
             }
-            Request::Stop => self.ask(Letter::Stop),
+            Request::Stop => self.stop(port),
             Request::Start => self.ask(Letter::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
             Request::Release => self.release(),

@@ -2,11 +2,12 @@
 //!
 //! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken it: answers first, and `streams` where there is room. Requests are carried out at the `desk`,
 //! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what this side knows, others take the `letter` to the real-time side. An upload is a transaction,
-//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `emergency` the stop that waits for no letter.
+//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no letter. `budget` is how much time all of it may take.
 //!
 //! *Invariant:* one request is carried out at a time, and one that comes again under its number is not carried out again: its answer is sent again.
 
 mod answers;
+mod budget;
 mod desk;
 mod emergency;
 mod kept_mission;
@@ -15,6 +16,7 @@ mod outgoing;
 mod port;
 mod signing;
 mod stage;
+mod stop;
 mod streams;
 mod upload;
 
@@ -26,12 +28,18 @@ use core::sync::atomic::Ordering;
 use crate::features::PARAMS;
 use crate::link::frame::{FrameError, FrameReader, MAX_REPLY_FRAME_BYTES, checksum, decode};
 use crate::link::message::{Channel, FromDevice, LinkError, MAX_STREAM_BYTES, Request, ToDevice};
+use crate::link::stop_listener::StopListener;
 use crate::mail::{Letter, NO_DEADLINE};
+use budget::Budget;
 use desk::{Reaction, Ticket};
 use kept_mission::keep_in_mind;
 use letter::answer_of;
 use outgoing::Outgoing;
+use stop::is_stop;
 use streams::{CHANNELS, STREAM_OVERHEAD};
+
+/// Bytes of the line after which the link looks at the time that it has taken.
+const BYTES_BETWEEN_LOOKS: u32 = 64;
 
 /// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
@@ -47,8 +55,11 @@ pub struct LinkSide<'q, 'm> {
     stream_seq: [u8; CHANNELS],
     /// Whose turn it is to send.
     next_channel: Channel,
-    /// Frames that arrived spoiled.
+    /// Frames that arrived spoiled, and requests that were left out for want of time.
     spoiled_frames: u32,
+    /// Bytes of the line that had found no room when that was looked at last.
+    lost_bytes: u32,
+    budget: Budget,
     desk: Desk<'q, 'm>,
 }
 
@@ -64,6 +75,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             stream_seq: [0; CHANNELS],
             next_channel: Channel::Trace,
             spoiled_frames: 0,
+            lost_bytes: 0,
+            budget: Budget::FULL,
             desk,
         }
     }
@@ -77,20 +90,63 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             .keeper()
             .is_some_and(|keeper| keeper.is_emergency_stopped())
         {
-            self.desk.latch_emergency_stop();
+            self.desk.signs.latch_emergency_stop(self.desk.about.kept);
         }
         let kept = self.desk.about.kept;
         let may_start = kept.is_none_or(|kept| kept.may_start_by_itself());
         self.desk.start_kept(port, may_start);
     }
 
-    /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
+    /// Hears stops among the bytes of the line, where a board takes them in: one for each line.
+    pub fn stop_listener(&self) -> StopListener<'m> {
+        StopListener::new(self.desk.signs, self.desk.about.kept)
+    }
+
+    /// Does what can be done without waiting, as long as there is [time for it](LinkPort::LINK_PERCENT). Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
+        self.begin_turn(port);
+        let has_more = self.work(port);
+        self.charge(port);
+        // What is left waits for its time.
+        has_more && self.budget.is_left()
+    }
+
+    fn begin_turn<P: LinkPort>(&mut self, port: &mut P) {
+        let slots_us = self.desk.signs.slots_us.load(Ordering::Relaxed);
+        self.budget.begin::<P>(port.now_us(), slots_us);
+        let lost_bytes = self.desk.signs.stops.lost_bytes();
+        if lost_bytes != self.lost_bytes {
+            // Whatever frames they were of.
+            self.lost_bytes = lost_bytes;
+            self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+        }
+    }
+
+    /// Counts what the link has done as work.
+    fn charge<P: LinkPort>(&mut self, port: &mut P) {
+        let signs = self.desk.signs;
+        let slots_us = signs.slots_us.load(Ordering::Relaxed);
+        let worked_us = self.budget.charge::<P>(port.now_us(), slots_us);
+        // Only this side counts it, so load and store suffice.
+        let before_us = signs.link_us.load(Ordering::Relaxed);
+        let link_us = before_us.wrapping_add(worked_us);
+        signs.link_us.store(link_us, Ordering::Relaxed);
+    }
+
+    /// Whether there is time for what comes next: for a stop that was heard also where there is none for others.
+    fn may_receive(&mut self) -> bool {
+        self.budget.is_left()
+            || self.budget.is_left_for_a_stop()
+                && self.desk.place.is_stop_ahead(&self.desk.signs.stops)
+    }
+
+    fn work(&mut self, port: &mut impl LinkPort) -> bool {
         loop {
             self.desk.signs.link.store(true, Ordering::Relaxed);
             self.desk.take_freed(port);
             self.take_answer(port);
+            self.tell_stopped();
             self.desk.keep_stop(port);
             self.receive(port);
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
@@ -105,7 +161,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             }
             // The answer is out: there may be another request behind it.
         }
-        if self.stream.is_done() {
+        if self.stream.is_done() && self.budget.is_left() {
             self.fill_stream(port);
         }
         let idle = self.stream.is_done();
@@ -115,14 +171,21 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Whether an answer of the real-time side is awaited: a board may poll again after the next slot.
     pub fn is_waiting(&self) -> bool {
-        self.desk.asked.is_some()
+        self.desk.asked.is_some() || self.desk.awaited_stop.is_some()
     }
 
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
         // Chunks come one behind the other: none of them waits for the wire to take the answer to the one before.
         while self.reply.is_done() || (self.acknowledges && self.reply.sent == 0) {
+            if !self.may_receive() {
+                return;
+            }
             let Some(byte) = port.receive() else { return };
+            // Noise is work, too.
+            if self.desk.place.take().is_multiple_of(BYTES_BETWEEN_LOOKS) {
+                self.charge(port);
+            }
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
@@ -146,6 +209,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                     continue;
                 }
             };
+            if !self.budget.is_left() && !is_stop(&message.request) {
+                // It stands before a stop that is to be answered. Who sent it asks again.
+                self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+                continue;
+            }
             // Only this side counts them, so load and store suffice.
             let requests = &self.desk.signs.requests;
             requests.store(
@@ -177,6 +245,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 }
                 Reaction::Later => self.awaited = true,
             }
+            self.charge(port);
         }
     }
 
@@ -221,7 +290,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             // Pressed again while the flash was written, the button has latched a stop that is to be kept.
             self.desk.stop_is_kept = false;
         }
+        // What a stop waits for is no letter.
         if let (true, Some((last, _))) = (self.awaited, self.last)
+            && self.desk.awaited_stop.is_none()
             && asked.is_some_and(|asked| asked.seq == last)
         {
             self.awaited = false;

@@ -137,4 +137,6 @@ pub enum LinkError {
     StopNotKept,
     /// The robot came to a request [after the time](Request::Within) that it was to be done by: it was not done.
     Late,
+    /// A stop came while [`Request::Start`] was under way: the robot stands still.
+    StopCame,
 }
