@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use rt_firmware::LinkPort;
+use rt_firmware::{LinkPort, StopListener};
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::trial::MissionKeeper;
@@ -35,6 +35,9 @@ pub(super) struct Port<'k> {
     line: Line,
     incoming: VecDeque<u8>,
     outgoing: VecDeque<u8>,
+    listener: StopListener<'k>,
+    /// A stop was heard since that was asked last.
+    has_heard_stop: bool,
     now_us: u64,
     safe: Safe<'k>,
 }
@@ -75,7 +78,11 @@ impl KeySafe for Safe<'_> {
 }
 
 impl<'k> Port<'k> {
-    pub(super) fn new(line: Line, keep: Option<Keep<'k, Flash>>) -> Self {
+    pub(super) fn new(
+        line: Line,
+        keep: Option<Keep<'k, Flash>>,
+        listener: StopListener<'k>,
+    ) -> Self {
         let clock = match line {
             Line::Pipe(_) => SafeClock::Wall {
                 started: Instant::now(),
@@ -86,9 +93,24 @@ impl<'k> Port<'k> {
             line,
             incoming: VecDeque::new(),
             outgoing: VecDeque::new(),
+            listener,
+            has_heard_stop: false,
             now_us: 0,
             safe: Safe { keep, clock },
         }
+    }
+
+    /// Whether a stop was heard since this was asked last.
+    pub(super) fn has_heard_stop(&mut self) -> bool {
+        std::mem::take(&mut self.has_heard_stop)
+    }
+
+    /// Takes bytes off the line.
+    fn take(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.has_heard_stop |= self.listener.hear(*byte, true);
+        }
+        self.incoming.extend(bytes);
     }
 
     /// The board's clock says this.
@@ -126,7 +148,8 @@ impl<'k> Port<'k> {
                 };
                 part.push(byte);
             }
-            self.incoming.extend(line.swap(&part).carried());
+            let part = line.swap(&part);
+            self.take(part.carried());
         }
     }
 
@@ -144,7 +167,7 @@ impl<'k> Port<'k> {
         }
         let mut bytes = [0; READ_BYTES];
         let count = line.receive(&mut bytes, timeout)?;
-        self.incoming.extend(&bytes[..count]);
+        self.take(&bytes[..count]);
         Ok(())
     }
 }

@@ -50,6 +50,11 @@ bugs! {
     OthersBytesKept: "an upload stays whose bytes are not those that were signed",
     ValuesUnlimited: "more nets are asked for than a sample can tell of",
     PauseForgotten: "signatures are looked at right after a wrong one",
+    NoiseStops: "the checksum of a stop that is heard is not looked at",
+    StopDoneBefore: "a stop is answered before the robot stands still",
+    StopAheadForgotten: "what was read before a stop that was heard is carried out behind it",
+    OvertakenForgotten: "a start that is under way is carried out behind a stop",
+    BudgetForgotten: "the link takes all the time that there is",
 }
 
 thread_local! {
@@ -92,6 +97,8 @@ struct Wire {
     to_host: Vec<u8>,
     kept: Volatile,
     now_us: u64,
+    /// How long it takes to find out what a status says.
+    status_us: u64,
 }
 
 impl LinkPort for Wire {
@@ -106,6 +113,11 @@ impl LinkPort for Wire {
     fn send(&mut self, byte: u8) -> bool {
         self.to_host.push(byte);
         true
+    }
+
+    fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        self.now_us += self.status_us;
+        None
     }
 
     fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
@@ -306,14 +318,14 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect(Request::Chunk { offset: 0, data }, "Err(NoUpload)")?;
             robot.expect(begin_by(1_000), &received(0))?;
             // What waits for its turn with the real-time side may be late by then.
-            let stop = &serialized(Request::Stop)[..];
-            let stop_by = |by_us| Request::Within {
+            let start = &serialized(Request::Start)[..];
+            let start_by = |by_us| Request::Within {
                 by_us,
-                request: stop,
+                request: start,
             };
-            robot.expect_at(3_000, stop_by(2_999), "Err(Late)")?;
+            robot.expect_at(3_000, start_by(2_999), "Err(Late)")?;
             robot.expect(Request::Clock, "Ok(Clock { now_us: 3000 })")?;
-            robot.expect_at(4_000, stop_by(4_000), "Ok(Done)")
+            robot.expect_at(4_000, start_by(4_000), "Ok(Done)")
         })
     }),
     ("chunks come in order and as long as was said", || {
@@ -385,6 +397,75 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect(Request::Chunk { offset: 0, data }, &received(20))?;
             robot.expect(COMMIT, "Err(WrongChecksum)")?;
             robot.expect(COMMIT, "Err(NoUpload)")
+        })
+    }),
+    ("noise is no stop, and a stop is heard", || {
+        with_robot(|robot| {
+            let mut listener = robot.link.stop_listener();
+            let mut heard = |bytes: &[u8]| {
+                let calls = bytes.iter().filter(|byte| listener.hear(**byte, true));
+                calls.count()
+            };
+            let stop = framed(5, Request::Stop);
+            let mut noise = stop.clone();
+            noise[3] ^= 0x10;
+            match (heard(&noise), heard(&stop)) {
+                (0, 1) => Ok(()),
+                (noise, stop) => Err(format!("{noise} and {stop} heard")),
+            }
+        })
+    }),
+    ("a stop is done when the robot stands still", || {
+        with_robot(|robot| {
+            robot.expect_at(1_000, Request::Stop, "Ok(Done)")?;
+            expect(&[format!("{:?}", robot.real_time.mode())], &["Stopped"])
+        })
+    }),
+    ("a start that a stop overtakes starts nothing", || {
+        with_robot(|robot| {
+            robot.expect_at(1_000, Request::Stop, "Ok(Done)")?;
+            // One on its way to the slots, and one that is in the queue yet.
+            let mut listener = robot.link.stop_listener();
+            let (start, stop) = (framed(50, Request::Start), framed(51, Request::Stop));
+            expect(&robot.answers(&start), &[])?;
+            for byte in &stop {
+                let _ = listener.hear(*byte, false);
+            }
+            robot.real_time.on_timer(&mut Timer(2_000));
+            expect(&robot.answers(&[]), &["50: Err(StopCame)"])
+        })?;
+        with_robot(|robot| {
+            let mut listener = robot.link.stop_listener();
+            for byte in [framed(50, Request::Start), framed(51, Request::Stop)].concat() {
+                let _ = listener.hear(byte, true);
+            }
+            expect(&robot.answers(&framed(50, Request::Start)), &[])?;
+            robot.real_time.on_timer(&mut Timer(2_000));
+            expect(&robot.answers(&[]), &["50: Err(StopCame)"])
+        })
+    }),
+    ("what comes over the line leaves others their time", || {
+        with_robot(|robot| {
+            // A line that is never empty, and requests that take their time.
+            robot.wire.status_us = 5_000;
+            let began_us = robot.wire.now_us;
+            for seq in 0..200 {
+                robot.wire.to_robot.extend(framed(seq, Request::Status));
+            }
+            while robot.link.poll(&mut robot.wire) {}
+            let took_us = robot.wire.now_us - began_us;
+            if took_us > 600_000 {
+                return Err(format!("{took_us} us at once"));
+            }
+            // What is left comes in its time.
+            let left = robot.wire.to_robot.len();
+            robot.wire.now_us += 100_000;
+            while robot.link.poll(&mut robot.wire) {}
+            let done = left - robot.wire.to_robot.len();
+            if done == 0 || done > left / 4 {
+                return Err(format!("{done} of {left} bytes in 100 ms"));
+            }
+            Ok(())
         })
     }),
     #[cfg(feature = "telemetry")]

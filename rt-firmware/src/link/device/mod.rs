@@ -292,7 +292,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         }
         // What a stop waits for is no letter.
         if let (true, Some((last, _))) = (self.awaited, self.last)
-            && self.desk.awaited_stop.is_none()
+            && self.desk.awaited_stop.is_none_or(|stop| stop.seq != last)
             && asked.is_some_and(|asked| asked.seq == last)
         {
             self.awaited = false;

@@ -9,7 +9,7 @@ use crate::link::message::{FromDevice, Request, Response};
 #[derive(Clone, Copy)]
 pub(crate) struct Awaited {
     /// Number of the request.
-    seq: u8,
+    pub(super) seq: u8,
     /// Of the wish.
     wish: u32,
 }
