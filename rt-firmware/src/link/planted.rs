@@ -54,6 +54,7 @@ bugs! {
     StopDoneBefore: "a stop is answered before the robot stands still",
     StopAheadForgotten: "what was read before a stop that was heard is carried out behind it",
     OvertakenForgotten: "a start that is under way is carried out behind a stop",
+    OverloadForgotten: "what cannot be answered fills the queue until stops and uploads are lost",
     BudgetForgotten: "the link takes all the time that there is",
 }
 
@@ -97,6 +98,8 @@ struct Wire {
     to_host: Vec<u8>,
     kept: Volatile,
     now_us: u64,
+    /// It takes a byte and no more.
+    is_stuck: bool,
     /// How long it takes to find out what a status says.
     status_us: u64,
 }
@@ -111,6 +114,9 @@ impl LinkPort for Wire {
     }
 
     fn send(&mut self, byte: u8) -> bool {
+        if self.is_stuck && !self.to_host.is_empty() {
+            return false;
+        }
         self.to_host.push(byte);
         true
     }
@@ -442,6 +448,40 @@ const LAWS: &[(&str, Law)] = &[
             expect(&robot.answers(&framed(50, Request::Start)), &[])?;
             robot.real_time.on_timer(&mut Timer(2_000));
             expect(&robot.answers(&[]), &["50: Err(StopCame)"])
+        })
+    }),
+    ("what cannot be answered is in nobody's way", || {
+        with_robot(|robot| {
+            let blob = junk(20);
+            robot.expect(begin(&blob), &received(0))?;
+            robot.wire.is_stuck = true;
+            let mut listener = robot.link.stop_listener();
+            let mut bytes = Vec::new();
+            for seq in 100..140 {
+                bytes.extend(framed(seq, Request::Status));
+            }
+            let data = &blob[..];
+            bytes.extend(framed(90, Request::Chunk { offset: 0, data }));
+            bytes.extend(framed(91, Request::Stop));
+            for seq in 140..180 {
+                bytes.extend(framed(seq, Request::Status));
+            }
+            for _ in 0..8 {
+                // What was taken before counts as kept.
+                let _ = listener.hear(1, true);
+            }
+            for byte in &bytes {
+                let _ = listener.hear(*byte, true);
+            }
+            robot.wire.to_robot.extend(&bytes);
+            robot.link.poll(&mut robot.wire);
+            robot.real_time.on_timer(&mut Timer(2_000));
+            robot.wire.is_stuck = false;
+            let answers = robot.answers(&[]);
+            if !answers.iter().any(|answer| answer == "91: Ok(Done)") {
+                return Err(format!("{answers:?}"));
+            }
+            robot.expect(begin(&blob), &received(20))
         })
     }),
     ("what comes over the line leaves others their time", || {

@@ -64,6 +64,7 @@ impl<'m> StopListener<'m> {
     pub fn hear(&mut self, byte: u8, is_kept: bool) -> bool {
         if is_kept {
             self.kept_bytes = self.kept_bytes.wrapping_add(1);
+            self.signs.stops.keep_bytes(self.kept_bytes);
         } else {
             self.signs.stops.lose_byte();
         }

@@ -29,6 +29,8 @@ pub(crate) struct Stops {
     read: AtomicU32,
     /// Of these, as many as the robot has stopped for. The real-time side's.
     done: AtomicU32,
+    /// Bytes that were kept for the link. The listener's.
+    kept_bytes: AtomicU32,
     /// Bytes of the line that found no room. The listener's.
     lost_bytes: AtomicU32,
 }
@@ -50,6 +52,7 @@ impl Stops {
             heard_at: AtomicU32::new(0),
             read: AtomicU32::new(0),
             done: AtomicU32::new(0),
+            kept_bytes: AtomicU32::new(0),
             lost_bytes: AtomicU32::new(0),
         }
     }
@@ -59,6 +62,11 @@ impl Stops {
         self.heard_at.store(kept_bytes, Release);
         preemptible!();
         add_one(&self.heard);
+    }
+
+    /// So many bytes were kept for the link. For the listener alone.
+    pub(crate) fn keep_bytes(&self, kept_bytes: u32) {
+        self.kept_bytes.store(kept_bytes, Relaxed);
     }
 
     /// A byte of the line found no room. For the listener alone.
@@ -161,6 +169,15 @@ impl Place {
     pub(crate) fn take(&mut self) -> u32 {
         self.taken = self.taken.wrapping_add(1);
         self.taken
+    }
+
+    /// Bytes that wait for the link; below 0 where nobody says how many were kept.
+    pub(crate) fn bytes_behind(&self, stops: &Stops) -> i32 {
+        let kept_bytes = stops.kept_bytes.load(Relaxed);
+        if kept_bytes == 0 {
+            return -1;
+        }
+        kept_bytes.wrapping_sub(self.taken) as i32
     }
 
     /// Whether a stop was heard whose bytes are still to come, or were lost: what was read up to here is older.

@@ -165,7 +165,10 @@ impl Desk<'_, '_> {
                 let kept = port.keeper().map(|keeper| keeper.kept());
                 Reaction::Answer(self.status(port.deepest_stack_bytes(), kept))
             }
-            Request::Stop => self.stop(port),
+            Request::Stop => {
+                let seq = self.ticket.take().map_or(0, |ticket| ticket.seq);
+                self.stop(seq, port)
+            }
             Request::Start => self.ask(Letter::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
             Request::Release => self.release(),

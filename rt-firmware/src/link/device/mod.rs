@@ -13,6 +13,7 @@ mod emergency;
 mod kept_mission;
 mod letter;
 mod outgoing;
+mod overload;
 mod port;
 mod signing;
 mod stage;
@@ -149,6 +150,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.tell_stopped();
             self.desk.keep_stop(port);
             self.receive(port);
+            // Where the real-time side was called, it has come already.
+            self.tell_stopped();
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
                 return true;
@@ -174,10 +177,15 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         self.desk.asked.is_some() || self.desk.awaited_stop.is_some()
     }
 
+    /// Whether there is room for another answer.
+    fn can_answer(&self) -> bool {
+        self.reply.is_done() || (self.acknowledges && self.reply.sent == 0)
+    }
+
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
         // Chunks come one behind the other: none of them waits for the wire to take the answer to the one before.
-        while self.reply.is_done() || (self.acknowledges && self.reply.sent == 0) {
+        while self.can_answer() || self.desk.is_overloaded() {
             if !self.may_receive() {
                 return;
             }
@@ -193,7 +201,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             let crc = checksum(frame);
             let message = match decode::<ToDevice<'_>>(frame) {
                 Ok(message) => message,
-                Err(FrameError::NotAMessage) => {
+                Err(FrameError::NotAMessage)
+                    if self.reply.is_done() || (self.acknowledges && self.reply.sent == 0) =>
+                {
                     // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
                     let seq = frame.first().copied().unwrap_or_default();
                     self.last = None;
@@ -212,6 +222,15 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             if !self.budget.is_left() && !is_stop(&message.request) {
                 // It stands before a stop that is to be answered. Who sent it asks again.
                 self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+                continue;
+            }
+            let can_answer =
+                self.reply.is_done() || (self.acknowledges && self.reply.sent == 0);
+            if !can_answer {
+                if !self.desk.take_unanswered(&message, port) {
+                    self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+                }
+                self.charge(port);
                 continue;
             }
             // Only this side counts them, so load and store suffice.

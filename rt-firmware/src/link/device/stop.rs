@@ -3,7 +3,7 @@
 use super::LinkSide;
 use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
-use crate::link::message::{FromDevice, Request, Response};
+use crate::link::message::{FromDevice, LinkError, Request, Response};
 
 /// A stop that was read and is not answered yet.
 #[derive(Clone, Copy)]
@@ -11,7 +11,9 @@ pub(crate) struct Awaited {
     /// Number of the request.
     pub(super) seq: u8,
     /// Of the wish.
-    wish: u32,
+    pub(super) wish: u32,
+    /// What is answered then.
+    pub(super) result: Result<(), LinkError>,
 }
 
 /// Whether a request stops the robot: it is read also where no time is left for others.
@@ -20,16 +22,13 @@ pub(super) fn is_stop(request: &Request<'_>) -> bool {
 }
 
 impl Desk<'_, '_> {
-    /// Lets the real-time side stop the robot.
-    pub(super) fn stop<'a>(&mut self, port: &mut impl LinkPort) -> Reaction<'a> {
+    /// Lets the real-time side stop the robot, for the request of this number.
+    pub(super) fn stop<'a>(&mut self, seq: u8, port: &mut impl LinkPort) -> Reaction<'a> {
         let wish = self.signs.stops.read();
         self.signs.stops.call();
         port.wake_real_time();
-        if self.signs.stops.is_done(wish) {
-            return Reaction::Answer(Ok(Response::Done));
-        }
-        let seq = self.ticket.take().map_or(0, |ticket| ticket.seq);
-        self.awaited_stop = Some(Awaited { seq, wish });
+        let result = Ok(());
+        self.awaited_stop = Some(Awaited { seq, wish, result });
         Reaction::Later
     }
 }
@@ -37,22 +36,24 @@ impl Desk<'_, '_> {
 impl LinkSide<'_, '_> {
     /// Answers the stop that was read last, if the robot stands still for it.
     pub(super) fn tell_stopped(&mut self) {
-        if self.reply.is_begun() {
+        if !self.reply.is_done() {
             return;
         }
         let signs = self.desk.signs;
         let awaited = &mut self.desk.awaited_stop;
-        let Some(Awaited { seq, .. }) = awaited.take_if(|stop| signs.stops.is_done(stop.wish))
+        let Some(Awaited { seq, result, .. }) =
+            awaited.take_if(|stop| signs.stops.is_done(stop.wish))
         else {
             return;
         };
-        if self.awaited && self.last.is_some_and(|(last, _)| last == seq) {
+        if self.last.is_some_and(|(last, _)| last == seq) {
             self.awaited = false;
-            self.acknowledges = false;
-            self.reply.set(&FromDevice::Reply {
-                seq,
-                result: Ok(Response::Done),
-            });
         }
+        // Also where something else was asked for meanwhile: who wants a stop is to know of it.
+        self.acknowledges = false;
+        self.reply.set(&FromDevice::Reply {
+            seq,
+            result: result.map(|()| Response::Done),
+        });
     }
 }
