@@ -284,6 +284,7 @@ pub fn split<
         letter: Some(memory.letter.write(Letter::Empty)),
         ticket: None,
         awaited_stop: None,
+        untold_chunk: None,
         place: Place::BEGINNING,
         asked: None,
         to_real_time,

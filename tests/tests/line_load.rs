@@ -10,19 +10,22 @@
 
 use std::io;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
 use host_tools::link_client::LinkClient;
+use host_tools::lockstep::line;
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
+use host_tools::qemu::{Emulator, Idle};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::world::World;
+use rt_firmware::body::Request as BodyRequest;
 use rt_firmware::link::access::{KEY_BYTES, SEED_BYTES, SIGNATURE_BYTES};
 use rt_firmware::link::frame::{DELIMITER, MAX_FRAME_BYTES, encode};
 use rt_firmware::link::message::{Mode, Request, ResetReason, Status, ToDevice};
@@ -92,7 +95,12 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
 }
 
 /// What costs the robot most.
-const WORST: [&str; 4] = ["status", "black box", "install key", "mixed"];
+const WORST: [&str; 6] = ["status", "black box", "install key", "mixed", "signed", "within"];
+/// Whose answers are so long that the wire back is full: an owner's request is one of many that few answers are given to, and may
+/// find none. Of these it is only told what becomes of an upload.
+const LONG_ANSWERS: [&str; 5] = ["status", "task", "last words", "black box", "mixed"];
+/// How many times as long as on a quiet line an upload takes at most, beside the others.
+const MOST_TIMES: f64 = 4.0;
 
 /// What fills the line.
 #[derive(Clone)]
@@ -191,13 +199,17 @@ struct Robot {
 }
 
 fn robot() -> Robot {
+    robot_by(LinkWay::Exchange, Pace::new(false))
+}
+
+fn robot_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
     let board = Board::Emulated {
         firmware: firmware("rover"),
     };
     let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
-    let plant = PlantSide::new(plant, Pace::new(false), None);
-    let (board, line) = RunningBoard::start(board, &plant, None, LinkWay::Exchange).unwrap();
+    let plant = PlantSide::new(plant, pace, None);
+    let (board, line) = RunningBoard::start(board, &plant, None, way).unwrap();
     let line = Crowded {
         line: Arc::new(Mutex::new(line)),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
@@ -247,12 +259,34 @@ impl Robot {
 
 #[test]
 fn polling_without_a_pause_neither_resets_the_robot_nor_costs_it_a_slot() {
-    let robot = robot();
+    /// Longer than an idle loop may be without a turn.
+    const POLLED: Duration = Duration::from_secs(14);
+    const OUTSTANDING: usize = 8;
+    // Over the UART, which has answers taken as fast as they come.
+    let robot = robot_by(LinkWay::Uart, Pace::new(true));
     let before = robot.client().status().unwrap();
-    // Longer than an idle loop may be without a turn.
-    robot.flood(Flood::One(Request::Status), 14.0);
+    let mut line = robot.line.line.lock().unwrap();
+    let (mut answers, mut sent) = (0, 0);
+    let mut buffer = [0; 1024];
+    let begun = Instant::now();
+    while begun.elapsed() < POLLED {
+        while sent < answers + OUTSTANDING {
+            let seq = FLOOD_NUMBERS[sent % FLOOD_NUMBERS.len()];
+            line.send(&frame(seq, Request::Status)).unwrap();
+            sent += 1;
+        }
+        let count = line.receive(&mut buffer, Duration::from_millis(50)).unwrap();
+        let frames = buffer[..count].iter().filter(|byte| **byte == DELIMITER);
+        answers += frames.count();
+        if count == 0 {
+            // Some were left out: they are asked for again.
+            sent = answers;
+        }
+    }
+    drop(line);
     let after = robot.assert_drives("status", before.mission);
     assert!(after.steps > before.steps + 300, "{} steps", after.steps);
+    println!("{answers} answers in {POLLED:?}");
 }
 
 #[test]
@@ -264,12 +298,12 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
     // What the owner's upload takes of the robot's time.
     let upload_s = |blob: &[u8]| {
         let began_s = robot.now_s();
-        let mut client = robot.client();
-        client.abort().unwrap();
-        client.stage(blob, &mut |_| ()).unwrap();
-        robot.now_s() - began_s
+        let mut client = LinkClient::connect(robot.line.clone()).ok()?.0;
+        client.abort().ok()?;
+        client.stage(blob, &mut |_| ()).ok()?;
+        Some(robot.now_s() - began_s)
     };
-    let quiet_s = upload_s(&other);
+    let quiet_s = upload_s(&other).unwrap();
     let status = robot.client().status().unwrap();
     let mut floods: Vec<(&str, Flood)> = vec![("mixed", Flood::Mixed(Random::new(3)))];
     floods.extend(requests().into_iter().map(|(name, request)| (name, Flood::One(request))));
@@ -280,9 +314,118 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
         robot.line.set(flood);
         let crowded_s = upload_s(&other);
         robot.line.set(Flood::Nothing);
-        println!("{name:14} upload {crowded_s:.2} s, {:.1} times {quiet_s:.2} s", crowded_s / quiet_s);
+        match crowded_s {
+            Some(crowded_s) => println!(
+                "{name:14} upload {crowded_s:.2} s, {:.1} times {quiet_s:.2} s",
+                crowded_s / quiet_s
+            ),
+            None => println!("{name:14} upload did not arrive"),
+        }
+        if !LONG_ANSWERS.contains(&name) {
+            // Half of the line is somebody else's: twice as long is the least.
+            let most_s = quiet_s * MOST_TIMES;
+            assert!(crowded_s.is_some_and(|crowded_s| crowded_s < most_s), "{name}");
+        }
         // Let what was answered to the flood pass.
         robot.flood(Flood::Nothing, 0.0);
         robot.assert_drives(name, status.mission);
     }
+}
+
+/// When the motors of a robot were on last, in its own time, as its body sees them.
+#[derive(Default)]
+struct Motors {
+    now_us: u64,
+    on_us: u64,
+}
+
+/// A robot on patrol whose motors are watched.
+fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
+    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, Pace::new(false), None);
+    let board = Board::Emulated {
+        firmware: firmware("rover"),
+    };
+    let flash = plant.flash(board.flash_bytes());
+    let motors: Arc<Mutex<Motors>> = Arc::default();
+    let seen = Arc::clone(&motors);
+    let answer = move |request: &BodyRequest| {
+        {
+            let mut motors = seen.lock().unwrap();
+            motors.now_us = request.start_us;
+            let actuators = &request.actuators;
+            if actuators.left_duty != 0 || actuators.right_duty != 0 {
+                motors.on_us = request.start_us;
+            }
+        }
+        plant.exchange(request)
+    };
+    let (near, line) = line::pair();
+    let elf = firmware("rover");
+    let emulator =
+        Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+    let line = Crowded {
+        line: Arc::new(Mutex::new(Box::new(line))),
+        flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
+    };
+    let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
+    client.upload(&blob("missions/patrol.esm"), &mut |_| ()).unwrap();
+    (emulator, line, motors)
+}
+
+#[test]
+fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
+    /// From the last byte of the frame on.
+    const MOST_US: u64 = 25_000;
+    /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
+    const ON_THE_LINE_US: u64 = 2 * 3_125;
+    let stops = environment::number("ESM_LOAD_STOPS", 12);
+    let (_emulator, line, motors) = watched_robot();
+    let mut random = Random::new(11);
+    let mut longest_us = 0;
+    for stop in 0..stops {
+        // It drives.
+        let mut client = LinkClient::connect(line.clone()).unwrap().0;
+        client.start().unwrap();
+        drop(client);
+        line.set(Flood::Mixed(Random::new(stop)));
+        let until_us = motors.lock().unwrap().now_us + 400_000 + random.below(100_000) as u64;
+        let mut buffer = [0; 1024];
+        while motors.lock().unwrap().now_us < until_us {
+            line.crowd(36).unwrap();
+            line.line.lock().unwrap().receive(&mut buffer, Duration::ZERO).unwrap();
+        }
+        {
+            let motors = motors.lock().unwrap();
+            assert!(motors.now_us - motors.on_us < 100_000, "it drives");
+        }
+        let request = match stop % 2 {
+            0 => Request::Stop,
+            _ => Request::EmergencyStop,
+        };
+        // Somebody has injected another request under the number before.
+        let seq = random.bits() as u8;
+        line.line.lock().unwrap().send(&frame(seq, Request::Abort)).unwrap();
+        let sent_us = motors.lock().unwrap().now_us;
+        line.line.lock().unwrap().send(&frame(seq, request)).unwrap();
+        let until_us = sent_us + 300_000;
+        while motors.lock().unwrap().now_us < until_us {
+            line.crowd(36).unwrap();
+            line.line.lock().unwrap().receive(&mut buffer, Duration::ZERO).unwrap();
+        }
+        line.set(Flood::Nothing);
+        let late_us = motors.lock().unwrap().on_us.saturating_sub(sent_us);
+        longest_us = longest_us.max(late_us);
+        assert!(
+            late_us <= MOST_US + ON_THE_LINE_US,
+            "stop {stop}: motors on {late_us} us after it was sent"
+        );
+        let mut client = LinkClient::connect(line.clone()).unwrap().0;
+        let status = client.status().unwrap();
+        assert!(status.mode.is_latched(), "stop {stop}: {status:?}");
+        assert_eq!((status.missed, status.reset), (0, ResetReason::PowerOn));
+        client.release().unwrap();
+    }
+    println!("{stops} stops, motors on for {longest_us} us at most after one was sent");
 }

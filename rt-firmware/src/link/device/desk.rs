@@ -42,6 +42,8 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) ticket: Option<Ticket>,
     /// The stop that was read last, until the robot has stopped.
     pub(crate) awaited_stop: Option<Awaited>,
+    /// The last chunk that was taken and not answered, and what became of it.
+    pub(crate) untold_chunk: Option<(u8, Result<(), LinkError>)>,
     /// Where the link stands among the bytes of its line.
     pub(crate) place: Place,
     /// The request whose answer the letter will bring.

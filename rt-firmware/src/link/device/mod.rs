@@ -148,6 +148,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.desk.take_freed(port);
             self.take_answer(port);
             self.tell_stopped();
+            self.tell_chunk();
             self.desk.keep_stop(port);
             self.receive(port);
             // Where the real-time side was called, it has come already.
