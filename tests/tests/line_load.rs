@@ -43,7 +43,13 @@ fn frame(seq: u8, request: Request<'_>) -> Vec<u8> {
 fn requests() -> Vec<(&'static str, Request<'static>)> {
     vec![
         ("status", Request::Status),
-        ("task", Request::Task { index: 0, offset: 0 }),
+        (
+            "task",
+            Request::Task {
+                index: 0,
+                offset: 0,
+            },
+        ),
         ("read blob", Request::ReadBlob { offset: 0 }),
         ("states", Request::States { first: 0 }),
         ("slot counters", Request::SlotCounters { slot: 0 }),
@@ -51,7 +57,13 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
         ("last words", Request::LastWords),
         ("black box", Request::BlackBox { from: None }),
         ("challenge", Request::Challenge),
-        ("param", Request::Param { mission: 1, param: 0 }),
+        (
+            "param",
+            Request::Param {
+                mission: 1,
+                param: 0,
+            },
+        ),
         ("clock", Request::Clock),
         ("features", Request::Features),
         (
@@ -95,7 +107,14 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
 }
 
 /// What costs the robot most.
-const WORST: [&str; 6] = ["status", "black box", "install key", "mixed", "signed", "within"];
+const WORST: [&str; 6] = [
+    "status",
+    "black box",
+    "install key",
+    "mixed",
+    "signed",
+    "within",
+];
 /// Whose answers are so long that the wire back is full: an owner's request is one of many that few answers are given to, and may
 /// find none. Of these it is only told what becomes of an upload.
 const LONG_ANSWERS: [&str; 5] = ["status", "task", "last words", "black box", "mixed"];
@@ -121,7 +140,13 @@ impl Flood {
                 let all = requests();
                 match random.below(all.len() + 2) {
                     0 => (0..random.below(60)).map(|_| random.bits() as u8).collect(),
-                    1 => frame(seq, Request::Chunk { offset: 7, data: &[5; 90] }),
+                    1 => frame(
+                        seq,
+                        Request::Chunk {
+                            offset: 7,
+                            data: &[5; 90],
+                        },
+                    ),
                     kind => frame(seq, all[kind - 2].1),
                 }
             }
@@ -215,7 +240,9 @@ fn robot_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
-    client.upload(&blob("missions/patrol.esm"), &mut |_| ()).unwrap();
+    client
+        .upload(&blob("missions/patrol.esm"), &mut |_| ())
+        .unwrap();
     Robot {
         _board: board,
         plant,
@@ -275,7 +302,9 @@ fn polling_without_a_pause_neither_resets_the_robot_nor_costs_it_a_slot() {
             line.send(&frame(seq, Request::Status)).unwrap();
             sent += 1;
         }
-        let count = line.receive(&mut buffer, Duration::from_millis(50)).unwrap();
+        let count = line
+            .receive(&mut buffer, Duration::from_millis(50))
+            .unwrap();
         let frames = buffer[..count].iter().filter(|byte| **byte == DELIMITER);
         answers += frames.count();
         if count == 0 {
@@ -306,7 +335,11 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
     let quiet_s = upload_s(&other).unwrap();
     let status = robot.client().status().unwrap();
     let mut floods: Vec<(&str, Flood)> = vec![("mixed", Flood::Mixed(Random::new(3)))];
-    floods.extend(requests().into_iter().map(|(name, request)| (name, Flood::One(request))));
+    floods.extend(
+        requests()
+            .into_iter()
+            .map(|(name, request)| (name, Flood::One(request))),
+    );
     floods.retain(|(name, _)| all || WORST.contains(name));
     for (name, flood) in floods {
         robot.flood(flood.clone(), seconds);
@@ -324,7 +357,10 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
         if !LONG_ANSWERS.contains(&name) {
             // Half of the line is somebody else's: twice as long is the least.
             let most_s = quiet_s * MOST_TIMES;
-            assert!(crowded_s.is_some_and(|crowded_s| crowded_s < most_s), "{name}");
+            assert!(
+                crowded_s.is_some_and(|crowded_s| crowded_s < most_s),
+                "{name}"
+            );
         }
         // Let what was answered to the flood pass.
         robot.flood(Flood::Nothing, 0.0);
@@ -363,14 +399,15 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     };
     let (near, line) = line::pair();
     let elf = firmware("rover");
-    let emulator =
-        Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+    let emulator = Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
     let line = Crowded {
         line: Arc::new(Mutex::new(Box::new(line))),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
-    client.upload(&blob("missions/patrol.esm"), &mut |_| ()).unwrap();
+    client
+        .upload(&blob("missions/patrol.esm"), &mut |_| ())
+        .unwrap();
     (emulator, line, motors)
 }
 
@@ -392,13 +429,22 @@ fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
         line.set(Flood::Mixed(Random::new(stop)));
         let until_us = motors.lock().unwrap().now_us + 400_000 + random.below(100_000) as u64;
         let mut buffer = [0; 1024];
-        while motors.lock().unwrap().now_us < until_us {
-            line.crowd(36).unwrap();
-            line.line.lock().unwrap().receive(&mut buffer, Duration::ZERO).unwrap();
-        }
-        {
+        let is_ready = || {
             let motors = motors.lock().unwrap();
-            assert!(motors.now_us - motors.on_us < 100_000, "it drives");
+            // It stands still for a moment where it turns round.
+            assert!(
+                motors.now_us < until_us + 10_000_000,
+                "stop {stop}: it does not drive"
+            );
+            motors.now_us >= until_us && motors.on_us == motors.now_us
+        };
+        while !is_ready() {
+            line.crowd(36).unwrap();
+            line.line
+                .lock()
+                .unwrap()
+                .receive(&mut buffer, Duration::ZERO)
+                .unwrap();
         }
         let request = match stop % 2 {
             0 => Request::Stop,
@@ -406,13 +452,25 @@ fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
         };
         // Somebody has injected another request under the number before.
         let seq = random.bits() as u8;
-        line.line.lock().unwrap().send(&frame(seq, Request::Abort)).unwrap();
+        line.line
+            .lock()
+            .unwrap()
+            .send(&frame(seq, Request::Abort))
+            .unwrap();
         let sent_us = motors.lock().unwrap().now_us;
-        line.line.lock().unwrap().send(&frame(seq, request)).unwrap();
+        line.line
+            .lock()
+            .unwrap()
+            .send(&frame(seq, request))
+            .unwrap();
         let until_us = sent_us + 300_000;
         while motors.lock().unwrap().now_us < until_us {
             line.crowd(36).unwrap();
-            line.line.lock().unwrap().receive(&mut buffer, Duration::ZERO).unwrap();
+            line.line
+                .lock()
+                .unwrap()
+                .receive(&mut buffer, Duration::ZERO)
+                .unwrap();
         }
         line.set(Flood::Nothing);
         let late_us = motors.lock().unwrap().on_us.saturating_sub(sent_us);

@@ -5,12 +5,12 @@ use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
+use rt_firmware::link::frame::MAX_FRAME_BYTES;
 #[cfg(feature = "keys")]
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
+use rt_firmware::link::message::MAX_CHUNK;
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
-use rt_firmware::link::frame::MAX_FRAME_BYTES;
-use rt_firmware::link::message::MAX_CHUNK;
 use rt_firmware::{LinkPort, LinkSide, StopListener};
 
 use crate::flash::{self, BoardKeep};

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use rt_firmware::{LinkPort, StopListener};
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
+use rt_firmware::{LinkPort, StopListener};
 
 use super::log_lines;
 use crate::lockstep::line::BoardEnd;

@@ -356,9 +356,7 @@ fn orders(frames: usize, timers: usize) -> Vec<Vec<Interrupt>> {
 fn attempt(robot: &mut Robot, script: &Script, order: &[Interrupt], at: &[usize]) {
     robot.bring_to(script.from);
     let interrupts = Rc::clone(&robot.port.interrupts);
-    let is_stop = |request: &Request<'_>| {
-        matches!(request, Request::Stop | Request::EmergencyStop)
-    };
+    let is_stop = |request: &Request<'_>| matches!(request, Request::Stop | Request::EmergencyStop);
     interrupts.room.set(script.room);
     let stop_is_last = script.requests.last().is_some_and(is_stop);
     interrupts.stays.set(stop_is_last);
@@ -378,9 +376,15 @@ fn attempt(robot: &mut Robot, script: &Script, order: &[Interrupt], at: &[usize]
     robot.settle();
     assert_eq!(interrupts.mode(), script.ends);
     for (seq, result, mode) in &robot.port.answers {
-        let is_stop = script.requests.get(usize::from(*seq) - 1).is_some_and(is_stop);
+        let is_stop = script
+            .requests
+            .get(usize::from(*seq) - 1)
+            .is_some_and(is_stop);
         if is_stop && stop_is_last {
-            assert!(mode.is_latched(), "{seq} was answered {result:?} in {mode:?}");
+            assert!(
+                mode.is_latched(),
+                "{seq} was answered {result:?} in {mode:?}"
+            );
         }
     }
     let last = robot.port.answers.last().map(|(_, result, _)| *result);
@@ -431,7 +435,10 @@ fn no_order_of_interrupts_loses_a_stop_or_lets_what_is_older_undo_it() {
                         let tried = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
                             attempt(&mut robot, script, &order, at);
                         }));
-                        assert!(tried.is_ok(), "script {number}, wakes {wakes}: {order:?} at {at:?}");
+                        assert!(
+                            tried.is_ok(),
+                            "script {number}, wakes {wakes}: {order:?} at {at:?}"
+                        );
                     });
                 }
             }

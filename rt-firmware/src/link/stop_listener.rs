@@ -221,7 +221,9 @@ mod tests {
         let mut reader = FrameReader::new();
         let mut count = 0;
         for byte in bytes {
-            let Some(frame) = reader.push(*byte) else { continue };
+            let Some(frame) = reader.push(*byte) else {
+                continue;
+            };
             let message: Result<ToDevice<'_>, FrameError> = decode(frame);
             let is_stop = |message: &ToDevice<'_>| {
                 matches!(message.request, Request::Stop | Request::EmergencyStop)

@@ -163,7 +163,10 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    pub(crate) const BEGINNING: Place = Place { taken: 0, passed: 0 };
+    pub(crate) const BEGINNING: Place = Place {
+        taken: 0,
+        passed: 0,
+    };
 
     /// A byte was taken. Returns how many were.
     pub(crate) fn take(&mut self) -> u32 {

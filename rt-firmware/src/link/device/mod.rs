@@ -225,8 +225,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
                 continue;
             }
-            let can_answer =
-                self.reply.is_done() || (self.acknowledges && self.reply.sent == 0);
+            let can_answer = self.reply.is_done() || (self.acknowledges && self.reply.sent == 0);
             if !can_answer {
                 if !self.desk.take_unanswered(&message, port) {
                     self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
