@@ -1,6 +1,8 @@
 //! The link's line: queues between the interrupt handler that moves its bytes, the UART's or that of [`plant_line`]'s timer, and the link task, so that
 //! neither waits for the wire.
 
+use core::mem;
+
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
@@ -49,6 +51,7 @@ pub fn split(
         },
         LinkEnd {
             received: received_out,
+            took: false,
             stack: None,
             to_transmit: to_transmit_in,
             keep,
@@ -135,6 +138,8 @@ impl Line {
 pub struct LinkEnd {
     received: Consumer<'static, u8>,
     to_transmit: Producer<'static, u8>,
+    /// Whether bytes were taken since the handler was called last.
+    took: bool,
     /// When the stack was measured last, and how much of it was in use.
     stack: Option<(u64, u32)>,
     #[cfg_attr(not(feature = "store"), expect(dead_code, reason = "there is none"))]
@@ -145,7 +150,8 @@ impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
         while link.poll(self) && self.to_transmit.ready() {}
-        if !self.to_transmit.is_empty() {
+        // Also where it took bytes: an interrupt that the part has not raised for those behind them is made up for.
+        if mem::take(&mut self.took) || !self.to_transmit.is_empty() {
             NVIC::pend(Interrupt::UART0);
         }
     }
@@ -160,7 +166,9 @@ impl LinkPort for LinkEnd {
     }
 
     fn receive(&mut self) -> Option<u8> {
-        self.received.dequeue()
+        let byte = self.received.dequeue();
+        self.took |= byte.is_some();
+        byte
     }
 
     fn send(&mut self, byte: u8) -> bool {
