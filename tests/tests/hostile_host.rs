@@ -120,6 +120,9 @@ impl Told {
     }
 }
 
+/// Bytes that are sent without a look at what came.
+const PIECE_BYTES: usize = 32;
+
 /// Sends so many bytes of whatever a host without a key can, as fast as the line takes them.
 fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u64) -> Told {
     let (mut random, mut reader, mut told) = (Random::new(7), FrameReader::new(), Told::default());
@@ -141,13 +144,16 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u6
                 attempt(&mut random, seq, blob)
             }
         };
-        line.send(&bytes).unwrap();
         sent += bytes.len() as u64;
-        let mut buffer = [0; 1024];
-        let count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
-        for byte in &buffer[..count] {
-            if let Some(frame) = reader.push(*byte) {
-                told.hear(frame);
+        // In pieces, with a look at what comes back: where nobody reads, the emulator waits with what the robot sends, and takes nothing either.
+        for piece in bytes.chunks(PIECE_BYTES) {
+            line.send(piece).unwrap();
+            let mut buffer = [0; 1024];
+            let count = line.receive(&mut buffer, Duration::ZERO).unwrap();
+            for byte in &buffer[..count] {
+                if let Some(frame) = reader.push(*byte) {
+                    told.hear(frame);
+                }
             }
         }
     }
