@@ -146,13 +146,16 @@ impl Kept {
             self.black_box.clear();
             self.set_emergency_stop(false);
         }
+        let silent = match report {
+            Some((words, _)) if has_news => words.silent,
+            _ if was_here => Silent::from_number(self.silent.load(Relaxed)),
+            _ => None,
+        };
         if !has_news {
             // Nobody has said how far the run had come, but that stands here.
             let words = LastWords {
                 after_us: if was_here { self.alive_us() } else { 0 },
-                silent: was_here
-                    .then(|| Silent::from_number(self.silent.load(Relaxed)))
-                    .flatten(),
+                silent,
                 ..LastWords::of(reason)
             };
             self.write_report(&words, "");
@@ -166,10 +169,11 @@ impl Kept {
         } else {
             0
         };
-        let bad_starts = if is_defect {
-            before.saturating_add(1)
-        } else {
-            0
+        let bad_starts = match silent {
+            // What somebody sends makes no start a bad one, and none a good one.
+            Some(silent) if is_defect && silent.is_load_from_outside() => before,
+            _ if is_defect => before.saturating_add(1),
+            _ => 0,
         };
         self.bad_starts.store(bad_starts, Relaxed);
         self.is_news.store(0, Relaxed);

@@ -58,6 +58,7 @@ pub use bench::TaskBench;
 pub use board::{Board, OccurrenceStart, WithStopButton};
 pub use kept::Kept;
 pub use link::device::{LinkPort, LinkSide};
+pub use link::stop_listener::StopListener;
 pub use mail::Mail;
 pub use ports::{Bank, Executor, Io, Net, Registry, RegistryFault, TaskBank, assemble};
 pub use realtime::{Limits, RealTime};

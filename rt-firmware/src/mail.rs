@@ -35,6 +35,8 @@ pub(crate) struct Posted<'m> {
     pub(crate) letter: &'m mut Letter<'m>,
     /// When it is too late for what it asks for, on the board's clock in microseconds.
     pub(crate) by_us: u64,
+    /// How often a stop had been wished for; none if one is heard already that came behind what is asked for.
+    pub(crate) stops: Option<u32>,
 }
 
 /// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls back answers nobody.
@@ -109,10 +111,10 @@ pub(crate) enum Letter<'m> {
         /// Hash of the mission on trial.
         mission: u32,
     },
-    /// Link: motors off.
-    Stop,
     /// Link: start anew.
     Start,
+    /// Real time: it starts.
+    Started,
     /// Link: end the emergency stop.
     Release,
     /// Real time: it has ended.

@@ -50,6 +50,7 @@ use crate::features::MISSIONS;
 use crate::kept::Kept;
 use crate::link::device::{Desk, LinkSide};
 use crate::link::message::{Capacities, ResetReason};
+use crate::link::stops::Place;
 use crate::mail::{Letter, Mail};
 use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
 use crate::realtime::slots::SlotEntry;
@@ -282,6 +283,7 @@ pub fn split<
         upload: None,
         letter: Some(memory.letter.write(Letter::Empty)),
         ticket: None,
+        place: Place::BEGINNING,
         asked: None,
         to_real_time,
         from_real_time,

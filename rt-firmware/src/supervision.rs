@@ -8,6 +8,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use serde::{Deserialize, Serialize};
 
+use crate::board::microseconds;
+use crate::link::stops::Stops;
+
 /// What a window has beyond twice the longest period, in µs: interrupts that were masked for long make slots late, and are no reason to reset.
 pub const MIN_WINDOW_US: u32 = 1_000_000;
 /// How long the link may go without a turn, in µs.
@@ -24,15 +27,26 @@ pub enum Silent {
     Link,
     /// A slot-0 task did not return, or slots left it no time.
     Slot0,
+    /// The link took the time of slot 0, with what came over the line: no doing of the mission's.
+    Slot0ForLink,
 }
 
+/// Behind the numbers of slots.
+const SLOT_0_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
+
 impl Silent {
+    /// Whether it came of what somebody sent over the line. Such a reset is not counted against the mission.
+    pub(crate) fn is_load_from_outside(self) -> bool {
+        self == Silent::Slot0ForLink
+    }
+
     /// Its number, as it is kept across a reset: 0 stands for nobody.
     pub(crate) fn number(self) -> u32 {
         match self {
             Silent::Link => 1,
             Silent::Slot0 => 2,
             Silent::Slot(slot) => 3 + u32::from(slot),
+            Silent::Slot0ForLink => SLOT_0_FOR_LINK,
         }
     }
 
@@ -42,6 +56,7 @@ impl Silent {
             0 => None,
             1 => Some(Silent::Link),
             2 => Some(Silent::Slot0),
+            SLOT_0_FOR_LINK => Some(Silent::Slot0ForLink),
             slot => u8::try_from(slot - 3).ok().map(Silent::Slot),
         }
     }
@@ -55,6 +70,12 @@ pub(crate) struct Signs {
     pub(crate) slot_0: AtomicBool,
     /// Requests that arrived whole; wraps.
     pub(crate) requests: AtomicU32,
+    /// How long slots have run, in microseconds; wraps. The real-time side's.
+    pub(crate) slots_us: AtomicU32,
+    /// How long the link has worked, in microseconds, the time that slots took from it not included; wraps. The link's.
+    pub(crate) link_us: AtomicU32,
+    /// Wishes that the robot stops.
+    pub(crate) stops: Stops,
     /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone, which looks before each exchange with the body.
     pub(crate) emergency_stop: AtomicBool,
     /// The emergency stop that is latched may be released, since nobody wanted another one after that was asked for. The link sets it, and whoever wants a stop clears it.
@@ -71,6 +92,9 @@ impl Signs {
             link: AtomicBool::new(false),
             slot_0: AtomicBool::new(false),
             requests: AtomicU32::new(0),
+            slots_us: AtomicU32::new(0),
+            link_us: AtomicU32::new(0),
+            stops: Stops::new(),
             emergency_stop: AtomicBool::new(false),
             release: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),
@@ -87,7 +111,36 @@ pub(crate) struct Supervision {
     began: Option<u64>,
     link_at: u64,
     slot_0_at: u64,
+    /// How long link and slots had run when slot 0 showed itself last, in microseconds.
+    taken_us: Taken,
     silent: Option<Silent>,
+}
+
+/// How long link and slots have run, in microseconds; wraps.
+#[derive(Clone, Copy)]
+struct Taken {
+    link: u32,
+    slots: u32,
+}
+
+impl Taken {
+    fn now(signs: &Signs) -> Self {
+        Taken {
+            link: signs.link_us.load(Relaxed),
+            slots: signs.slots_us.load(Relaxed),
+        }
+    }
+
+    /// Whether the link has taken, of a time that began with these, nearly all that slots left: more than [its share](crate::LinkPort::LINK_PERCENT), which leaves
+    /// slot 0 some. Where slots leave next to nothing, they are what slot 0 lacks time for.
+    fn is_starved_by_link(self, signs: &Signs, elapsed_us: u64) -> bool {
+        let now = Taken::now(signs);
+        let link_us = u64::from(now.link.wrapping_sub(self.link));
+        let slots_us = u64::from(now.slots.wrapping_sub(self.slots));
+        let left_us = elapsed_us.saturating_sub(slots_us);
+        const MOST_EIGHTHS: u64 = 7;
+        link_us * 8 > left_us * MOST_EIGHTHS && left_us * 8 > elapsed_us
+    }
 }
 
 impl Supervision {
@@ -97,6 +150,7 @@ impl Supervision {
             began: None,
             link_at: 0,
             slot_0_at: 0,
+            taken_us: Taken { link: 0, slots: 0 },
             silent: None,
         }
     }
@@ -119,21 +173,24 @@ impl Supervision {
     ) -> Result<(), Silent> {
         let ticks = |us: u32| u64::from(us) * u64::from(ticks_per_us);
         let window = self.window_us * u64::from(ticks_per_us);
-        for (sign, at, bound_us, who) in [
-            (&signs.link, &mut self.link_at, LINK_BOUND_US, Silent::Link),
-            (
-                &signs.slot_0,
-                &mut self.slot_0_at,
-                SLOT_0_BOUND_US,
-                Silent::Slot0,
-            ),
-        ] {
-            if sign.load(Relaxed) {
-                sign.store(false, Relaxed);
-                *at = now;
-            } else if now.saturating_sub(*at) > ticks(bound_us) {
-                self.silent.get_or_insert(who);
-            }
+        if signs.link.load(Relaxed) {
+            signs.link.store(false, Relaxed);
+            self.link_at = now;
+        } else if now.saturating_sub(self.link_at) > ticks(LINK_BOUND_US) {
+            self.silent.get_or_insert(Silent::Link);
+        }
+        let slot_0_silent = now.saturating_sub(self.slot_0_at);
+        if signs.slot_0.load(Relaxed) {
+            signs.slot_0.store(false, Relaxed);
+            self.slot_0_at = now;
+            self.taken_us = Taken::now(signs);
+        } else if slot_0_silent > ticks(SLOT_0_BOUND_US) {
+            let silent_us = microseconds(slot_0_silent, ticks_per_us);
+            let is_starved = self.taken_us.is_starved_by_link(signs, silent_us);
+            self.silent.get_or_insert(match is_starved {
+                true => Silent::Slot0ForLink,
+                false => Silent::Slot0,
+            });
         }
         match self.began {
             _ if !runs => self.began = None,
@@ -257,6 +314,41 @@ mod tests {
     }
 
     #[test]
+    fn a_slot_0_whose_time_the_link_took_is_told_from_one_that_hangs() {
+        // Percent of the time that link and slots take, and who is silent.
+        for (link, slots, expected) in [
+            (0, 0, Silent::Slot0),
+            (0, 100, Silent::Slot0),
+            // Its share, beside a task that hangs.
+            (50, 0, Silent::Slot0),
+            (30, 40, Silent::Slot0),
+            (1, 99, Silent::Slot0),
+            (100, 0, Silent::Slot0ForLink),
+            (65, 35, Silent::Slot0ForLink),
+            (90, 5, Silent::Slot0ForLink),
+        ] {
+            let signs = Signs::new();
+            let mut supervision = Supervision::new();
+            let found = (0..2_000).find_map(|step| {
+                let step_us = 10_000;
+                // They wrap on the way.
+                let took_us = |percent: u32| {
+                    (u32::MAX - 3_000_000).wrapping_add(step * (step_us / 100) * percent)
+                };
+                signs.link_us.store(took_us(link), Relaxed);
+                signs.slots_us.store(took_us(slots), Relaxed);
+                signs.link.store(true, Relaxed);
+                signs.slot_0.store(step == 0, Relaxed);
+                let now = u64::from(step * step_us * TICKS_PER_US);
+                supervision
+                    .allows_food(now, TICKS_PER_US, &signs, false, || None)
+                    .err()
+            });
+            assert_eq!(found, Some(expected), "link {link} %, slots {slots} %");
+        }
+    }
+
+    #[test]
     fn slots_owe_nothing_while_no_mission_runs() {
         let made = Made {
             ends_us: [0; 3],
@@ -274,6 +366,7 @@ mod tests {
             Silent::Slot0,
             Silent::Slot(0),
             Silent::Slot(255),
+            Silent::Slot0ForLink,
         ] {
             assert_eq!(Silent::from_number(who.number()), Some(who));
         }

@@ -139,6 +139,9 @@ impl Told {
     }
 }
 
+/// Bytes that are sent without a look at what came: where both ways are full, nobody can send.
+const PIECE_BYTES: usize = 32;
+
 /// Sends so many bytes of whatever a host without a key can, as fast as the line takes them.
 fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u64) -> Told {
     let (mut random, mut reader, mut told) = (Random::new(7), FrameReader::new(), Told::default());
@@ -160,25 +163,15 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u6
                 attempt(&mut random, seq, blob)
             }
         };
-        let mut buffer = [0; 1024];
-        let mut rest = &bytes[..];
-        let mut count = 0;
-        while !rest.is_empty() {
-            // A line that is full takes more as soon as somebody reads what comes from it.
-            let piece = rest.len().min(64);
-            match line.send(&rest[..piece]) {
-                Ok(()) => rest = &rest[piece..],
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(error) => panic!("{error}"),
-            }
-            if count == 0 {
-                count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
-            }
-        }
         sent += bytes.len() as u64;
-        for byte in &buffer[..count] {
-            if let Some(frame) = reader.push(*byte) {
-                told.hear(frame);
+        for piece in bytes.chunks(PIECE_BYTES) {
+            line.send(piece).unwrap();
+            let mut buffer = [0; 1024];
+            let count = line.receive(&mut buffer, Duration::from_millis(1)).unwrap();
+            for byte in &buffer[..count] {
+                if let Some(frame) = reader.push(*byte) {
+                    told.hear(frame);
+                }
             }
         }
     }

@@ -122,7 +122,12 @@ macro_rules! app {
                 };
                 let safe_default: Option<&'static [u8]> = [$(&$safe_default[..])?].first().copied();
                 let keep = cx.local.keep.open(safe_default);
-                let (line, mut link_end) = line::split(cx.local.received, cx.local.to_transmit, keep);
+                let (line, mut link_end) = line::split(
+                    cx.local.received,
+                    cx.local.to_transmit,
+                    link.stop_listener(),
+                    keep,
+                );
                 link.start(&mut link_end);
                 slot_timer::start();
                 watchdog::start();

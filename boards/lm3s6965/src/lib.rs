@@ -21,7 +21,7 @@
 //! |---|---|---|
 //! | 8 | watchdog | last words of a firmware whose slots have stopped |
 //! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
-//! | 3 | UART 0 | bytes between the wire and the queues |
+//! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
 //! | 3 | timer 1 | the same, where the plant carries the link ([`plant_line`]) |
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | slot-0 tasks; sleep |

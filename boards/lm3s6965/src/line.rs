@@ -7,29 +7,37 @@ use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
+use rt_firmware::link::frame::MAX_FRAME_BYTES;
 #[cfg(feature = "keys")]
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
+use rt_firmware::link::message::MAX_CHUNK;
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
-use rt_firmware::{LinkPort, LinkSide};
+use rt_firmware::{LinkPort, LinkSide, StopListener};
 
 use crate::flash::{self, BoardKeep};
 #[cfg(feature = "log")]
 use crate::log;
-use crate::{clock, plant_line, stack, uart};
+use crate::{clock, plant_line, slot_timer, stack, uart};
 
-/// Room for received bytes: what arrives at 115,200 baud while a blob is verified or a slot runs, several milliseconds.
-pub const RECEIVE_BYTES: usize = 128;
+/// Room for received bytes: a window of chunks with their frames, which a host sends without waiting. So none is lost while the link
+/// is at something long, or waits for its time.
+pub const RECEIVE_BYTES: usize = 640;
+/// How old what is told of the stack may be, in microseconds. To measure it takes milliseconds, and it is asked for with each status.
+const STACK_AGE_US: u64 = 1_000_000;
 /// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.
 pub const TRANSMIT_BYTES: usize = 40;
 
 // A queue holds one byte less than it has room for.
-const _: () = assert!(TRANSMIT_BYTES > PART_BYTES && RECEIVE_BYTES > 2 * PART_BYTES);
+const _: () = assert!(TRANSMIT_BYTES > PART_BYTES);
+const _: () = assert!(RECEIVE_BYTES > LinkEnd::WINDOW_BYTES as usize / MAX_CHUNK * MAX_FRAME_BYTES);
 
-/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does. The link finds the missions that the board keeps at its end.
+/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does. Where bytes come in, somebody listens for stops.
+/// The link finds the missions that the board keeps at its end.
 pub fn split(
     received: &'static mut Queue<u8, RECEIVE_BYTES>,
     to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
+    listener: StopListener<'static>,
     keep: Option<&'static mut BoardKeep>,
 ) -> (Line, LinkEnd) {
     let (received_in, received_out) = received.split();
@@ -38,11 +46,13 @@ pub fn split(
         Line {
             received: received_in,
             to_transmit: to_transmit_out,
+            listener,
             goes_by_plant: plant_line::start(),
         },
         LinkEnd {
             received: received_out,
             took: false,
+            stack: None,
             to_transmit: to_transmit_in,
             keep,
         },
@@ -52,18 +62,27 @@ pub fn split(
 /// The interrupt handler's end.
 pub struct Line {
     received: Producer<'static, u8>,
+    listener: StopListener<'static>,
     to_transmit: Consumer<'static, u8>,
     /// The plant carries the bytes, and the UART none.
     goes_by_plant: bool,
 }
 
 impl Line {
+    /// Takes a byte off the line, whether or not there is room for it: what waits there could be a stop.
+    fn take(&mut self, byte: u8) {
+        let is_kept = self.received.enqueue(byte).is_ok();
+        if self.listener.hear(byte, is_kept) {
+            slot_timer::call();
+        }
+    }
+
     /// Swaps bytes with the plant. To be called by the interrupt of [`plant_line`]'s timer.
     ///
     /// Returns whether the link task has something to do.
     pub fn swap(&mut self) -> bool {
         plant_line::acknowledge();
-        let mut part = LinePart::new(self.received.capacity() - self.received.len());
+        let mut part = LinePart::new(PART_BYTES);
         while !part.is_full() {
             let Some(byte) = self.to_transmit.dequeue() else {
                 break;
@@ -73,14 +92,13 @@ impl Line {
         let answer = plant_line::swap(&part);
         let carried = answer.as_ref().map_or(&[][..], LinePart::carried);
         for &byte in carried {
-            // There is room: the plant was told how much, and nobody else puts bytes in.
-            let _ = self.received.enqueue(byte);
+            self.take(byte);
         }
         !carried.is_empty() || !part.carried().is_empty()
     }
 
     /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called by the UART's interrupt, which is pended by
-    /// software too when the link has queued or taken bytes. Bytes that find no room in the queue wait in the FIFO.
+    /// software too when the link has queued bytes. Bytes that find no room in the queue are lost, as on a bad line.
     ///
     /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
     pub fn serve(&mut self) -> bool {
@@ -90,12 +108,8 @@ impl Line {
         uart::acknowledge();
         let mut worth_a_look = false;
         for _ in 0..uart::FIFO_BYTES {
-            if !self.received.ready() {
-                break;
-            }
             let Some(byte) = uart::receive() else { break };
-            // There is room: nobody else puts bytes in.
-            let _ = self.received.enqueue(byte);
+            self.take(byte);
             worth_a_look = true;
         }
         if worth_a_look {
@@ -111,10 +125,9 @@ impl Line {
             uart::send(byte);
             worth_a_look |= !self.to_transmit.ready();
         }
-        let room = self.received.ready();
-        uart::want_interrupts(room, self.to_transmit.ready());
+        uart::want_sent(self.to_transmit.ready());
         // The part calls when a byte comes into an empty FIFO, and its call was taken back above: what is still there must be called for.
-        if room && uart::has_received() {
+        if uart::has_received() {
             NVIC::pend(Interrupt::UART0);
         }
         worth_a_look
@@ -124,9 +137,11 @@ impl Line {
 /// The link task's end.
 pub struct LinkEnd {
     received: Consumer<'static, u8>,
-    /// Whether bytes were taken since the handler was last told of room.
-    took: bool,
     to_transmit: Producer<'static, u8>,
+    /// Whether bytes were taken since the handler was called last.
+    took: bool,
+    /// When the stack was measured last, and how much of it was in use.
+    stack: Option<(u64, u32)>,
     #[cfg_attr(not(feature = "store"), expect(dead_code, reason = "there is none"))]
     keep: Option<&'static mut BoardKeep>,
 }
@@ -135,7 +150,7 @@ impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
         while link.poll(self) && self.to_transmit.ready() {}
-        // Comparing lengths would not do: the handler may have put in as many as were taken.
+        // Also where it took bytes: an interrupt that the part has not raised for those behind them is made up for.
         if mem::take(&mut self.took) || !self.to_transmit.is_empty() {
             NVIC::pend(Interrupt::UART0);
         }
@@ -160,6 +175,10 @@ impl LinkPort for LinkEnd {
         self.to_transmit.enqueue(byte).is_ok()
     }
 
+    fn wake_real_time(&mut self) {
+        slot_timer::call();
+    }
+
     #[cfg(feature = "log")]
     fn read_log(&mut self, room: &mut [u8]) -> usize {
         log::read(room)
@@ -171,7 +190,13 @@ impl LinkPort for LinkEnd {
     }
 
     fn deepest_stack_bytes(&mut self) -> Option<u32> {
-        Some(stack::deepest_bytes())
+        let now_us = clock::now_us();
+        let (at_us, bytes) = match self.stack {
+            Some((at_us, bytes)) if now_us - at_us < STACK_AGE_US => (at_us, bytes),
+            _ => (now_us, stack::deepest_bytes()),
+        };
+        self.stack = Some((at_us, bytes));
+        Some(bytes)
     }
 
     #[cfg(feature = "store")]

@@ -26,6 +26,11 @@ pub fn start() {
     NVIC::pend(Interrupt::TIMER_0A);
 }
 
+/// Lets the interrupt come at once, since somebody wants the robot to stop. From any context.
+pub fn call() {
+    NVIC::pend(Interrupt::TIMER_0A);
+}
+
 /// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if it has, and after [`LONGEST_SLEEP_US`] at the
 /// latest. To be called at the end of the timer's handler: it is what the timer waits for to be set anew, and until then there is no hurry.
 ///

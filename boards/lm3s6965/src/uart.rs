@@ -89,13 +89,8 @@ pub fn send(byte: u8) {
     uart0::DR.write(u32::from(byte));
 }
 
-/// Sets whether the interrupt comes for received bytes, and for a transmitter's FIFO that runs empty.
-pub fn want_interrupts(received: bool, sent: bool) {
-    let received = if received {
-        RECEIVED | RECEIVE_TIMEOUT
-    } else {
-        0
-    };
+/// Sets whether the interrupt comes for a transmitter's FIFO that runs empty, too. For received bytes it always comes.
+pub fn want_sent(sent: bool) {
     let sent = if sent { SENT } else { 0 };
-    uart0::IM.write(received | sent);
+    uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);
 }

@@ -560,7 +560,7 @@ def _answer(fields: Fields) -> object:
         numbers = [fields.number(32) for _ in range(6)]
         silent = None
         if fields.boolean():
-            silent = fields.one_of(("slot", "link", "slot 0"))
+            silent = fields.one_of(("slot", "link", "slot 0", "slot 0, for the link"))
             if silent == "slot":
                 silent = f"slot at place {fields.u8()}"
         return LastWords(reset, after_us, task, *numbers, silent, fields.number(32), fields.bytes())
@@ -668,6 +668,7 @@ def _error(fields: Fields) -> Error:
         38: "NoSession",
         39: "WrongProof",
         41: "DeadlineTooFar",
+        43: "StopCame",
     }
     if kind in plain:
         return Error(plain[kind], {})

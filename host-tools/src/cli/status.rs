@@ -156,6 +156,10 @@ impl LastWordsReport {
                 }
                 Silent::Link => "the link got no turn".to_owned(),
                 Silent::Slot0 => "a slot-0 task did not return, or had no time left".to_owned(),
+                Silent::Slot0ForLink => {
+                    "what came over its line left slot-0 tasks no time; that is not counted against the mission"
+                        .to_owned()
+                }
             }),
             bad_starts,
         }

@@ -270,7 +270,7 @@ fn run(
     let mut records = [0; keep::RECORD_BYTES];
     // A flash of another size is none of this board.
     let keep = Keep::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
-    let mut port = Port::new(line, keep, &shared.stop);
+    let mut port = Port::new(line, keep, link.stop_listener(), &shared.stop);
     link.start(&mut port);
     let mut body = Body::new(pins, plant, background, ends);
     let mut due_us = 0;
@@ -288,6 +288,10 @@ fn run(
         {
             // Nobody can reach this board any more.
             return;
+        }
+        if port.has_heard_stop() {
+            // As on a real board, ahead of whatever the link is at.
+            due_us = real_time.on_timer(&mut body);
         }
         port.set_clock(body.now_us());
         while link.poll(&mut port) && port.has_room() {}

@@ -5,11 +5,11 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
-use rt_firmware::LinkPort;
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
 use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
+use rt_firmware::{LinkPort, StopListener};
 
 use super::log_lines;
 use crate::lockstep::line::BoardEnd;
@@ -42,6 +42,9 @@ pub(super) struct Port<'k> {
     line: Line,
     incoming: VecDeque<u8>,
     outgoing: VecDeque<u8>,
+    listener: StopListener<'k>,
+    /// A stop was heard since that was asked last.
+    has_heard_stop: bool,
     now_us: u64,
     /// The board's time when it last swapped bytes with the plant.
     swapped_at_us: u64,
@@ -78,16 +81,36 @@ impl KeySafe for Safe<'_> {
 }
 
 impl<'k> Port<'k> {
-    pub(super) fn new(line: Line, keep: Option<Keep<'k, Flash>>, stop: &'k AtomicBool) -> Self {
+    pub(super) fn new(
+        line: Line,
+        keep: Option<Keep<'k, Flash>>,
+        listener: StopListener<'k>,
+        stop: &'k AtomicBool,
+    ) -> Self {
         Port {
             line,
             incoming: VecDeque::new(),
             outgoing: VecDeque::new(),
+            listener,
+            has_heard_stop: false,
             now_us: 0,
             swapped_at_us: 0,
             safe: Safe { keep },
             stop,
         }
+    }
+
+    /// Whether a stop was heard since this was asked last.
+    pub(super) fn has_heard_stop(&mut self) -> bool {
+        std::mem::take(&mut self.has_heard_stop)
+    }
+
+    /// Takes bytes off the line.
+    fn take(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.has_heard_stop |= self.listener.hear(*byte, true);
+        }
+        self.incoming.extend(bytes);
     }
 
     /// The board's clock says this.
@@ -123,7 +146,8 @@ impl<'k> Port<'k> {
                 };
                 part.push(byte);
             }
-            self.incoming.extend(line.swap(&part).carried());
+            let part = line.swap(&part);
+            self.take(part.carried());
         }
     }
 
@@ -167,7 +191,7 @@ impl<'k> Port<'k> {
         let mut bytes = [0; READ_BYTES];
         if self.incoming.len() + bytes.len() <= INCOMING_LIMIT {
             let count = line.receive(&mut bytes, timeout)?;
-            self.incoming.extend(&bytes[..count]);
+            self.take(&bytes[..count]);
         }
         Ok(())
     }

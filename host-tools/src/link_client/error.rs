@@ -293,6 +293,7 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoStore => "it has no flash that it could keep this in; write it into the mission, and upload that".into(),
         LinkError::NotBuiltIn => "its firmware was built without this".into(),
         LinkError::EmergencyStopped => "an emergency stop is latched there; once its button is up, `esm start --release` ends it".into(),
+        LinkError::StopCame => "a stop came meanwhile, and the robot stands still; if nobody needs that any more, `esm start` it again".into(),
         LinkError::Late => "it came to this later than you waited for it, and has not done it".into(),
         LinkError::StopNotKept => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),
         LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),

@@ -78,6 +78,10 @@ pub enum Needs {
 
 /// What a request in the owner's session is, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(
+    not(feature = "keys"),
+    expect(dead_code, reason = "without keys there are no sessions")
+)]
 pub(crate) enum Recurrence {
     /// The next one.
     New,

@@ -19,6 +19,18 @@ macro_rules! planted {
     };
 }
 
+/// A place where an interrupt may come between two looks at what sides share. Tests let one come.
+#[cfg(test)]
+macro_rules! preemptible {
+    () => {
+        crate::link::preemption::point()
+    };
+}
+#[cfg(not(test))]
+macro_rules! preemptible {
+    () => {};
+}
+
 pub mod access;
 pub mod device;
 pub mod frame;
@@ -32,9 +44,13 @@ pub mod message;
 pub mod news;
 #[cfg(test)]
 pub(crate) mod planted;
+#[cfg(test)]
+mod preemption;
 #[cfg(feature = "keys")]
 pub mod proof;
 pub mod record;
+pub mod stop_listener;
+pub(crate) mod stops;
 pub mod telemetry;
 pub mod trace;
 pub mod trial;

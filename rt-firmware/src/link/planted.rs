@@ -64,6 +64,12 @@ bugs! {
     NonceForEver: "a signature is taken however old its nonce is",
     CounterUnlimited: "the counter of an upload may be as great as it likes",
     DeadlineUnlimited: "a deadline may be as far ahead as it likes",
+    NoiseStops: "the checksum of a stop that is heard is not looked at",
+    StopDoneBefore: "a stop is answered before the robot stands still",
+    StopAheadForgotten: "what was read before a stop that was heard is carried out behind it",
+    OvertakenForgotten: "a start that is under way is carried out behind a stop",
+    OverloadForgotten: "what cannot be answered fills the queue until stops and uploads are lost",
+    BudgetForgotten: "the link takes all the time that there is",
 }
 
 thread_local! {
@@ -77,6 +83,7 @@ pub(crate) fn is_planted(bug: Bug) -> bool {
 
 /// Those that a firmware without keys cannot have.
 const OF_KEYS: &[Bug] = &[
+    Bug::StopSuppressed,
     Bug::SignedCarriedOutLate,
     Bug::KeyForgotten,
     Bug::UnsignedTaken,
@@ -116,6 +123,10 @@ struct Wire {
     to_host: Vec<u8>,
     kept: Volatile,
     now_us: u64,
+    /// It takes a byte and no more.
+    is_stuck: bool,
+    /// How long it takes to find out what a status says.
+    status_us: u64,
 }
 
 impl LinkPort for Wire {
@@ -128,8 +139,16 @@ impl LinkPort for Wire {
     }
 
     fn send(&mut self, byte: u8) -> bool {
+        if self.is_stuck && !self.to_host.is_empty() {
+            return false;
+        }
         self.to_host.push(byte);
         true
+    }
+
+    fn deepest_stack_bytes(&mut self) -> Option<u32> {
+        self.now_us += self.status_us;
+        None
     }
 
     fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
@@ -348,14 +367,14 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect(Request::Chunk { offset: 0, data }, "Err(NoUpload)")?;
             robot.expect(begin_by(1_000), &received(0))?;
             // What waits for its turn with the real-time side may be late by then.
-            let stop = &serialized(Request::Stop)[..];
-            let stop_by = |by_us| Request::Within {
+            let start = &serialized(Request::Start)[..];
+            let start_by = |by_us| Request::Within {
                 by_us,
-                request: stop,
+                request: start,
             };
-            robot.expect_at(3_000, stop_by(2_999), "Err(Late)")?;
+            robot.expect_at(3_000, start_by(2_999), "Err(Late)")?;
             robot.expect(Request::Clock, "Ok(Clock { now_us: 3000 })")?;
-            robot.expect_at(4_000, stop_by(4_000), "Ok(Done)")
+            robot.expect_at(4_000, start_by(4_000), "Ok(Done)")
         })
     }),
     ("nobody asks for something far ahead of its time", || {
@@ -441,6 +460,109 @@ const LAWS: &[(&str, Law)] = &[
             robot.expect(COMMIT, "Err(NoUpload)")
         })
     }),
+    ("noise is no stop, and a stop is heard", || {
+        with_robot(|robot| {
+            let mut listener = robot.link.stop_listener();
+            let mut heard = |bytes: &[u8]| {
+                let calls = bytes.iter().filter(|byte| listener.hear(**byte, true));
+                calls.count()
+            };
+            let stop = framed(5, Request::Stop);
+            let mut noise = stop.clone();
+            noise[3] ^= 0x10;
+            match (heard(&noise), heard(&stop)) {
+                (0, 1) => Ok(()),
+                (noise, stop) => Err(format!("{noise} and {stop} heard")),
+            }
+        })
+    }),
+    ("a stop is done when the robot stands still", || {
+        with_robot(|robot| {
+            robot.expect_at(1_000, Request::Stop, "Ok(Done)")?;
+            expect(&[format!("{:?}", robot.real_time.mode())], &["Stopped"])
+        })
+    }),
+    ("a start that a stop overtakes starts nothing", || {
+        with_robot(|robot| {
+            robot.expect_at(1_000, Request::Stop, "Ok(Done)")?;
+            // One on its way to the slots, and one that is in the queue yet.
+            let mut listener = robot.link.stop_listener();
+            let (start, stop) = (framed(50, Request::Start), framed(51, Request::Stop));
+            expect(&robot.answers(&start), &[])?;
+            for byte in &stop {
+                let _ = listener.hear(*byte, false);
+            }
+            robot.real_time.on_timer(&mut Timer(2_000));
+            expect(&robot.answers(&[]), &["50: Err(StopCame)"])
+        })?;
+        with_robot(|robot| {
+            let mut listener = robot.link.stop_listener();
+            for byte in [framed(50, Request::Start), framed(51, Request::Stop)].concat() {
+                let _ = listener.hear(byte, true);
+            }
+            expect(&robot.answers(&framed(50, Request::Start)), &[])?;
+            robot.real_time.on_timer(&mut Timer(2_000));
+            expect(&robot.answers(&[]), &["50: Err(StopCame)"])
+        })
+    }),
+    ("what cannot be answered is in nobody's way", || {
+        with_robot(|robot| {
+            let blob = junk(20);
+            robot.expect(begin(&blob), &received(0))?;
+            robot.wire.is_stuck = true;
+            let mut listener = robot.link.stop_listener();
+            let mut bytes = Vec::new();
+            for seq in 100..140 {
+                bytes.extend(framed(seq, Request::Status));
+            }
+            let data = &blob[..];
+            bytes.extend(framed(90, Request::Chunk { offset: 0, data }));
+            bytes.extend(framed(91, Request::Stop));
+            for seq in 140..180 {
+                bytes.extend(framed(seq, Request::Status));
+            }
+            for _ in 0..8 {
+                // What was taken before counts as kept.
+                let _ = listener.hear(1, true);
+            }
+            for byte in &bytes {
+                let _ = listener.hear(*byte, true);
+            }
+            robot.wire.to_robot.extend(&bytes);
+            robot.link.poll(&mut robot.wire);
+            robot.real_time.on_timer(&mut Timer(2_000));
+            robot.wire.is_stuck = false;
+            let answers = robot.answers(&[]);
+            if !answers.iter().any(|answer| answer == "91: Ok(Done)") {
+                return Err(format!("{answers:?}"));
+            }
+            robot.expect(begin(&blob), &received(20))
+        })
+    }),
+    ("what comes over the line leaves others their time", || {
+        with_robot(|robot| {
+            // A line that is never empty, and requests that take their time.
+            robot.wire.status_us = 5_000;
+            let began_us = robot.wire.now_us;
+            for seq in 0..200 {
+                robot.wire.to_robot.extend(framed(seq, Request::Status));
+            }
+            while robot.link.poll(&mut robot.wire) {}
+            let took_us = robot.wire.now_us - began_us;
+            if took_us > 600_000 {
+                return Err(format!("{took_us} us at once"));
+            }
+            // What is left comes in its time.
+            let left = robot.wire.to_robot.len();
+            robot.wire.now_us += 100_000;
+            while robot.link.poll(&mut robot.wire) {}
+            let done = left - robot.wire.to_robot.len();
+            if done == 0 || done > left / 4 {
+                return Err(format!("{done} of {left} bytes in 100 ms"));
+            }
+            Ok(())
+        })
+    }),
     #[cfg(feature = "telemetry")]
     ("a sample tells of so many nets and of no more", || {
         with_robot(|robot| {
@@ -480,7 +602,7 @@ mod of_keys {
         SIGNATURE_BYTES,
     };
     use super::super::keys::{Keys, PAUSE_AFTER_WRONG_US};
-    use super::super::message::{Identity, LinkError, Response};
+    use super::super::message::{Identity, LinkError, Mode, Response};
     use super::super::proof::{Secret, Session};
     use super::*;
 
@@ -679,6 +801,25 @@ mod of_keys {
             let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
             robot.expect_of(owner, Request::Signed { signature, request }, expected)?;
         }
+        // A stranger's stop holds after the owner's release, too, also where it is the same frame.
+        let stop = framed(250, Request::EmergencyStop);
+        expect(&robot.answers(&stop), &["250: Ok(Done)"])?;
+        let nonce = robot.nonce(owner)?;
+        let request = &serialized(Request::Release)[..];
+        let signature = &sign(&access::command(&nonce, &NO_UPLOAD, request))[..];
+        let release = owner.framed(249, Request::Signed { signature, request });
+        expect(&robot.answers(&release), &[])?;
+        robot.wire.now_us += 1_000;
+        robot.real_time.on_timer(&mut Timer(robot.wire.now_us));
+        expect(&robot.answers(&[]), &["249: proven Ok(Done)"])?;
+        expect(&robot.answers(&stop), &["250: Ok(Done)"])?;
+        let mode = robot.told(Request::Status, |response| match response {
+            Response::Status(status) => Some(status.mode),
+            _ => None,
+        })?;
+        if mode != Mode::EmergencyStopped {
+            return Err(format!("the robot is {mode:?}"));
+        }
         Ok(())
     }
 
@@ -729,11 +870,11 @@ mod of_keys {
         };
         robot.expect(proven, "Err(WrongProof)")?;
         // What a stranger asks the real-time side for keeps the owner waiting, and no more.
-        let stop = framed(200, Request::Stop);
+        let read = framed(200, Request::ReadBlob { offset: 0 });
         let states = owner.framed(201, Request::States { first: 0 });
-        expect(&robot.answers(&[stop, states].concat()), &[])?;
+        expect(&robot.answers(&[read, states].concat()), &[])?;
         robot.real_time.on_timer(&mut Timer(1_000));
-        expect(&robot.answers(&[]), &["200: Ok(Done)"])?;
+        expect(&robot.answers(&[]), &["200: Err(NoMission)"])?;
         robot.real_time.on_timer(&mut Timer(2_000));
         expect(&robot.answers(&[]), &["201: proven Err(NoMission)"])?;
         robot.expect_of(owner, begin(&blob), &received(8))

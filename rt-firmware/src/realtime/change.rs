@@ -113,7 +113,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         };
         self.mode = Mode::Running;
         self.start_again(mission, running, at);
-        Letter::Done
+        Letter::Started
     }
 
     /// Answers a letter that has changed the mission when its first macro step begins: until then the one before runs, whatever was exchanged already.

@@ -1,5 +1,7 @@
 //! What is counted of occurrences: delays, executions, overruns, and those that were missed; and how much of it leads to the safe state.
 
+use core::sync::atomic::Ordering::Relaxed;
+
 use super::RealTime;
 use super::occurrence::Occurrence;
 use super::slots::nanoseconds;
@@ -79,6 +81,15 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             }
             _ => self.limits.overruns_in_a_row,
         }
+    }
+
+    /// Counts time that others had none of: what the link may take is a part of the rest.
+    #[inline(always)]
+    pub(super) fn count_time<B: Board>(&self, took_ticks: u32) {
+        let slots_us = &self.signs.slots_us;
+        // Only this side counts it, so load and store suffice. What is rounded off is at the link's expense.
+        let us = took_ticks / B::TICKS_PER_US;
+        slots_us.store(slots_us.load(Relaxed).wrapping_add(us), Relaxed);
     }
 
     pub(super) fn count_missed(

@@ -8,7 +8,6 @@ use super::change::lead_ticks;
 use super::mission::Origin;
 use super::occurrence::Occurrence;
 use super::ready::Ready;
-use super::safe_state::is_stop_pressed;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
@@ -19,6 +18,9 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// for, unless that is the interpreter's.
     #[inline(never)]
     pub(super) fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
+        let began_ticks = board.now_low_ticks();
+        // Before a letter, which may be older.
+        self.look_for_stops(board);
         if !letter_waits {
             self.take_letter(board);
         }
@@ -37,6 +39,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 self.make_ready::<B>(next, start_ticks as u32);
             }
         }
+        self.count_time::<B>(board.now_low_ticks().wrapping_sub(began_ticks));
         at_ticks
     }
 
@@ -46,11 +49,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         loop {
             let now = board.now_ticks();
             self.looked_ticks = now as u32;
-            if self.mode != Mode::EmergencyStopped
-                && (self.signs.emergency_stop.load(Ordering::Relaxed) || is_stop_pressed(board))
-            {
-                self.stop_for_emergency(board);
-            }
+            self.look_for_stops(board);
             if self.waiting.is_some() {
                 self.refuse_late::<B>(now);
             }

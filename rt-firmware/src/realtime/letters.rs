@@ -17,7 +17,12 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
     pub(super) fn take_letter<B: Board>(&mut self, board: &mut B) {
-        let Some(Posted { letter, by_us }) = self.from_link.dequeue() else {
+        let Some(Posted {
+            letter,
+            by_us,
+            stops,
+        }) = self.from_link.dequeue()
+        else {
             return;
         };
         let now_ticks = board.now_ticks();
@@ -82,6 +87,10 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
             Letter::Start if self.signs.emergency_stop.load(Ordering::Relaxed) => {
                 Letter::Failed(LinkError::EmergencyStopped)
             }
+            // It is older than a stop that has come meanwhile.
+            Letter::Start if self.signs.stops.overtakes(stops) => {
+                Letter::Failed(LinkError::StopCame)
+            }
             Letter::Start => match (self.mode, &self.mission) {
                 (Mode::Running, _) => Letter::Done,
                 (Mode::EmergencyStopped, _) => Letter::Failed(LinkError::EmergencyStopped),
@@ -94,15 +103,11 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
                     return;
                 }
             },
-            // It has stopped for more than that.
-            Letter::Stop if self.mode == Mode::EmergencyStopped => Letter::Done,
-            Letter::Stop => {
-                self.set_stopped(Mode::Stopped, board);
-                Letter::Done
-            }
             // A stop that came behind it goes on.
             Letter::Release
-                if !self.signs.release.load(Ordering::Relaxed) || is_stop_pressed(board) =>
+                if !self.signs.release.load(Ordering::Relaxed)
+                    || self.signs.stops.overtakes(stops)
+                    || is_stop_pressed(board) =>
             {
                 Letter::Failed(LinkError::EmergencyStopped)
             }
@@ -117,7 +122,13 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
                 if is_latched || self.mode == Mode::EmergencyStopped {
                     self.set_stopped(Mode::Stopped, board);
                 }
-                Letter::Released
+                if self.signs.stops.overtakes(stops) {
+                    // It came while this was done.
+                    self.signs.latch_emergency_stop(self.kept);
+                    Letter::Failed(LinkError::EmergencyStopped)
+                } else {
+                    Letter::Released
+                }
             }
             question => self.answer(question, B::TICKS_PER_US),
         };

@@ -96,6 +96,8 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     supervision: Supervision,
     /// Which slots were executed since the supervision asked last.
     was_executed: [bool; SLOTS],
+    /// Wishes that the robot stops, as many as were looked at.
+    stops: u32,
     /// Requests that had come when that was looked at last, and robot time when another one had.
     requests: u32,
     heard_us: u64,
@@ -166,6 +168,7 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             signs: parts.signs,
             supervision: Supervision::new(),
             was_executed: [false; SLOTS],
+            stops: 0,
             requests: 0,
             heard_us: 0,
             link_silent_us: 0,

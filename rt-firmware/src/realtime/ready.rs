@@ -61,7 +61,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         // Nothing comes before this: it is what the delay of a slot is made of.
         let now = board.now_low_ticks();
         let delay_ticks = now.wrapping_sub(self.ready.start_ticks);
-        if delay_ticks >= self.ready.window_ticks || self.wants_emergency_stop(board) {
+        if delay_ticks >= self.ready.window_ticks || self.is_stop_wanted(board) {
             return self.go_on(board, false);
         }
         let start = self.ready_start::<B>();
@@ -124,10 +124,11 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.change_jobs(taken.start_us);
         }
         let now_ticks = board.now_low_ticks();
+        let took_ticks = now_ticks
+            .wrapping_sub(start_ticks)
+            .wrapping_sub(delay_ticks);
+        self.count_time::<B>(took_ticks);
         if self.mode == Mode::Running {
-            let took_ticks = now_ticks
-                .wrapping_sub(start_ticks)
-                .wrapping_sub(delay_ticks);
             let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
             self.count_execution(board, taken.slot, delay_ticks, took_ticks, duration_ticks);
         }

@@ -9,8 +9,9 @@ use super::ready::Ready;
 use super::trial::is_the_missions_fault;
 use crate::black_box::Event;
 use crate::board::Board;
-use crate::link::message::{Mode, SafeReason};
+use crate::link::message::{LinkError, Mode, SafeReason};
 use crate::link::trace::{EMERGENCY, TraceRecord};
+use crate::mail::Letter;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
@@ -43,10 +44,61 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         board.motors_off();
     }
 
-    /// Whether somebody wants the robot to stop for an emergency, or wanted it and it is not released.
+    /// Whether somebody wants the robot to stop who was not heard yet.
     #[inline(always)]
-    pub(super) fn wants_emergency_stop<B: Board>(&self, board: &mut B) -> bool {
-        self.signs.emergency_stop.load(Ordering::Relaxed) || board.is_emergency_stop_pressed()
+    pub(super) fn is_stop_wanted<B: Board>(&self, board: &mut B) -> bool {
+        self.signs.stops.is_called() || board.is_emergency_stop_pressed()
+    }
+
+    /// Stops the robot if somebody wants that: by its button, or by the link's line. To be called before each exchange with the body.
+    #[inline(never)]
+    pub(super) fn look_for_stops<B: Board>(&mut self, board: &mut B) {
+        let is_called = self.signs.stops.is_called();
+        if is_called {
+            self.signs.stops.take_call();
+        }
+        if self.mode != Mode::EmergencyStopped
+            && (self.signs.is_emergency_stopped() || is_stop_pressed(board))
+        {
+            self.stop_for_emergency(board);
+        }
+        if is_called {
+            self.stop_as_wished(board);
+        }
+    }
+
+    /// Stops the robot if that was wished for since it stopped the last time. What is under way and older does not start it.
+    #[cold]
+    #[inline(never)]
+    fn stop_as_wished<B: Board>(&mut self, board: &mut B) {
+        // What is read first is answered: a wish that comes after it is counted in the next round.
+        let read = self.signs.stops.count_read();
+        let wishes = self.signs.stops.count();
+        if wishes != self.stops {
+            self.stops = wishes;
+            if self.mode.is_latched() {
+                // Once more, whoever switched them on.
+                board.motors_off();
+            } else {
+                self.set_stopped(Mode::Stopped, board);
+            }
+            self.refuse_start();
+            self.tell_health();
+        }
+        self.signs.stops.set_done(read);
+    }
+
+    /// A start that is under way does not come through.
+    fn refuse_start(&mut self) {
+        if let Some(letter) = (self.waiting).take_if(|letter| matches!(letter, Letter::Start)) {
+            *letter = Letter::Failed(LinkError::StopCame);
+            self.send(letter);
+        }
+        if let Some(letter) = &mut self.answered
+            && let Letter::Started = **letter
+        {
+            **letter = Letter::Failed(LinkError::StopCame);
+        }
     }
 
     /// Stops the robot for an emergency, until it is released.

@@ -9,7 +9,7 @@ use super::outgoing::{Outgoing, ProofOf};
 use crate::link::access::PROOF_BYTES;
 use crate::link::frame::{MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES};
 use crate::link::keys::Session;
-use crate::link::message::{FromDevice, LinkError, Response};
+use crate::link::message::{FromDevice, LinkError, Response, UNKNOWN};
 
 /// Who sent a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +30,25 @@ pub(super) struct Answered {
     pub(super) seq: u8,
     /// The request's kind.
     pub(super) of: u8,
+}
+
+/// A stop that was read and is not answered yet.
+#[derive(Clone, Copy)]
+pub(super) struct AwaitedStop {
+    pub(super) answered: Answered,
+    pub(super) sender: Sender,
+    /// Of the wish.
+    pub(super) wish: u32,
+    /// What is answered then.
+    pub(super) result: Result<(), LinkError>,
+}
+
+/// A chunk that was taken while there was no room for an answer.
+#[derive(Clone, Copy)]
+pub(super) struct UntoldChunk {
+    pub(super) answered: Answered,
+    pub(super) sender: Sender,
+    pub(super) result: Result<(), LinkError>,
 }
 
 /// The bytes of a message.
@@ -80,6 +99,12 @@ pub(super) struct Conversation {
     asked: Taken,
     /// The message that waits until the real-time side has answered a stranger's.
     waiting: Taken,
+    /// The stop that was read last, until the robot has stopped.
+    awaited_stop: Option<AwaitedStop>,
+    /// The last chunk that was taken and not answered.
+    pub(super) untold_chunk: Option<UntoldChunk>,
+    /// The kind of the request that the reply is to.
+    replies_to: u8,
     pub(super) reply: Outgoing<MAX_REPLY_FRAME_BYTES>,
     /// The reply says how far an upload has come, and no more: a later one speaks for it.
     acknowledges: bool,
@@ -90,6 +115,9 @@ impl Conversation {
         answered: Taken::NOTHING,
         asked: Taken::NOTHING,
         waiting: Taken::NOTHING,
+        awaited_stop: None,
+        untold_chunk: None,
+        replies_to: UNKNOWN,
         reply: Outgoing::NOTHING,
         acknowledges: false,
     };
@@ -104,6 +132,27 @@ impl Conversation {
     /// This message is carried out later.
     pub(super) fn wait(&mut self, message: &[u8]) {
         self.waiting.set(message);
+    }
+
+    /// Whether a message may wait for the wire to take the answer before: the first of another kind than that, so that
+    /// who asks for one thing again and again takes the line from nobody else.
+    pub(super) fn may_wait(&self, kind: u8) -> bool {
+        self.waiting.len == 0 && kind != self.replies_to
+    }
+
+    /// A stop is answered when the robot has stopped.
+    pub(super) fn await_stop(&mut self, stop: AwaitedStop) {
+        self.awaited_stop = Some(stop);
+    }
+
+    /// Whether one is.
+    pub(super) fn awaits_stop(&self) -> bool {
+        self.awaited_stop.is_some()
+    }
+
+    /// The stop that is to be answered now, if the robot has stopped for it.
+    pub(super) fn take_stop(&mut self, is_done: impl FnOnce(u32) -> bool) -> Option<AwaitedStop> {
+        self.awaited_stop.take_if(|stop| is_done(stop.wish))
     }
 
     /// The message that waited, in `room`; nothing if none has.
@@ -172,6 +221,7 @@ impl Conversation {
             },
             None => FromDevice::Reply { seq, result, of },
         };
+        self.replies_to = of;
         self.reply.set_proven(&message, proof.as_ref());
     }
 }

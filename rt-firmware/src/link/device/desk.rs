@@ -17,6 +17,7 @@ use crate::link::access::{
 use crate::link::keys::Keys;
 use crate::link::message::{Capacities, LinkError, Request, Response};
 use crate::link::news::Watch;
+use crate::link::stops::Place;
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::Registry;
 use crate::realtime::upcoming::Rooms;
@@ -41,6 +42,8 @@ pub(crate) struct Desk<'q, 'm> {
     pub(crate) letter: Option<&'m mut Letter<'m>>,
     /// The request that is carried out, as long as it has asked nobody.
     pub(crate) ticket: Option<Ticket>,
+    /// Where the link stands among the bytes of its line.
+    pub(crate) place: Place,
     /// The request whose answer the letter will bring.
     pub(crate) asked: Option<Ticket>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
@@ -82,6 +85,11 @@ pub(super) enum Reaction<'a> {
     Answer(Result<Response<'a>, LinkError>),
     /// The real-time side was asked.
     Later,
+    /// The real-time side was called: this is the answer when it has stopped for the wish of this number.
+    WhenStopped {
+        wish: u32,
+        result: Result<(), LinkError>,
+    },
 }
 
 impl Desk<'_, '_> {
@@ -117,6 +125,15 @@ impl Desk<'_, '_> {
             self.hear();
         }
         Ok(Some((Sender::Owner { number }, request)))
+    }
+
+    /// Whether this one's chunks are taken, as [`allowed`](Self::allowed) has it.
+    pub(super) fn may_upload(&mut self, sender: Sender, port: &mut impl LinkPort) -> bool {
+        match self.keys.access(port.key_safe()) {
+            Access::Unsupported | Access::Open => true,
+            Access::Locked => sender != Sender::Anyone,
+            Access::Unreadable | Access::Recovering | Access::Damaged => false,
+        }
     }
 
     /// Counts a request of the host's, for a mission that looks after that.
@@ -264,7 +281,10 @@ impl Desk<'_, '_> {
                 let flash = port.keeper().map(|keeper| keeper.flash_health());
                 Reaction::Answer(self.status(port.deepest_stack_bytes(), kept, flash))
             }
-            Request::Stop => self.ask(Letter::Stop),
+            Request::Stop => {
+                self.ticket = None;
+                self.stop(port)
+            }
             Request::Start => self.ask(Letter::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
             Request::Release => self.release(),

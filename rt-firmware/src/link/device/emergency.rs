@@ -22,8 +22,10 @@ impl Desk<'_, '_> {
         &mut self,
         port: &mut impl LinkPort,
     ) -> Result<Response<'_>, LinkError> {
-        self.latch_emergency_stop();
+        self.signs.stops.read();
+        self.signs.latch_emergency_stop(self.about.kept);
         self.stop_is_kept = true;
+        port.wake_real_time();
         if let Some(keeper) = port.keeper() {
             keeper.set_emergency_stop(true)?;
         }
@@ -43,15 +45,5 @@ impl Desk<'_, '_> {
         {
             error!("the flash does not keep the emergency stop: a loss of power ends it");
         }
-    }
-
-    /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset.
-    pub(super) fn latch_emergency_stop(&self) {
-        // Before all else: a release that is under way is older than this, and must not end it.
-        self.signs.release.store(false, Ordering::Relaxed);
-        if let Some(kept) = self.about.kept {
-            kept.set_emergency_stop(true);
-        }
-        self.signs.emergency_stop.store(true, Ordering::Release);
     }
 }

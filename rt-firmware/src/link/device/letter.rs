@@ -31,7 +31,16 @@ impl<'m> Desk<'_, 'm> {
             Some(ticket) if !planted!(DeadlineForgotten) => ticket.by_us,
             _ => NO_DEADLINE,
         };
-        match self.to_real_time.enqueue(Posted { letter, by_us }) {
+        // First how many, then whether one is ahead: so none is overlooked that is heard in between.
+        let stops = self.signs.stops.count();
+        let is_overtaken = self.place.is_stop_ahead(&self.signs.stops);
+        let stops = (!is_overtaken).then_some(stops);
+        preemptible!();
+        match self.to_real_time.enqueue(Posted {
+            letter,
+            by_us,
+            stops,
+        }) {
             Ok(()) => {
                 self.asked = asked;
                 Reaction::Later
@@ -105,6 +114,7 @@ pub(super) fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, Link
         Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
         Letter::Done
+        | Letter::Started
         | Letter::Confirmed { .. }
         | Letter::Released
         | Letter::ValuesWanted { .. } => Ok(Response::Done),

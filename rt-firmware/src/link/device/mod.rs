@@ -2,22 +2,25 @@
 //!
 //! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken it: answers first, and `streams` where there is room. Requests are carried out at the `desk`,
 //! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what this side knows, others take the `letter` to the real-time side. An upload is a transaction,
-//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `emergency` the stop that waits for no letter.
+//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no letter. `budget` is how much time all of it may take.
 //!
 //! Whoever sends requests has a `conversation` of its own: anyone, or the owner in a session.
 //!
 //! *Invariant:* a request that comes again is not carried out again: its answer is sent again.
 
 mod answers;
+mod budget;
 mod conversation;
 mod desk;
 mod emergency;
 mod kept_mission;
 mod letter;
 mod outgoing;
+mod overload;
 mod port;
 mod signing;
 mod stage;
+mod stop;
 mod streams;
 mod upload;
 
@@ -31,8 +34,10 @@ use crate::link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, 
 use crate::link::message::{
     Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
 };
+use crate::link::stop_listener::StopListener;
 use crate::mail::{Letter, NO_DEADLINE};
-use conversation::{Answered, Before, Conversation, Sender};
+use budget::Budget;
+use conversation::{Answered, AwaitedStop, Before, Conversation, Sender};
 use desk::{Reaction, Ticket};
 use kept_mission::keep_in_mind;
 use letter::answer_of;
@@ -49,6 +54,9 @@ const CONVERSATIONS: usize = if KEYS { 2 } else { 1 };
 const ANYONE: usize = 0;
 const OWNER: usize = CONVERSATIONS - 1;
 
+/// Bytes of the line after which the link looks at the time that it has taken.
+const BYTES_BETWEEN_LOOKS: u32 = 64;
+
 /// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
     reader: FrameReader,
@@ -57,8 +65,11 @@ pub struct LinkSide<'q, 'm> {
     stream_seq: [u8; CHANNELS],
     /// Whose turn it is to send.
     next_channel: Channel,
-    /// Frames that arrived spoiled.
+    /// Frames that arrived spoiled, and requests that were left out for want of time.
     spoiled_frames: u32,
+    /// Bytes of the line that had found no room when that was looked at last.
+    lost_bytes: u32,
+    budget: Budget,
     desk: Desk<'q, 'm>,
 }
 
@@ -71,6 +82,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             stream_seq: [0; CHANNELS],
             next_channel: Channel::Trace,
             spoiled_frames: 0,
+            lost_bytes: 0,
+            budget: Budget::FULL,
             desk,
         }
     }
@@ -84,27 +97,73 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             .keeper()
             .is_some_and(|keeper| keeper.is_emergency_stopped())
         {
-            self.desk.latch_emergency_stop();
+            self.desk.signs.latch_emergency_stop(self.desk.about.kept);
         }
         let kept = self.desk.about.kept;
         let may_start = kept.is_none_or(|kept| kept.may_start_by_itself());
         self.desk.start_kept(port, may_start);
     }
 
-    /// Does what can be done without waiting. Returns whether there is more to do at once: bytes to send that the port did not take,
+    /// Hears stops among the bytes of the line, where a board takes them in: one for each line.
+    pub fn stop_listener(&self) -> StopListener<'m> {
+        StopListener::new(self.desk.signs, self.desk.about.kept)
+    }
+
+    /// Does what can be done without waiting, as long as there is [time for it](LinkPort::LINK_PERCENT). Returns whether there is more to do at once: bytes to send that the port did not take,
     /// or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
+        self.begin_turn(port);
         let now_us = port.now_us();
         if let Some(keeper) = port.keeper() {
             keeper.tick(now_us);
         }
+        let has_more = self.work(port);
+        self.charge(port);
+        // What is left waits for its time.
+        has_more && self.budget.is_left()
+    }
+
+    fn begin_turn<P: LinkPort>(&mut self, port: &mut P) {
+        let slots_us = self.desk.signs.slots_us.load(Ordering::Relaxed);
+        self.budget.begin::<P>(port.now_us(), slots_us);
+        let lost_bytes = self.desk.signs.stops.lost_bytes();
+        if lost_bytes != self.lost_bytes {
+            // Whatever frames they were of.
+            self.lost_bytes = lost_bytes;
+            self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+        }
+    }
+
+    /// Counts what the link has done as work.
+    fn charge<P: LinkPort>(&mut self, port: &mut P) {
+        let signs = self.desk.signs;
+        let slots_us = signs.slots_us.load(Ordering::Relaxed);
+        let worked_us = self.budget.charge::<P>(port.now_us(), slots_us);
+        // Only this side counts it, so load and store suffice.
+        let before_us = signs.link_us.load(Ordering::Relaxed);
+        let link_us = before_us.wrapping_add(worked_us);
+        signs.link_us.store(link_us, Ordering::Relaxed);
+    }
+
+    /// Whether there is time for what comes next: for a stop that was heard also where there is none for others.
+    fn may_receive(&mut self) -> bool {
+        self.budget.is_left()
+            || self.budget.is_left_for_a_stop()
+                && self.desk.place.is_stop_ahead(&self.desk.signs.stops)
+    }
+
+    fn work(&mut self, port: &mut impl LinkPort) -> bool {
         loop {
             self.desk.signs.link.store(true, Ordering::Relaxed);
             self.desk.take_freed(port);
             self.take_answer(port);
+            self.tell_stopped();
+            self.tell_chunks();
             self.desk.keep_stop(port);
-            self.go_on_with_owner(port);
+            self.go_on(port);
             self.receive(port);
+            // Where the real-time side was called, it has come already.
+            self.tell_stopped();
             // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
                 return true;
@@ -117,7 +176,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             }
             // The answer is out: there may be another request behind it.
         }
-        if self.stream.is_done() {
+        if self.stream.is_done() && self.budget.is_left() {
             self.fill_stream(port);
         }
         let idle = self.stream.is_done();
@@ -133,7 +192,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Whether an answer of the real-time side is awaited: a board may poll again after the next slot.
     pub fn is_waiting(&self) -> bool {
-        self.desk.asked.is_some()
+        self.desk.asked.is_some() || self.conversations.iter().any(Conversation::awaits_stop)
     }
 
     /// The answer that is to be sent next: one that was begun, then the owner's.
@@ -146,107 +205,155 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
-        while self.conversations.iter().all(Conversation::has_room) {
+        let mut room = [0; MAX_MESSAGE_BYTES];
+        while self.conversations.iter().all(Conversation::has_room) || self.desk.is_overloaded() {
+            if !self.may_receive() {
+                return;
+            }
             let Some(byte) = port.receive() else { return };
+            // Noise is work, too.
+            if self.desk.place.take().is_multiple_of(BYTES_BETWEEN_LOOKS) {
+                self.charge(port);
+            }
             let Some(frame) = self.reader.push(byte) else {
                 continue;
             };
-            let Ok(message) = unpack(frame) else {
-                self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
-                continue;
+            let message = match unpack(frame) {
+                Ok(message) => room.get_mut(..message.len()).map(|place| {
+                    place.copy_from_slice(message);
+                    &*place
+                }),
+                Err(_) => None,
             };
-            let [anyone, ..] = &mut self.conversations;
-            let Ok(ToDevice { seq, request }) = parse(message) else {
-                // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
-                anyone.answer(&[], false);
-                let seq = message.first().copied().unwrap_or_default();
-                anyone.set_reply(
-                    Answered { seq, of: UNKNOWN },
-                    Err(LinkError::Malformed),
-                    None,
-                );
-                continue;
-            };
-            let (sender, request) = match self.desk.sender(&request, port) {
-                Ok(Some(found)) => found,
-                // One that somebody has kept.
-                Ok(None) => continue,
-                Err(error) => {
-                    anyone.answer(&[], false);
-                    let of = request.kind();
-                    anyone.set_reply(Answered { seq, of }, Err(error), None);
-                    continue;
-                }
-            };
-            let place = match sender {
-                Sender::Anyone => ANYONE,
-                Sender::Owner { .. } => OWNER,
-            };
-            let Some(conversation) = self.conversations.get_mut(place) else {
-                continue;
-            };
-            if request == Request::Hello {
-                self.stream_seq = [0; CHANNELS];
-                // What was to be sent is of the session before.
-                if !self.stream.is_begun() {
-                    self.stream = Outgoing::NOTHING;
-                }
-                conversation.begin();
+            match message {
+                Some(message) => self.take(message, port),
+                None => self.leave_out(),
             }
-            match conversation.before(message) {
-                // The answer is still to come.
-                Before::UnderWay => continue,
-                // The answer was lost.
-                Before::Answered if !planted!(CarriedOutTwice) && !is_done_again(&request) => {
-                    conversation.answer_again();
-                    continue;
-                }
-                _ => {}
-            }
-            self.desk.streams_are_sent = self.stream.is_done();
-            carry_out(
-                conversation,
-                &mut self.desk,
-                message,
-                seq,
-                sender,
-                &request,
-                port,
-            );
+            self.charge(port);
         }
     }
 
-    /// Carries out what the owner has waited with for a stranger's request, once the real-time side has answered that.
-    fn go_on_with_owner(&mut self, port: &mut impl LinkPort) {
-        let Some(conversation) = self.conversations.get_mut(OWNER) else {
+    /// A frame is passed over: it is noise, or there is no time or no room for what it holds. Who sent it asks again.
+    fn leave_out(&mut self) {
+        self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+    }
+
+    /// Takes a message that has arrived.
+    fn take(&mut self, message: &[u8], port: &mut impl LinkPort) {
+        let Ok(ToDevice { seq, request }) = parse(message) else {
+            // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
+            let seq = message.first().copied().unwrap_or_default();
+            self.refuse(Answered { seq, of: UNKNOWN }, LinkError::Malformed);
             return;
         };
-        if self.desk.letter.is_none() || !conversation.reply.is_done() {
+        let (sender, request) = match self.desk.sender(&request, port) {
+            Ok(Some(found)) => found,
+            // One that somebody has kept.
+            Ok(None) => return,
+            Err(error) => {
+                let of = request.kind();
+                self.refuse(Answered { seq, of }, error);
+                return;
+            }
+        };
+        if !self.budget.is_left() && !request.is_stop() {
+            // It stands before a stop that is to be answered.
+            self.leave_out();
             return;
         }
+        let Some(conversation) = self.conversations.get_mut(place_of(sender)) else {
+            return;
+        };
+        if conversation.has_room() {
+            self.take_from(message, seq, sender, &request, port);
+        } else if !self
+            .desk
+            .take_unanswered(conversation, message, seq, sender, &request, port)
+        {
+            self.leave_out();
+        }
+    }
+
+    /// Takes a request of which it is known who sent it, where there is room for its answer.
+    fn take_from(
+        &mut self,
+        message: &[u8],
+        seq: u8,
+        sender: Sender,
+        request: &Request<'_>,
+        port: &mut impl LinkPort,
+    ) {
+        let Some(conversation) = self.conversations.get_mut(place_of(sender)) else {
+            return;
+        };
+        if *request == Request::Hello {
+            self.stream_seq = [0; CHANNELS];
+            // What was to be sent is of the session before.
+            if !self.stream.is_begun() {
+                self.stream = Outgoing::NOTHING;
+            }
+            conversation.begin();
+        }
+        match conversation.before(message) {
+            // The answer is still to come.
+            Before::UnderWay => return,
+            // The answer was lost.
+            Before::Answered if !planted!(CarriedOutTwice) && !is_done_again(request) => {
+                conversation.answer_again();
+                return;
+            }
+            _ => {}
+        }
+        self.desk.streams_are_sent = self.stream.is_done();
+        carry_out(
+            conversation,
+            &mut self.desk,
+            message,
+            seq,
+            sender,
+            request,
+            port,
+        );
+    }
+
+    /// Refuses what is nobody's request, if there is room for an answer.
+    fn refuse(&mut self, answered: Answered, error: LinkError) {
+        let [anyone, ..] = &mut self.conversations;
+        if anyone.has_room() {
+            anyone.answer(&[], false);
+            anyone.set_reply(answered, Err(error), None);
+        } else {
+            self.leave_out();
+        }
+    }
+
+    /// Goes on with requests that waited: for the wire to take the answer before, or, the owner's, for what the real-time side does for a stranger.
+    fn go_on(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
-        let message = conversation.take_waiting(&mut room);
-        let Ok(ToDevice { seq, request }) = parse(message) else {
-            return;
-        };
-        // It was found to be the owner's when it came.
-        let Request::Proven {
-            number, request, ..
-        } = request
-        else {
-            return;
-        };
-        if let Ok(request) = parse(request) {
-            let sender = Sender::Owner { number };
-            carry_out(
-                conversation,
-                &mut self.desk,
-                message,
-                seq,
-                sender,
-                &request,
-                port,
-            );
+        for place in [OWNER, ANYONE] {
+            let is_in_the_way = place == OWNER && self.desk.is_with_a_stranger();
+            let Some(conversation) = self.conversations.get_mut(place) else {
+                return;
+            };
+            if is_in_the_way || !conversation.reply.is_done() {
+                continue;
+            }
+            let message = conversation.take_waiting(&mut room);
+            let Ok(ToDevice { seq, request }) = parse(message) else {
+                continue;
+            };
+            // Who sent it was found out when it came.
+            match request {
+                Request::Proven {
+                    number, request, ..
+                } => {
+                    let sender = Sender::Owner { number };
+                    if let Ok(request) = parse(request) {
+                        self.take_from(message, seq, sender, &request, port);
+                    }
+                }
+                request => self.take_from(message, seq, Sender::Anyone, &request, port),
+            }
         }
     }
 
@@ -316,6 +423,14 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 }
 
+/// Whose conversation it is.
+fn place_of(sender: Sender) -> usize {
+    match sender {
+        Sender::Anyone => ANYONE,
+        Sender::Owner { .. } => OWNER,
+    }
+}
+
 /// Carries a request out that has not come before, and answers it, or lets its answer come later.
 fn carry_out(
     conversation: &mut Conversation,
@@ -351,5 +466,13 @@ fn carry_out(
             conversation.set_reply(Answered { seq, of }, result, sender.proof(session));
         }
         (_, Reaction::Later) => conversation.ask(message),
+        (of, Reaction::WhenStopped { wish, result }) => {
+            conversation.await_stop(AwaitedStop {
+                answered: Answered { seq, of },
+                sender,
+                wish,
+                result,
+            });
+        }
     }
 }

@@ -18,6 +18,14 @@ pub trait LinkPort {
     /// for the answer before it asks again.
     const FLASH_MS: u16 = 0;
 
+    /// How much of the time that slots leave the link may take, in percent; the rest is for slot-0 tasks, whatever
+    /// comes over the line. At least 1.
+    const LINK_PERCENT: u8 = 50;
+
+    /// How much of that it may have saved up, in microseconds: so that a signature, which takes a tenth of a second, or the check of a blob
+    /// holds up nothing behind it.
+    const LINK_BURST_US: u32 = 250_000;
+
     /// Microseconds since the robot started, on the clock that [`Board::now_ticks`](crate::Board::now_ticks) counts.
     fn now_us(&mut self) -> u64;
 
@@ -26,6 +34,10 @@ pub trait LinkPort {
 
     /// Sends a byte. False if there is no room for it now.
     fn send(&mut self, byte: u8) -> bool;
+
+    /// Lets [`RealTime::on_timer`](crate::RealTime::on_timer) come as soon as it can: somebody wants the robot to stop. A board pends its slot timer's interrupt.
+    /// Where that is not done, the stop is looked for when the next slot begins.
+    fn wake_real_time(&mut self) {}
 
     /// Takes bytes off the log; returns how many.
     fn read_log(&mut self, room: &mut [u8]) -> usize {

@@ -153,4 +153,6 @@ pub enum LinkError {
         /// Seconds until it may be asked for again.
         s: u32,
     },
+    /// A stop came while [`Request::Start`] was under way: the robot stands still.
+    StopCame,
 }

@@ -1,0 +1,490 @@
+//! A line that is full, at a robot that drives in the emulator with its real firmware: whatever comes over it costs no slot, leaves the background its time, and
+//! resets nothing; a stop among it stops the robot, and the owner's upload arrives.
+//!
+//! The link goes by the plant's exchange, at the rate of a line of 115,200 baud in the robot's own time. So a run repeats to the byte, and takes as long as this machine needs for it.
+//!
+//! `ESM_LOAD_SECONDS` says how long each kind of request floods the robot, in its own time, `ESM_LOAD_ALL=1` that each
+//! kind does, and `ESM_LOAD_STOPS` how many stops are tried. The campaign: `ESM_LOAD_ALL=1 ESM_LOAD_SECONDS=600 ESM_LOAD_STOPS=500 cargo test -p esm-tests --test line_load -- --nocapture`.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::io;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use esm_tests::command::{firmware, root};
+use esm_tests::random::Random;
+use esm_tests::{environment, subject};
+use host_tools::link_client::LinkClient;
+use host_tools::lockstep::line;
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::{BodyParameters, Plant};
+use host_tools::qemu::{Emulator, Idle};
+use host_tools::run::board::{Board, LinkWay, RunningBoard};
+use host_tools::serial::ByteLink;
+use host_tools::serial::clock::Clock;
+use host_tools::world::World;
+use rt_firmware::body::Request as BodyRequest;
+use rt_firmware::link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
+use rt_firmware::link::frame::{DELIMITER, MAX_FRAME_BYTES, encode};
+use rt_firmware::link::message::{Mode, Request, ResetReason, Status, ToDevice};
+
+/// Numbers of requests of whoever floods the robot: the owner's client counts up from its own, and comes to none of these in a test.
+const FLOOD_NUMBERS: [u8; 8] = [180, 181, 182, 183, 184, 185, 186, 187];
+
+fn frame(seq: u8, request: Request<'_>) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = encode(&ToDevice { seq, request }, &mut frame).unwrap();
+    [&[DELIMITER], &frame[..length]].concat()
+}
+
+/// All that anyone may ask for, but what stops the robot or ends the owner's session.
+fn requests() -> Vec<(&'static str, Request<'static>)> {
+    vec![
+        ("status", Request::Status),
+        (
+            "task",
+            Request::Task {
+                index: 0,
+                offset: 0,
+            },
+        ),
+        ("read blob", Request::ReadBlob { offset: 0 }),
+        ("states", Request::States { first: 0 }),
+        ("slot counters", Request::SlotCounters { slot: 0 }),
+        ("task counters", Request::TaskCounters { task_instance: 0 }),
+        ("last words", Request::LastWords),
+        ("black box", Request::BlackBox { from: None }),
+        ("challenge", Request::Challenge),
+        (
+            "param",
+            Request::Param {
+                mission: 1,
+                param: 0,
+            },
+        ),
+        ("clock", Request::Clock),
+        ("features", Request::Features),
+        (
+            "signed",
+            Request::Signed {
+                signature: &[3; SIGNATURE_BYTES],
+                request: &[7],
+            },
+        ),
+        (
+            "sign",
+            Request::Sign {
+                counter: 9,
+                signature: &[3; SIGNATURE_BYTES],
+            },
+        ),
+        (
+            "install key",
+            Request::InstallKey {
+                key: &[1; KEY_BYTES],
+                salt: &[2; SALT_BYTES],
+                secret: &[3; SECRET_BYTES],
+                signature: &[3; SIGNATURE_BYTES],
+            },
+        ),
+        ("confirm", Request::Confirm { mission: 1 }),
+        ("fall back", Request::FallBack { mission: 1 }),
+        (
+            "values",
+            Request::Values {
+                ask: &[0, 0, 1, 0, 1, 0, 0, 0, 0, 0],
+            },
+        ),
+        (
+            "within",
+            Request::Within {
+                by_us: 1,
+                request: &[5],
+            },
+        ),
+    ]
+}
+
+/// What costs the robot most.
+const WORST: [&str; 6] = [
+    "status",
+    "black box",
+    "install key",
+    "mixed",
+    "signed",
+    "within",
+];
+/// Whose answers are so long that the wire back is full: an owner's request is one of many that few answers are given to, and may
+/// find none. Of these it is only told what becomes of an upload.
+const LONG_ANSWERS: [&str; 5] = ["status", "task", "last words", "black box", "mixed"];
+/// How many times as long as on a quiet line an upload takes at most, beside the others.
+const MOST_TIMES: f64 = 4.0;
+
+/// What fills the line.
+#[derive(Clone)]
+enum Flood {
+    Nothing,
+    One(Request<'static>),
+    Mixed(Random),
+}
+
+impl Flood {
+    /// The next frame of it.
+    fn frame(&mut self, count: usize) -> Vec<u8> {
+        let seq = FLOOD_NUMBERS[count % FLOOD_NUMBERS.len()];
+        match self {
+            Flood::Nothing => Vec::new(),
+            Flood::One(request) => frame(seq, *request),
+            Flood::Mixed(random) => {
+                let all = requests();
+                match random.below(all.len() + 2) {
+                    0 => (0..random.below(60)).map(|_| random.bits() as u8).collect(),
+                    1 => frame(
+                        seq,
+                        Request::Chunk {
+                            offset: 7,
+                            data: &[5; 90],
+                        },
+                    ),
+                    kind => frame(seq, all[kind - 2].1),
+                }
+            }
+        }
+    }
+}
+
+/// The robot's line, which somebody else fills: of each two bytes, one is the owner's where the owner has any.
+#[derive(Clone)]
+struct Crowded {
+    line: Arc<Mutex<Box<dyn ByteLink>>>,
+    flood: Arc<Mutex<(Flood, usize)>>,
+}
+
+impl Crowded {
+    fn set(&self, flood: Flood) {
+        self.flood.lock().unwrap().0 = flood;
+    }
+
+    /// As many bytes of the flood, or a frame more.
+    fn crowd(&self, bytes: usize) -> io::Result<()> {
+        let mut sent = 0;
+        while sent < bytes {
+            let frame = {
+                let (flood, count) = &mut *self.flood.lock().unwrap();
+                *count += 1;
+                flood.frame(*count)
+            };
+            if matches!(self.flood.lock().unwrap().0, Flood::Nothing) {
+                return Ok(());
+            }
+            sent += frame.len().max(1);
+            self.line.lock().unwrap().send(&frame)?;
+        }
+        Ok(())
+    }
+}
+
+impl ByteLink for Crowded {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        if matches!(self.flood.lock().unwrap().0, Flood::Nothing) {
+            return self.line.lock().unwrap().receive(buffer, timeout);
+        }
+        // While the owner waits, the line is filled by the other alone.
+        let clock = self.clock();
+        let begun = clock.now();
+        loop {
+            let count = self.line.lock().unwrap().receive(buffer, Duration::ZERO)?;
+            if count > 0 || clock.since(begun) >= timeout {
+                return Ok(count);
+            }
+            self.crowd(36)?;
+        }
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.crowd(bytes.len())?;
+        self.line.lock().unwrap().send(bytes)
+    }
+
+    fn clock(&self) -> Clock {
+        self.line.lock().unwrap().clock()
+    }
+}
+
+fn blob(file: &str) -> Vec<u8> {
+    subject::build_file(&root().join(file)).unwrap().blob
+}
+
+/// A robot on patrol, and its line.
+struct Robot {
+    _board: RunningBoard,
+    plant: PlantSide,
+    line: Crowded,
+}
+
+fn robot() -> Robot {
+    robot_by(LinkWay::Exchange, Pace::new(false))
+}
+
+fn robot_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
+    let board = Board::Emulated {
+        firmware: firmware("rover"),
+    };
+    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, pace, None);
+    let (board, line) = RunningBoard::start(board, &plant, None, way).unwrap();
+    let line = Crowded {
+        line: Arc::new(Mutex::new(line)),
+        flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
+    };
+    let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
+    client
+        .upload(&blob("missions/patrol.esm"), &mut |_| ())
+        .unwrap();
+    Robot {
+        _board: board,
+        plant,
+        line,
+    }
+}
+
+impl Robot {
+    fn client(&self) -> LinkClient<Crowded> {
+        LinkClient::connect(self.line.clone()).unwrap().0
+    }
+
+    /// Robot time in seconds.
+    fn now_s(&self) -> f64 {
+        self.plant.pace().robot_us() as f64 / 1e6
+    }
+
+    /// Fills the line for so many seconds of the robot's time, and takes what it says to that.
+    fn flood(&self, flood: Flood, seconds: f64) {
+        self.line.set(flood);
+        let until_s = self.now_s() + seconds;
+        let mut buffer = [0; 1024];
+        while self.now_s() < until_s {
+            self.line.crowd(36).unwrap();
+            let mut line = self.line.line.lock().unwrap();
+            line.receive(&mut buffer, Duration::ZERO).unwrap();
+        }
+        self.line.set(Flood::Nothing);
+    }
+
+    /// It drives as if nothing had been.
+    fn assert_drives(&self, what: &str, mission: Option<u32>) -> Status {
+        let status = self.client().status().unwrap();
+        assert_eq!(status.mode, Mode::Running, "{what}: {status:?}");
+        assert_eq!(status.reset, ResetReason::PowerOn, "{what}: {status:?}");
+        assert_eq!((status.missed, status.overruns), (0, 0), "{what}");
+        assert_eq!(status.mission, mission, "{what}");
+        status
+    }
+}
+
+#[test]
+fn polling_without_a_pause_neither_resets_the_robot_nor_costs_it_a_slot() {
+    /// Longer than an idle loop may be without a turn.
+    const POLLED: Duration = Duration::from_secs(14);
+    const OUTSTANDING: usize = 8;
+    // Over the UART, which has answers taken as fast as they come.
+    let robot = robot_by(LinkWay::Uart, Pace::new(true));
+    let before = robot.client().status().unwrap();
+    let mut line = robot.line.line.lock().unwrap();
+    let (mut answers, mut sent) = (0, 0);
+    let mut buffer = [0; 1024];
+    let begun = Instant::now();
+    while begun.elapsed() < POLLED {
+        while sent < answers + OUTSTANDING {
+            let seq = FLOOD_NUMBERS[sent % FLOOD_NUMBERS.len()];
+            line.send(&frame(seq, Request::Status)).unwrap();
+            sent += 1;
+        }
+        let count = line
+            .receive(&mut buffer, Duration::from_millis(50))
+            .unwrap();
+        let frames = buffer[..count].iter().filter(|byte| **byte == DELIMITER);
+        answers += frames.count();
+        if count == 0 {
+            // Some were left out: they are asked for again.
+            sent = answers;
+        }
+    }
+    drop(line);
+    let after = robot.assert_drives("status", before.mission);
+    assert!(after.steps > before.steps + 300, "{} steps", after.steps);
+    println!("{answers} answers in {POLLED:?}");
+}
+
+#[test]
+fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
+    let all = environment::number("ESM_LOAD_ALL", 0) > 0;
+    let seconds = environment::number("ESM_LOAD_SECONDS", 2) as f64;
+    let robot = robot();
+    let other = blob("missions/follow_wall.esm");
+    // What the owner's upload takes of the robot's time.
+    let upload_s = |blob: &[u8]| {
+        let began_s = robot.now_s();
+        let mut client = LinkClient::connect(robot.line.clone()).ok()?.0;
+        client.abort().ok()?;
+        client.stage(blob, &mut |_| ()).ok()?;
+        Some(robot.now_s() - began_s)
+    };
+    let quiet_s = upload_s(&other).unwrap();
+    let status = robot.client().status().unwrap();
+    let mut floods: Vec<(&str, Flood)> = vec![("mixed", Flood::Mixed(Random::new(3)))];
+    floods.extend(
+        requests()
+            .into_iter()
+            .map(|(name, request)| (name, Flood::One(request))),
+    );
+    floods.retain(|(name, _)| all || WORST.contains(name));
+    for (name, flood) in floods {
+        robot.flood(flood.clone(), seconds);
+        robot.assert_drives(name, status.mission);
+        robot.line.set(flood);
+        let crowded_s = upload_s(&other);
+        robot.line.set(Flood::Nothing);
+        match crowded_s {
+            Some(crowded_s) => println!(
+                "{name:14} upload {crowded_s:.2} s, {:.1} times {quiet_s:.2} s",
+                crowded_s / quiet_s
+            ),
+            None => println!("{name:14} upload did not arrive"),
+        }
+        if !LONG_ANSWERS.contains(&name) {
+            // Half of the line is somebody else's: twice as long is the least.
+            let most_s = quiet_s * MOST_TIMES;
+            assert!(
+                crowded_s.is_some_and(|crowded_s| crowded_s < most_s),
+                "{name}"
+            );
+        }
+        // Let what was answered to the flood pass.
+        robot.flood(Flood::Nothing, 0.0);
+        robot.assert_drives(name, status.mission);
+    }
+}
+
+/// When the motors of a robot were on last, in its own time, as its body sees them.
+#[derive(Default)]
+struct Motors {
+    now_us: u64,
+    on_us: u64,
+}
+
+/// A robot on patrol whose motors are watched.
+fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
+    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+    let plant = PlantSide::new(plant, Pace::new(false), None);
+    let board = Board::Emulated {
+        firmware: firmware("rover"),
+    };
+    let flash = plant.flash(board.flash_bytes());
+    let motors: Arc<Mutex<Motors>> = Arc::default();
+    let seen = Arc::clone(&motors);
+    let answer = move |request: &BodyRequest| {
+        {
+            let mut motors = seen.lock().unwrap();
+            motors.now_us = request.start_us;
+            let actuators = &request.actuators;
+            if actuators.left_duty != 0 || actuators.right_duty != 0 {
+                motors.on_us = request.start_us;
+            }
+        }
+        plant.exchange(request)
+    };
+    let (near, line) = line::pair();
+    let elf = firmware("rover");
+    let emulator = Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+    let line = Crowded {
+        line: Arc::new(Mutex::new(Box::new(line))),
+        flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
+    };
+    let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
+    client
+        .upload(&blob("missions/patrol.esm"), &mut |_| ())
+        .unwrap();
+    (emulator, line, motors)
+}
+
+#[test]
+fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
+    /// From the last byte of the frame on.
+    const MOST_US: u64 = 25_000;
+    /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
+    const ON_THE_LINE_US: u64 = 2 * 3_125;
+    let stops = environment::number("ESM_LOAD_STOPS", 12);
+    let (_emulator, line, motors) = watched_robot();
+    let mut random = Random::new(11);
+    let mut longest_us = 0;
+    for stop in 0..stops {
+        // It drives.
+        let mut client = LinkClient::connect(line.clone()).unwrap().0;
+        client.start().unwrap();
+        drop(client);
+        line.set(Flood::Mixed(Random::new(stop)));
+        let until_us = motors.lock().unwrap().now_us + 400_000 + random.below(100_000) as u64;
+        let mut buffer = [0; 1024];
+        let is_ready = || {
+            let motors = motors.lock().unwrap();
+            // It stands still for a moment where it turns round.
+            assert!(
+                motors.now_us < until_us + 10_000_000,
+                "stop {stop}: it does not drive"
+            );
+            motors.now_us >= until_us && motors.on_us == motors.now_us
+        };
+        while !is_ready() {
+            line.crowd(36).unwrap();
+            line.line
+                .lock()
+                .unwrap()
+                .receive(&mut buffer, Duration::ZERO)
+                .unwrap();
+        }
+        let request = match stop % 2 {
+            0 => Request::Stop,
+            _ => Request::EmergencyStop,
+        };
+        // Somebody has injected another request under the number before.
+        let seq = random.bits() as u8;
+        line.line
+            .lock()
+            .unwrap()
+            .send(&frame(seq, Request::Abort))
+            .unwrap();
+        let sent_us = motors.lock().unwrap().now_us;
+        line.line
+            .lock()
+            .unwrap()
+            .send(&frame(seq, request))
+            .unwrap();
+        let until_us = sent_us + 300_000;
+        while motors.lock().unwrap().now_us < until_us {
+            line.crowd(36).unwrap();
+            line.line
+                .lock()
+                .unwrap()
+                .receive(&mut buffer, Duration::ZERO)
+                .unwrap();
+        }
+        line.set(Flood::Nothing);
+        let late_us = motors.lock().unwrap().on_us.saturating_sub(sent_us);
+        longest_us = longest_us.max(late_us);
+        assert!(
+            late_us <= MOST_US + ON_THE_LINE_US,
+            "stop {stop}: motors on {late_us} us after it was sent"
+        );
+        let mut client = LinkClient::connect(line.clone()).unwrap().0;
+        let status = client.status().unwrap();
+        assert!(status.mode.is_latched(), "stop {stop}: {status:?}");
+        assert_eq!((status.missed, status.reset), (0, ResetReason::PowerOn));
+        client.release().unwrap();
+    }
+    println!("{stops} stops, motors on for {longest_us} us at most after one was sent");
+}
