@@ -22,7 +22,7 @@ use crate::{clock, plant_line, slot_timer, stack, uart};
 
 /// Room for received bytes: a window of chunks with their frames, which a host sends without waiting. So none is lost while the link
 /// is at something long, or waits for its time.
-pub const RECEIVE_BYTES: usize = 640;
+pub const RECEIVE_BYTES: usize = 768;
 /// How old what is told of the stack may be, in microseconds. To measure it takes milliseconds, and it is asked for with each status.
 const STACK_AGE_US: u64 = 1_000_000;
 /// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.

@@ -117,7 +117,7 @@ mod tests {
     fn each_broken_promise_counts_and_is_told() {
         let promises = [
             promise(Bound::AtMost(280.0), Some(279.5)),
-            promise(Bound::AtMost(8_192.0), Some(8_052.0)),
+            promise(Bound::AtMost(6_144.0), Some(8_052.0)),
             promise(Bound::AtLeast(10.0), None),
         ];
         assert_eq!(broken(&promises), 2);
