@@ -221,6 +221,12 @@ impl Place {
         Place([const { AtomicU32::new(0) }; WORDS])
     }
 
+    /// The sequence number of its record, if it holds one.
+    fn sequence(&self) -> u32 {
+        let [sequence, ..] = &self.0;
+        sequence.load(Relaxed)
+    }
+
     fn read(&self) -> Option<Record> {
         Record::from_words(self.0.each_ref().map(|word| word.load(Relaxed)))
     }
@@ -365,10 +371,19 @@ impl BlackBox {
         let age = |sequence: u32| end.wrapping_sub(sequence);
         let oldest = sequence.map_or(u32::MAX, age);
         let places = self.transitions.places.iter().chain(&self.events.places);
-        places
-            .filter_map(Place::read)
-            .filter(|record| (1..=oldest).contains(&age(record.sequence)))
-            .max_by_key(|record| age(record.sequence))
+        let mut first: Option<Record> = None;
+        for place in places {
+            let known = first.as_ref().map_or(0, |record| age(record.sequence));
+            // Most need not be read: a host may ask again and again.
+            let age = age(place.sequence());
+            if age <= known || age > oldest {
+                continue;
+            }
+            if let Some(record) = place.read() {
+                first = Some(record);
+            }
+        }
+        first
     }
 }
 

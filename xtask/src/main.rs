@@ -4,6 +4,7 @@
 //! There are no dependencies, so that the first command on a fresh machine starts at once.
 
 mod bench;
+mod campaign;
 mod demo;
 mod elf;
 mod firmware;
@@ -32,6 +33,7 @@ Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`. TARGET: only such a part of them: checks (form, lints, documentation,
              planted bugs), builds (firmware, sizes, the command), robots (the demo, tests of the whole, which need the builds), libraries
+  campaign   Run tests at full length of which `test` does a small part: each TARGET; without one, list them and how long they take
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, walk, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
@@ -130,7 +132,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
 
 fn run(command: &str, options: &Options) -> Result<(), Failure> {
     let root = root();
-    let takes_words = matches!(command, "fuzz" | "test");
+    let takes_words = matches!(command, "campaign" | "fuzz" | "test");
     if let Some(surplus) = options.targets.first().filter(|_| !takes_words) {
         return Err(Failure::Usage(format!("{command} takes no {surplus}")));
     }
@@ -172,6 +174,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 toolchain: choice,
             },
         ),
+        "campaign" => campaign::command(&root, &options.targets, || setup::toolchain(choice)),
         "demo" => demo::command(&root, choice),
         "fuzz" => {
             let minutes = options.minutes.unwrap_or(fuzz::DEFAULT_MINUTES);
@@ -181,8 +184,9 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
     }
 }
 
-/// The top of the checkout.
+/// The top of the checkout that this is run in, which need not be the one that it was compiled in: that may have been copied or moved.
 fn root() -> PathBuf {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    here.parent().unwrap_or(here).to_owned()
+    let here = std::env::var_os("CARGO_MANIFEST_DIR")
+        .map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
+    here.parent().map_or_else(|| here.clone(), Path::to_owned)
 }

@@ -122,11 +122,16 @@ impl Conversation {
         acknowledges: false,
     };
 
+    /// Whether there may be room for an answer: for that to a chunk, at least.
+    pub(super) fn may_have_room(&self) -> bool {
+        self.has_room_for(true)
+    }
+
     /// Whether there is room for an answer. One to a chunk gives way to the next: chunks come one behind the other, and
-    /// none of them waits for the wire to take the answer to the one before.
-    pub(super) fn has_room(&self) -> bool {
-        self.waiting.len == 0
-            && (self.reply.is_done() || self.acknowledges && self.reply.is_unsent())
+    /// none of them waits for the wire to take the answer to the one before. It gives way to no other.
+    pub(super) fn has_room_for(&self, is_chunk: bool) -> bool {
+        let gives_way = is_chunk && self.acknowledges && self.reply.is_unsent();
+        self.waiting.len == 0 && (self.reply.is_done() || gives_way)
     }
 
     /// This message is carried out later.

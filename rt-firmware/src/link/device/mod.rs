@@ -206,7 +206,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
-        while self.conversations.iter().all(Conversation::has_room) || self.desk.is_overloaded() {
+        while self.conversations.iter().all(Conversation::may_have_room)
+            || self.desk.is_overloaded()
+        {
             if !self.may_receive() {
                 return;
             }
@@ -264,7 +266,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         let Some(conversation) = self.conversations.get_mut(place_of(sender)) else {
             return;
         };
-        if conversation.has_room() {
+        let is_chunk = matches!(request, Request::Chunk { .. });
+        if conversation.has_room_for(is_chunk) {
             self.take_from(message, seq, sender, &request, port);
         } else if !self
             .desk
@@ -319,7 +322,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Refuses what is nobody's request, if there is room for an answer.
     fn refuse(&mut self, answered: Answered, error: LinkError) {
         let [anyone, ..] = &mut self.conversations;
-        if anyone.has_room() {
+        if anyone.has_room_for(false) {
             anyone.answer(&[], false);
             anyone.set_reply(answered, Err(error), None);
         } else {
@@ -370,7 +373,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             return;
         };
         // An answer that is on its way out comes to its end first.
-        if !conversation.has_room() {
+        if !conversation.reply.is_done() {
             return;
         }
         let Some((asked, letter)) = self.desk.open_letter() else {

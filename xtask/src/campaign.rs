@@ -1,0 +1,123 @@
+//! `cargo xtask campaign`: tests of which each run of `cargo xtask test` does a small part, at full length. The book has
+//! what came of the last ones.
+
+use std::path::Path;
+use std::time::Instant;
+
+use crate::firmware::{self, DEFAULT_BIN};
+use crate::process::{self, Failure, cargo};
+use crate::setup::Toolchain;
+
+/// A test at full length.
+struct Campaign {
+    name: &'static str,
+    /// What it does, and about how long it takes on two cores.
+    what: &'static str,
+    package: &'static str,
+    /// Which tests: a target of the package, and a part of their names.
+    target: &'static [&'static str],
+    tests: &'static str,
+    /// What says how long it is.
+    settings: &'static [(&'static str, &'static str)],
+    /// It drives the firmware in the emulator.
+    needs_firmware: bool,
+}
+
+const CAMPAIGNS: &[Campaign] = &[
+    Campaign {
+        name: "line",
+        what: "a million attacks on the line of a robot with a key (10 min)",
+        package: "esm-tests",
+        target: &["--test", "attack"],
+        tests: "",
+        settings: &[("ESM_ATTACKS", "1000000")],
+        needs_firmware: false,
+    },
+    Campaign {
+        name: "stops",
+        what: "10,000 stops on a full line, in the emulator (40 min)",
+        package: "esm-tests",
+        target: &["--test", "line_load"],
+        tests: "a_stop_on_a_full_line",
+        settings: &[("ESM_LOAD_STOPS", "10000")],
+        needs_firmware: true,
+    },
+    Campaign {
+        name: "load",
+        what: "each request at the line's rate for 10 minutes of robot time, in the emulator (hours)",
+        package: "esm-tests",
+        target: &["--test", "line_load"],
+        tests: "whatever_fills_the_line",
+        settings: &[("ESM_LOAD_ALL", "1"), ("ESM_LOAD_SECONDS", "600")],
+        needs_firmware: true,
+    },
+    Campaign {
+        name: "records",
+        what: "up to four flipped bits in all places of the records, and a million random flashes (30 min)",
+        package: "rt-firmware",
+        target: &["--lib"],
+        tests: "store::damages",
+        settings: &[("ESM_RECORD_DAMAGES", "full")],
+        needs_firmware: false,
+    },
+    Campaign {
+        name: "liar",
+        what: "100,000 sessions with a robot that lies (8 min)",
+        package: "esm-tests",
+        target: &["--test", "lying_robot"],
+        tests: "whatever_a_robot_says",
+        settings: &[("ESM_LIAR_SESSIONS", "100000")],
+        needs_firmware: false,
+    },
+    Campaign {
+        name: "power-cuts",
+        what: "power cut at every fourth operation of the flash, in the emulator (2 min)",
+        package: "esm-tests",
+        target: &["--test", "power_cuts"],
+        tests: "",
+        settings: &[("ESM_POWER_CUTS_ONE_IN", "4")],
+        needs_firmware: true,
+    },
+];
+
+/// Runs the campaigns of these names; lists them where none is named.
+///
+/// # Errors
+/// [`Failure::Usage`] for a name that is none; what a campaign has found.
+pub fn command(
+    root: &Path,
+    names: &[String],
+    toolchain: impl FnOnce() -> Result<Toolchain, Failure>,
+) -> Result<(), Failure> {
+    let known = |name: &String| CAMPAIGNS.iter().find(|campaign| campaign.name == name);
+    if let Some(unknown) = names.iter().find(|name| known(name).is_none()) {
+        let all: Vec<_> = CAMPAIGNS.iter().map(|campaign| campaign.name).collect();
+        let all = all.join(", ");
+        let problem = format!("there is no campaign {unknown}; there are {all}");
+        return Err(Failure::Usage(problem));
+    }
+    if names.is_empty() {
+        for Campaign { name, what, .. } in CAMPAIGNS {
+            println!("{name:12} {what}");
+        }
+        return Ok(());
+    }
+    let campaigns: Vec<_> = names.iter().filter_map(known).collect();
+    if campaigns.iter().any(|campaign| campaign.needs_firmware) {
+        let bins = [DEFAULT_BIN.to_owned()];
+        firmware::build(root, &toolchain()?, firmware::RELEASE, &bins)?;
+    }
+    for campaign in campaigns {
+        let started = Instant::now();
+        let mut command = cargo(root);
+        command
+            .args(["test", "--release", "--package", campaign.package])
+            .args(campaign.target)
+            .args([campaign.tests, "--", "--nocapture"])
+            .envs(campaign.settings.iter().copied());
+        process::run(&mut command)?;
+        let minutes = started.elapsed().as_secs_f32() / 60.0;
+        println!("campaign {}: passed, {minutes:.1} min", campaign.name);
+    }
+    Ok(())
+}
