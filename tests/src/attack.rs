@@ -294,8 +294,8 @@ impl Line<'_, '_> {
     fn took(&mut self, value: u32, before: u32) {
         let now_us = self.wire.now_us;
         // A client that was told that its session had ended signs it once more.
-        let times = self.signed.iter().filter(|(signed, _, _)| *signed == value);
-        let (signatures, signed) = (times.clone().count(), times.last());
+        let mut times = self.signed.iter().filter(|(signed, _, _)| *signed == value);
+        let (signatures, signed) = (times.clone().count(), times.next_back());
         match signed.map(|(signed, at_us, _)| (signed, at_us)) {
             Some((_, at_us)) if now_us - at_us <= SIGNED_LIFE_US => {}
             Some((_, at_us)) => {

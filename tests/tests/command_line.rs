@@ -200,7 +200,11 @@ fn what_is_no_port_and_no_such_file_is_told_as_that() {
         }
     }
     let done = files.esm(&format!("key install --key {{}}/folder {nobody}"));
-    assert!(done.ended(1).err.contains("is no key"));
+    let said = done.ended(3).err;
+    assert!(
+        said.contains("it is a folder, and a file is wanted"),
+        "{said}"
+    );
 }
 
 #[test]

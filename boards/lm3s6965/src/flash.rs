@@ -33,8 +33,7 @@ pub const LONGEST_MS: u16 = {
         let slot_bytes = keep::slot_bytes(bytes, ERASE_BYTES as u32);
         slot_bytes / ERASE_BYTES as u32 * ERASE_US + slot_bytes / WRITE_BYTES as u32 * WRITE_US
     }
-    let us =
-        written_us(settings::BLOB_BYTES as u32) + 4 * written_us(keep::RECORD_BYTES as u32);
+    let us = written_us(settings::BLOB_BYTES as u32) + 4 * written_us(keep::RECORD_BYTES as u32);
     (2 * us / 1_000) as u16
 };
 

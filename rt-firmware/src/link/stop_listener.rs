@@ -5,7 +5,7 @@
 //! checksum and any number, also one with a proof of who sent it: everybody may stop a robot, so that nobody looks at
 //! that here. The frame goes to the link all the same, which answers it.
 //!
-//! A byte costs a few instructions, one that ends a short frame the checksum of [`LONGEST`] bytes besides.
+//! A byte costs a few instructions, one that ends a short frame the checksum of `LONGEST` bytes besides.
 
 #[cfg(doc)]
 use super::message::Request;

@@ -38,10 +38,13 @@ pub(super) fn laws() -> Result<(), Broken> {
     ordinary_use_passes()
 }
 
+/// Asks for something, for the time of this number.
+type Attack<'a> = &'a dyn Fn(&mut Kept<'_>, u32);
+
 /// Each of these asks once a second for six hours.
 fn nobody_wears_it_out() -> Result<(), Broken> {
     const HOURS: u32 = 6;
-    let attacks: [(&str, u32, &dyn Fn(&mut Kept<'_>, u32)); 4] = [
+    let attacks: [(&str, u32, Attack<'_>); 4] = [
         (
             "saves",
             RECORDS.burst + HOURS * RECORDS.per_hour,
@@ -210,7 +213,7 @@ fn ordinary_use_passes() -> Result<(), Broken> {
         let mut now_us = 0;
         for number in 0..3_u8 {
             let refused = (0..=KEYS.burst as u8).find_map(|other| {
-                let key = [0x80 | (KEYS.burst as u8 + 1) * number + other; KEY_RECORD_BYTES];
+                let key = [0x80 | ((KEYS.burst as u8 + 1) * number + other); KEY_RECORD_BYTES];
                 keep.write_of_key(KeyRecord::Key, &key).err()
             });
             let Some(WriteError::Budget { s }) = refused else {

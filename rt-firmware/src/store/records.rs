@@ -413,8 +413,9 @@ impl<'m, F: NorFlash> Records<'m, F> {
         let (floor, key) = (Some(floor), self.key());
         // The table before the first record may be there by words that were cut, in both areas: should it go again, nothing was lost.
         let is_before_first = self.len == 0 && self.journal.floor().is_none();
-        self.is_entered = planted!(JournalForgotten)
-            || is_before_first && !planted!(JournalEager)
+        let is_too_early = is_before_first && !planted!(JournalEager);
+        let is_left_out = is_too_early || planted!(JournalForgotten);
+        self.is_entered = is_left_out
             || self.journal.says(floor, &key)
             || self.journal.append(&mut self.store.flash, floor, key);
         self.is_entered
@@ -591,8 +592,9 @@ impl<'m, F: NorFlash> Records<'m, F> {
 
     /// Whether a flash without a table never had one: it is blank, or the journal says that the first of all was about to be written.
     fn is_new(&mut self, slots: [SlotState; 2]) -> bool {
-        let is_taken_for_new = planted!(JournalUnread)
-            || (planted!(EmptyTakenForNew) && slots.contains(&SlotState::Empty));
+        let is_empty = slots.contains(&SlotState::Empty);
+        let mut is_taken_for_new = is_empty && planted!(EmptyTakenForNew);
+        is_taken_for_new |= planted!(JournalUnread);
         if is_taken_for_new {
             return true;
         }

@@ -192,7 +192,7 @@ fn installation() -> &'static Installation {
     MADE.get_or_init(|| Installation::of(owner(), SALT))
 }
 
-/// What the owner sends for a session.
+/// What somebody sends for a session.
 const CLIENT: [u8; NONCE_BYTES] = [3; NONCE_BYTES];
 
 /// A request as another one holds it.
@@ -231,6 +231,8 @@ struct Subject<'q, 'm, 'k> {
     seq: u8,
     /// The owner's session.
     session: Option<Owner>,
+    /// Sessions of the owner's so far.
+    sessions: u8,
     /// What the robot said of its key last.
     identity: Option<Identity>,
     nonce: [u8; NONCE_BYTES],
@@ -280,6 +282,7 @@ fn life<R>(
         reader: FrameReader::new(),
         seq: 0,
         session: None,
+        sessions: 0,
         identity: None,
         nonce: [0; NONCE_BYTES],
         counter: 0,
@@ -413,12 +416,13 @@ impl Subject<'_, '_, '_> {
             return;
         }
         self.identity = None;
-        self.request(Request::Identify { nonce: CLIENT });
+        let client = self.client_nonce();
+        self.request(Request::Identify { nonce: client });
         self.poll();
         self.heard();
         if let Some(identity) = self.identity {
-            let session = Owner::of(owner(), &CLIENT, &identity);
-            self.request(session.opening(CLIENT, &identity));
+            let session = Owner::of(owner(), &client, &identity);
+            self.request(session.opening(client, &identity));
             self.poll();
             self.session = Some(session);
         }
@@ -552,14 +556,23 @@ impl Subject<'_, '_, '_> {
     /// Opens the owner's session, in place of any before.
     fn open_session(&mut self) {
         self.session = None;
-        let identify = Request::Identify { nonce: CLIENT };
+        // The robot's clock goes on from one session to the next.
+        self.timer_comes();
+        let client = self.client_nonce();
+        let identify = Request::Identify { nonce: client };
         let identity = self.ask(identify, |response| match response {
             Response::Identity(identity) => Some(identity),
             _ => None,
         });
-        let session = Owner::of(owner(), &CLIENT, &identity);
+        let session = Owner::of(owner(), &client, &identity);
         self.session = Some(session);
-        self.ask(session.opening(CLIENT, &identity), done);
+        self.ask(session.opening(client, &identity), done);
+    }
+
+    /// The owner's nonce for another session than any before.
+    fn client_nonce(&mut self) -> [u8; NONCE_BYTES] {
+        self.sessions = self.sessions.wrapping_add(1);
+        [self.sessions; NONCE_BYTES]
     }
 
     /// Asks the robot to do something within a time, signed where it has a key.

@@ -865,7 +865,9 @@ fn write_proofs(text: &mut String, public: &[u8; KEY_BYTES], secret: Secret) {
     let answer = [0, 3, Request::Stop.kind()];
     let masked = mask(Secret([0; SECRET_BYTES]), &session, &TEST_SALT);
     let (of_robot, of_session) = (&secret.0[..], &session.key()[..]);
-    let cases: [(&str, &[u8], &[&[u8]], [u8; PROOF_BYTES]); 5] = [
+    // Name, key, pieces of the message, proof.
+    type Case<'a> = (&'a str, &'a [u8], &'a [&'a [u8]], [u8; PROOF_BYTES]);
+    let cases: [Case<'_>; 5] = [
         (
             "identity",
             of_robot,
