@@ -16,7 +16,7 @@ use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, NOISY_DEADLINE, RobotInfo};
 use crate::reading::ReadError;
-use crate::run::interrupt;
+use crate::run::interrupt::{self, Interrupt};
 use crate::run::mission::hash_text;
 use crate::run::story;
 use crate::serial::noise::{Noise, Noisy};
@@ -102,6 +102,7 @@ impl RobotArgs {
         is_emergency: bool,
         console: &mut Console,
     ) -> Result<Robot, CommandError> {
+        Interrupt::take_over()?;
         let opened = serial::open_to_stop(&self.port, self.line.baud);
         let (link, not_served) = line_of(opened, self.line)?;
         let (mut robot, info) = LinkClient::connect_to_stop(
@@ -168,6 +169,8 @@ fn open(
     port: &Port,
     line: LineArgs,
 ) -> Result<(Robot, RobotInfo, Option<NotServed>), CommandError> {
+    // From here on, so that Ctrl-C ends each wait, also where whoever started this program has it ignored.
+    Interrupt::take_over()?;
     let (line, not_served) = line_of(serial::open_served(port, line.baud), line)?;
     let limit = Some(LONGEST_WAITS);
     let (mut robot, info) = LinkClient::connect_within(line, limit, until_interrupt())?;

@@ -1303,7 +1303,7 @@ fn write_exchanges(text: &mut String) {
     });
     exchange(text, "requests that come too late", |line| {
         line.ask(Request::Hello);
-        // In time, then sent again after it: it was done, and is answered as before.
+        // In time, then sent again after it: a stop is looked at anew each time that it comes.
         let stop = bytes_of(Request::Stop);
         let in_time = line.in_time(Request::Stop);
         let bytes = line.next(postcard::from_bytes(&in_time).unwrap());

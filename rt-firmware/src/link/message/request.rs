@@ -243,9 +243,16 @@ impl Request<'_> {
         }
     }
 
-    /// Whether it stops the robot: it is carried out whenever it comes, also if it came before.
+    /// Whether it stops the robot, also [within a time](Request::Within): it is carried out whenever it comes, also if
+    /// it came before.
     pub fn is_stop(&self) -> bool {
-        matches!(self, Request::Stop | Request::EmergencyStop)
+        const STOP: u8 = Request::Stop.kind();
+        const EMERGENCY_STOP: u8 = Request::EmergencyStop.kind();
+        match self {
+            Request::Stop | Request::EmergencyStop => true,
+            Request::Within { request, .. } => matches!(request, [STOP | EMERGENCY_STOP]),
+            _ => false,
+        }
     }
 }
 
