@@ -72,12 +72,24 @@ class Unproven(Exception):
 
 
 class NotLocked(Exception):
-    """A key was named, and the robot says that it has none."""
+    """A key was named, and the robot says that it has none, or that it cannot read it."""
+
+    #: Why that may be, and what to do if it is true, for each `access`.
+    _HINTS = {
+        "unsupported": ("it has other firmware", "with this firmware it cannot have a key: name none here"),
+        "open": ("its memory was erased", "without a key named here it takes commands as they are, and can be given a key again"),
+        "unreadable": ("its memory is damaged", "it takes no key and no commands but stops: erase its flash at the programmer"),
+        "damaged": (
+            "its memory is damaged, and had no key",
+            "without a key named here it can be given one, which begins its memory anew; until then it takes no commands but stops",
+        ),
+    }
 
     def __init__(self, access: str) -> None:
+        reason, what_to_do = self._HINTS[access]
         super().__init__(
-            f"a key was named, and the robot says that it has none (its access is `{access}`): its memory was erased, "
-            "or somebody answers in its place. Without a key named here it is taken as it is, and can be given one again"
+            f"a key was named, and the robot does not say that it has one (its access is `{access}`): {reason}, "
+            f"or somebody answers in its place. If it is the robot, {what_to_do}"
         )
         self.access = access
 

@@ -28,7 +28,8 @@ def hello(access: str = "open", blob_bytes: int = 4096) -> bytes:
 
 
 def status(mode: int) -> bytes:
-    return bytes([0, 4, mode]) + bytes(19)
+    """Of a robot that keeps nothing; all 20 fields behind the mode are one byte here."""
+    return bytes([0, 4, mode]) + bytes(20)
 
 
 def part(channel: int, number: int, stream: bytes) -> bytes:

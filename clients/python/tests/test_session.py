@@ -355,10 +355,15 @@ class Sessions(Owned):
 
 class Access(Owned):
     def test_a_robot_that_says_that_it_has_no_key_is_refused(self):
-        for access in ("open", "unsupported", "unreadable"):
+        for access, what_to_do in (
+            ("open", "without a key named here it takes commands"),
+            ("unsupported", "cannot have a key"),
+            ("unreadable", "erase its flash"),
+            ("damaged", "without a key named here it can be given one"),
+        ):
             robot, owner = self.robot(self.key, access=access)
             for act in (owner.status, owner.start, lambda: owner.stage(BLOB), lambda: owner.install_key(Key(OTHER_PRIVATE))):
-                with self.assertRaises(NotLocked):
+                with self.assertRaisesRegex(NotLocked, what_to_do):
                     act()
             self.assertEqual({kind for _, kind in robot.came}, {messages.HELLO})
         robot, owner = self.robot(self.key, insist=False, access="open")
@@ -400,6 +405,24 @@ class Access(Owned):
         robot, owner = self.robot(self.key, access="recovering")
         owner.install_key(self.key)
         self.assertEqual(len(robot.signed), 1)
+
+    def test_a_damaged_robot_that_had_no_key_takes_one_as_it_is(self):
+        for key, insist in ((None, None), (Key(OTHER_PRIVATE), False)):
+            robot, other = self.robot(key, insist=insist, access="damaged")
+            requests = []
+            robot.before = lambda message: message[1] == messages.INSTALL_KEY and requests.append(message[1:])
+            other.install_key(self.key)
+            self.assertEqual((len(requests), robot.signed), (1, []))
+            self.assertNotIn(("plain", messages.IDENTIFY), robot.came)
+            fields = messages.Fields(requests[0][1:])
+            public, salt, secret = fields.bytes(), fields.bytes(), fields.bytes()
+            # Without a mask: there is no session.
+            self.assertEqual((public, secret), (self.key.public, mac(PRIVATE, b"esm secret v1", salt)[:16]))
+            # The robot has begun its records anew, with this key.
+            robot.access = "locked"
+            other.hello()
+            other.clock()
+            self.assertEqual(robot.came[-1], (1, messages.CLOCK))
 
 
 class Installing(Owned):

@@ -140,11 +140,19 @@ class Messages(unittest.TestCase):
         status = self.read("answer status").body
         self.assertEqual((status.mode, status.steps, status.missed), ("safe: low battery", 2**64 - 1, 1))
         self.assertEqual((status.stack_bytes, status.reset, status.max_delay_ns), (None, "watchdog", 16_384))
+        self.assertEqual(status.flash, messages.FlashHealth("older", "anybody", 300, 70_000, 5))
         self.assertEqual(self.read("answer states").body.states, [1, 256, 65_535, 3])
         self.assertEqual(self.read("answer slot counters").body.delays, [65_535] * 8)
         words = self.read("answer last words").body
         self.assertEqual((words.reset, words.task, words.pc, words.file), ("processor fault", 300, 0x1234, b"src/tasks/cruise.rs"))
         self.assertEqual((words.silent, words.bad_starts), ("slot at place 200", 300))
+        # A slot alone has its index behind it.
+        [message] = vectors.named("answer last words").all("message")
+        slot = bytes([1, 0, 200]) + messages.number(300)
+        self.assertEqual(message.count(slot), 1)
+        for silent, name in ((1, "link"), (2, "slot 0"), (3, "slot 0, for the link")):
+            words = messages.from_robot(message.replace(slot, bytes([1, silent]) + messages.number(300))).body
+            self.assertEqual((words.silent, words.bad_starts), (name, 300))
         box = self.read("answer black box").body
         self.assertEqual(box.end, 70_003)
         self.assertEqual([(record.sequence, record.kind) for record in box.records], [(70_000, 1), (70_001, 4), (70_002, 5)])
@@ -156,6 +164,8 @@ class Messages(unittest.TestCase):
         self.assertEqual((identity.key, identity.salt, identity.nonce), (bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x77] * 16)))
         self.assertEqual((identity.counter, identity.proof), (2**40, bytes([0x88] * 16)))
         self.assertEqual(self.read("answer error counter too far").body, Error("CounterTooFar", {"last": 2**40}))
+        self.assertEqual(self.read("answer error flash budget").body, Error("FlashBudget", {"s": 120}))
+        self.assertEqual(messages.from_robot(bytes([0, 7, 1, 43, messages.START])).body, Error("StopCame", {}))
         proven = self.read("proven answer done")
         self.assertEqual((proven.seq, proven.body, proven.of), (200, messages.Done(), messages.STOP))
         self.assertEqual((proven.proof, proven.proven), (bytes([0x99] * 16), bytes([0, 3, messages.STOP])))
@@ -343,10 +353,11 @@ class Exchanges(unittest.TestCase):
             ],
         )
 
-    def test_what_comes_too_late_is_refused_and_what_was_done_in_time_stays_so(self):
+    def test_what_comes_too_late_is_refused_also_a_stop_that_was_done_in_time(self):
         said = [answer for said in vectors.named("requests that come too late").all("<") for answer in FrameReader().feed(said)]
         told = [answer.body for answer in map(messages.from_robot, said)]
-        self.assertEqual([body for body in told[2:4]], [messages.Done(), messages.Done()])
+        # The same stop twice: it is looked at anew each time that it comes.
+        self.assertEqual(told[2:4], [messages.Done(), Error("Late", {})])
         self.assertEqual([body.name for body in told[4:]], ["Late", "Late", "Malformed", "Malformed"])
 
     def test_a_robot_without_a_mission(self):
