@@ -189,7 +189,18 @@ pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
                 not_served: None,
             });
         }
-        Port::Tty(path) => open_tty(port, path, baud, Use::Alone)?.into(),
+        Port::Tty(path) => {
+            // A process that this one has just begun shares its files, locks among them, for a moment.
+            let begun = Instant::now();
+            loop {
+                match open_tty(port, path, baud, Use::Alone) {
+                    Err(OpenError::Busy { .. }) if begun.elapsed() < OPENING_WAIT => {
+                        std::thread::sleep(OPENING_LOOK);
+                    }
+                    opened => break opened?.into(),
+                }
+            }
+        }
         Port::Unix(path) => connect_unix(path).map_err(system)?.into(),
         Port::Tcp { host, port: number } => {
             let socket = connect_tcp(host, *number).map_err(system)?;

@@ -14,7 +14,7 @@ pub struct Allowance {
 
 /// Missions that are uploaded, and the counters of those that are signed: a signed one takes two. Each erases one slot of two.
 pub const UPLOADS: Allowance = Allowance {
-    burst: 60,
+    burst: 250,
     per_hour: 30,
 };
 /// Saved parameters, and releases of an emergency stop, which take two. Each erases both areas of the records.
