@@ -3,7 +3,7 @@
 use std::format;
 use std::string::String;
 
-use super::budget::{KEYS, RECORDS, UPLOADS};
+use super::budget::{Allowance, KEYS, RECORDS, UPLOADS};
 use super::keep::Keep;
 use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep};
 use super::nor::{Chip, Rewrite};
@@ -44,39 +44,24 @@ type Attack<'a> = &'a dyn Fn(&mut Kept<'_>, u32);
 /// Each of these asks once a second for six hours.
 fn nobody_wears_it_out() -> Result<(), Broken> {
     const HOURS: u32 = 6;
-    let attacks: [(&str, u32, Attack<'_>); 4] = [
-        (
-            "saves",
-            RECORDS.burst + HOURS * RECORDS.per_hour,
-            &|keep, number| {
-                let _ = keep.save_params(&saved(number));
-            },
-        ),
-        (
-            "stops and releases",
-            RECORDS.burst + HOURS * RECORDS.per_hour,
-            &|keep, number| {
-                let _ = keep.set_emergency_stop(number % 2 == 0);
-            },
-        ),
-        (
-            "keys",
-            KEYS.burst + HOURS * KEYS.per_hour,
-            &|keep, number| {
-                let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
-            },
-        ),
-        (
-            "uploads",
-            UPLOADS.burst + HOURS * UPLOADS.per_hour,
-            &|keep, number| {
-                if keep.trial_begins(&number.to_le_bytes()).is_ok() {
-                    let _ = keep.trial_confirmed(number);
-                }
-            },
-        ),
+    let attacks: [(&str, Allowance, Attack<'_>); 4] = [
+        ("saves", RECORDS, &|keep, number| {
+            let _ = keep.save_params(&saved(number));
+        }),
+        ("stops and releases", RECORDS, &|keep, number| {
+            let _ = keep.set_emergency_stop(number % 2 == 0);
+        }),
+        ("keys", KEYS, &|keep, number| {
+            let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
+        }),
+        ("uploads", UPLOADS, &|keep, number| {
+            if keep.trial_begins(&number.to_le_bytes()).is_ok() {
+                let _ = keep.trial_confirmed(number);
+            }
+        }),
     ];
-    for (what, allowed, ask) in attacks {
+    for (what, budget, ask) in attacks {
+        let allowed = budget.burst + HOURS * budget.per_hour;
         let flash = blank(Rewrite::Refuse);
         let before = flash.borrow().erases;
         let health = with_keep(&flash, None, |keep| {
@@ -109,7 +94,7 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
             return Err(format!("{what}: {health:?}, and after a start {again:?}"));
         }
         // A flash lasts weeks of it.
-        let weeks = u64::from(LIFE) * u64::from(HOURS) / u64::from(allowed) / (24 * 7);
+        let weeks = (LIFE - budget.burst) / budget.per_hour / (24 * 7);
         if weeks < 1 {
             return Err(format!("{what}: {weeks} weeks"));
         }

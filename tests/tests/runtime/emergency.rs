@@ -1,11 +1,14 @@
 //! The emergency stop: what it stops, what does not end it, and what does.
 
+use esm_tests::random::Random;
 use rt_firmware::black_box::{Event, RECORD_BYTES, Record};
 use rt_firmware::kept::{Ending, Kept};
-use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason};
+use rt_firmware::link::frame::{MAX_FRAME_BYTES, encode};
+use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason, Swap, ToDevice};
 
 use super::counting;
 use super::keeping::with_kept;
+use super::mission::hash;
 use super::robot::{Answer, Bench, with_robot};
 
 /// A robot that counts, and has done so for a while.
@@ -245,4 +248,97 @@ fn a_button_that_was_pressed_for_a_moment_latches_and_one_that_is_pressed_is_not
         robot.run_us(20_000);
         assert_ne!(robot.world.said(), [""; 0]);
     });
+}
+
+/// What anybody may send to a robot without a key, and what does nothing to a robot that has one.
+fn of_others(mission: u32) -> Vec<Request<'static>> {
+    vec![
+        Request::Abort,
+        Request::Status,
+        Request::Clock,
+        Request::Features,
+        Request::LastWords,
+        Request::Start,
+        Request::Release,
+        Request::States { first: 0 },
+        Request::ReadBlob { offset: 0 },
+        Request::Confirm { mission },
+        Request::FallBack { mission },
+        Request::Begin { len: 9, crc: 9 },
+        Request::Chunk {
+            offset: 0,
+            data: &[6; 9],
+        },
+        Request::Commit(Swap::default()),
+        Request::Watch {
+            news: false,
+            period_ms: 0,
+        },
+        Request::Values { ask: &[] },
+        Request::Within {
+            by_us: 20_000_000,
+            request: &[6],
+        },
+        Request::Stop,
+        Request::EmergencyStop,
+    ]
+}
+
+/// Sends frames of others, and lets the robot run between them.
+fn disturb(robot: &mut Bench<'_, '_, '_>, random: &mut Random, mission: u32, most: usize) {
+    let others = of_others(mission);
+    for _ in 0..random.below(most) {
+        // Mostly under the number of the stop.
+        let seq = random.between(1, 3) as u8;
+        let frame = framed(seq, others[random.below(others.len())]);
+        robot.wire.to_robot.extend(frame);
+        robot.run_us(4_000 * random.below(3) as u64);
+    }
+}
+
+#[test]
+fn no_frames_of_others_make_the_answer_to_a_stop_false() {
+    let mut random = Random::new(16);
+    for case in 0..400 {
+        with_robot(|robot| {
+            let blob = counting(1_000_000).blob();
+            robot.start(&blob);
+            robot.run_us(30_000);
+            let mission = hash(&blob);
+            disturb(robot, &mut random, mission, 8);
+            let (number, stop) = match case % 2 {
+                0 => (2, Request::Stop),
+                _ => (2, Request::EmergencyStop),
+            };
+            robot.kinds.clear();
+            let off_before = robot.board.motors_off;
+            robot.wire.to_robot.extend(framed(number, stop));
+            disturb(robot, &mut random, mission, 4);
+            // Another stop of the same kind under the same number is one, too.
+            let answer = (number, stop.kind());
+            for turn in 1..100 {
+                robot.exchange();
+                if robot.kinds.contains(&answer) {
+                    break;
+                }
+                robot.run_us(1_000);
+                if turn % 40 == 0 {
+                    // Another stop behind it took its place: who hears nothing sends it again.
+                    robot.wire.to_robot.extend(framed(number, stop));
+                }
+            }
+            assert!(robot.kinds.contains(&answer), "case {case}: no answer");
+            robot.run_us(0);
+            assert!(
+                robot.board.motors_off > off_before,
+                "case {case}: it was answered, and not done"
+            );
+        });
+    }
+}
+
+fn framed(seq: u8, request: Request<'_>) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = encode(&ToDevice { seq, request }, &mut frame).expect("it fits");
+    frame[..length].to_vec()
 }

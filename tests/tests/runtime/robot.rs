@@ -459,6 +459,8 @@ pub struct Bench<'q, 'm, 'w> {
     pub owner: Option<Owner>,
     /// The request of each number of a message, in the session that it went in.
     proven: Vec<(u8, Owner)>,
+    /// Numbers of messages that were answered without a proof, and the kinds of their requests.
+    pub kinds: Vec<(u8, u8)>,
     /// Trace records so far, as text.
     pub trace: Vec<String>,
     /// Log bytes so far.
@@ -532,6 +534,7 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
         seq: 0,
         owner: None,
         proven: vec![],
+        kinds: vec![],
         trace: vec![],
         log: vec![],
         news: vec![],
@@ -683,7 +686,8 @@ impl Bench<'_, '_, '_> {
                         ));
                     }
                 }
-                FromDevice::Reply { seq, result, .. } => {
+                FromDevice::Reply { seq, result, of } => {
+                    self.kinds.push((seq, of));
                     answers.push((seq, result.map(Answer::of)));
                 }
                 FromDevice::Proven {
