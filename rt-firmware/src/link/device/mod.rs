@@ -185,7 +185,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     /// Requests of the host's that were counted.
-    #[cfg(test)]
+    #[cfg(all(test, feature = "keys"))]
     pub(crate) fn requests_heard(&self) -> u32 {
         self.desk.signs.requests.load(Ordering::Relaxed)
     }
