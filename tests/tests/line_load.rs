@@ -4,7 +4,7 @@
 //! The link goes by the plant's exchange, at the rate of a line of 115,200 baud in the robot's own time. So a run repeats to the byte, and takes as long as this machine needs for it.
 //!
 //! `ESM_LOAD_SECONDS` says how long each kind of request floods the robot, in its own time, `ESM_LOAD_ALL=1` that each
-//! kind does, and `ESM_LOAD_STOPS` how many stops are tried. The campaign: `ESM_LOAD_ALL=1 ESM_LOAD_SECONDS=600 ESM_LOAD_STOPS=500 cargo test -p esm-tests --test line_load -- --nocapture`.
+//! kind does, and `ESM_LOAD_STOPS` how many stops are tried. `cargo xtask campaign stops` and `load` do it at full length.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

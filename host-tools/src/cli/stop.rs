@@ -9,6 +9,7 @@ use rt_firmware::link::message::Mode;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
+use crate::link_client::ClientError;
 
 /// Stops a robot: motors off, and off they stay until `esm start`
 ///
@@ -35,11 +36,20 @@ pub struct StopArgs {
 /// What kept it from ending well.
 pub fn execute(args: &StopArgs, console: &mut Console) -> Result<(), CommandError> {
     let mut robot = args.robot.connect_to_stop(args.emergency, console)?;
-    if args.emergency {
-        robot.emergency_stop()?;
+    let taken = if args.emergency {
+        robot.emergency_stop()
     } else {
-        robot.stop()?;
+        robot.stop()
+    };
+    if matches!(
+        taken,
+        Err(ClientError::OtherKey { .. } | ClientError::NotLocked | ClientError::Key(_))
+    ) {
+        console.note(
+            "a stop was sent, but that the robot stands is not proven with the key that was named: look at the robot",
+        );
     }
+    taken?;
     // What it answered is one thing, how it is another: somebody else may have started it again.
     let told = match (robot.status()?.mode, args.emergency) {
         (Mode::EmergencyStopped, _) => {

@@ -109,7 +109,7 @@ fn an_answer_that_was_begun_is_sent_to_its_end_before_the_next() {
         let start = robot.frame(Request::Start);
         robot.wire.to_robot.extend(chunk);
         robot.wire.to_robot.extend(start);
-        // The wire takes some bytes of the first answer when the second is there.
+        // The wire takes some bytes of the first answer when the second request is there.
         robot.wire.room = Some(0);
         assert_eq!(robot.exchange(), []);
         robot.wire.room = Some(3);
@@ -120,7 +120,13 @@ fn an_answer_that_was_begun_is_sent_to_its_end_before_the_next() {
             (of_chunk, Ok(Answer::Received(50))),
             (robot.last_number(), Ok(Answer::Done)),
         ];
-        assert_eq!(robot.exchange(), expected);
+        // The second is carried out when the first is sent.
+        let mut answers = robot.exchange();
+        robot.wire.room = Some(0);
+        robot.run_us(10_000);
+        robot.wire.room = None;
+        answers.extend(robot.exchange());
+        assert_eq!(answers, expected);
     });
 }
 
@@ -241,5 +247,33 @@ fn news_tell_what_changes_and_how_it_is_each_period() {
         robot.ask(Request::Hello).unwrap();
         robot.run_us(500_000);
         assert_eq!(robot.news, []);
+    });
+}
+
+#[test]
+fn an_answer_of_the_real_time_side_gives_way_to_no_chunk() {
+    with_robot(|robot| {
+        let blob = listening(1, false);
+        robot.start(&blob);
+        let (len, crc) = (300, 5);
+        robot.ask(Request::Begin { len, crc }).unwrap();
+        let data = &[0x5a; 50][..];
+        robot.ask(Request::Chunk { offset: 0, data }).unwrap();
+        // Its answer is there, and the wire takes nothing of it, when the chunk comes.
+        let start = robot.frame(Request::Start);
+        let of_start = robot.last_number();
+        robot.wire.to_robot.extend(start);
+        robot.exchange();
+        robot.wire.room = Some(0);
+        robot.run_us(10_000);
+        let chunk = robot.frame(Request::Chunk { offset: 50, data });
+        robot.wire.to_robot.extend(chunk);
+        robot.exchange();
+        robot.wire.room = None;
+        let expected = [
+            (of_start, Ok(Answer::Done)),
+            (robot.last_number(), Ok(Answer::Received(100))),
+        ];
+        assert_eq!(robot.exchange(), expected);
     });
 }

@@ -200,6 +200,7 @@ impl Conversation {
             return false;
         }
         core::mem::swap(&mut self.answered, &mut self.asked);
+        self.acknowledges = false;
         self.asked.set(&[]);
         true
     }
