@@ -535,7 +535,8 @@ struct OwnersEnd<'l, 'q, 'm>(&'l mut Line<'q, 'm>);
 impl ByteLink for OwnersEnd<'_, '_, '_> {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let Self(line) = self;
-        let until_us = line.now_us() + timeout.as_micros() as u64;
+        // Rounded up: with a part of a microsecond left, time goes on, too.
+        let until_us = line.now_us() + timeout.as_nanos().div_ceil(1_000) as u64;
         loop {
             line.run();
             if !line.to_owner.is_empty() || line.now_us() >= until_us {
