@@ -11,7 +11,8 @@ use crate::task::{
     Step, Task,
 };
 
-/// Steps one task by hand. Every data port has a net of its own; inputs stay until another value is given.
+/// Steps one task by hand. Every data port has a net of its own. Inputs stay, and stay fresh, until another value is given or they
+/// are taken away.
 ///
 /// The task's storage is leaked, which tests can afford.
 ///
@@ -110,6 +111,12 @@ impl<'a> TaskBench<'a> {
             value,
             Box::leak(Box::new(Buffered::<V>::EMPTY)),
         );
+        self
+    }
+
+    /// Takes the value off an input's net: there is none, or none that is fresh enough.
+    pub fn take_away<V: PortType>(&mut self, port: impl InputPort<V>) -> &mut Self {
+        self.executor.empty(port.index());
         self
     }
 

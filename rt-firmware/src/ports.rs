@@ -29,7 +29,7 @@ use crate::link::message::SafeReason;
 use crate::show::Show;
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
-    OutFlag, Param, ParamType, PortType, Step, Task, same_text,
+    OutFlag, Param, ParamType, PortDeclaration, PortType, Step, Task, same_text,
 };
 
 /// Buffers of one output port.
@@ -375,12 +375,18 @@ pub struct Io<'a> {
 struct IoState {
     /// The value of each data port: to read for `in`, to write for `out` and `inout`.
     values: [Option<ErasedBuffer>; MAX_DATA_PORTS],
+    /// The time of each `inout` port's value, which it keeps when it is published again.
+    times_us: [u64; MAX_DATA_PORTS],
+    /// Nominal start of the activation on the robot's clock.
+    robot_us: u64,
     /// Data ports of the task. No later one has a value.
     ports: u8,
     /// Parameters of the task. All later ones are 0.
     params: u8,
     /// Bit n: data port n may be written.
     writable: u8,
+    /// Bit n: data port n is an `inout` port.
+    keeps_time: u8,
     /// Bit n: data port n was written.
     written: u8,
     inputs: Inputs,
@@ -392,9 +398,12 @@ struct IoState {
 impl IoState {
     const EMPTY: IoState = IoState {
         values: [None; MAX_DATA_PORTS],
+        times_us: [0; MAX_DATA_PORTS],
+        robot_us: 0,
         ports: 0,
         params: 0,
         writable: 0,
+        keeps_time: 0,
         written: 0,
         inputs: Inputs {
             flags: 0,
@@ -416,7 +425,7 @@ impl IoState {
     /// Makes it that of another execution, by a task of this declaration, where it is: it is too large to be passed around in each
     /// occurrence, and to be cleared beyond what the task before has used.
     #[inline(always)]
-    fn begin(&mut self, declared: &Declaration) {
+    fn begin(&mut self, declared: &Declaration, robot_us: u64) {
         for value in self.values.iter_mut().take(usize::from(self.ports)) {
             *value = None;
         }
@@ -425,7 +434,9 @@ impl IoState {
         }
         self.ports = declared.ports.len().min(MAX_DATA_PORTS) as u8;
         self.params = declared.params.len().min(MAX_PARAMS) as u8;
+        self.robot_us = robot_us;
         self.writable = 0;
+        self.keeps_time = 0;
         self.written = 0;
         self.inputs.flags = 0;
         self.inputs.now_us = 0;
@@ -502,7 +513,7 @@ impl<'a> Io<'a> {
         value
     }
 
-    /// The value on an optional input, if its net holds one.
+    /// The value on an optional input, if its net holds one that is fresh enough.
     pub fn try_read<V: PortType>(&self, port: OptIn<V>) -> Option<&'a V> {
         self.readable(port.index)
     }
@@ -524,7 +535,7 @@ impl<'a> Io<'a> {
         value
     }
 
-    /// The value on an optional `inout` port, if its net holds one.
+    /// The value on an optional `inout` port, if its net holds one that is fresh enough.
     pub fn try_update<V: PortType>(&mut self, port: OptInOut<V>) -> Option<&mut V> {
         self.writable(port.index)
     }
@@ -741,13 +752,27 @@ impl<'m> Registry<'m> {
 #[derive(Clone, Copy)]
 pub struct Net {
     value: Option<ErasedBuffer>,
+    /// The value's time on the robot's clock.
+    value_us: u64,
 }
 
 impl Net {
     /// A net without a value.
-    pub const EMPTY: Net = Net { value: None };
+    pub const EMPTY: Net = Net {
+        value: None,
+        value_us: 0,
+    };
 
-    fn publish(&mut self, value: Option<ErasedBuffer>) {
+    /// The value, if it is not older than a port wants it at this time on the robot's clock.
+    fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<ErasedBuffer> {
+        let is_stale = port
+            .within_us
+            .is_some_and(|most_us| robot_us.saturating_sub(self.value_us) > u64::from(most_us));
+        self.value.filter(|_| !is_stale)
+    }
+
+    fn publish(&mut self, value: Option<ErasedBuffer>, value_us: u64) {
+        self.value_us = value_us;
         // Most tasks write over the value that they published before.
         if let (Some(new), Some(old)) = (value, self.value)
             && new.head == old.head
@@ -909,9 +934,10 @@ impl<'m> Executor<'m> {
 
     /// The value that was on a net of the mission before is on this one, unless another is already.
     pub fn carry_net(&mut self, net: usize, before: usize) {
-        let value = self.nets_before.get(before).and_then(|net| net.value);
-        if let Some(net) = self.nets.get_mut(net).filter(|net| net.value.is_none()) {
-            net.publish(value);
+        if let Some(before) = self.nets_before.get(before)
+            && let Some(net) = self.nets.get_mut(net).filter(|net| net.value.is_none())
+        {
+            net.publish(before.value, before.value_us);
         }
     }
 
@@ -923,7 +949,7 @@ impl<'m> Executor<'m> {
             &mut self.nets
         };
         for net in before.iter_mut() {
-            net.publish(None);
+            net.publish(None, 0);
         }
         self.lent_is_stale = self.lent.is_some();
         for task in left_behind.filter(|task| self.lent != Some(*task)) {
@@ -935,7 +961,8 @@ impl<'m> Executor<'m> {
     }
 
     /// Executes a task once and publishes what it wrote. `net_of` tells the net of each data port. `enter` says whether an activation
-    /// begins. `None`, and nothing is done, if a required input has no value or the task is lent.
+    /// begins. The mission's time is the robot's, too. `None`, and nothing is done, if a required input has no fresh value or the
+    /// task is lent.
     pub fn execute(
         &mut self,
         task: TaskPlace,
@@ -943,7 +970,9 @@ impl<'m> Executor<'m> {
         inputs: &Inputs,
         enter: bool,
     ) -> Option<Outcome> {
-        if !self.make_ready(task, &net_of, enter, |place, _| *place = *inputs) {
+        if !self.make_ready(task, &net_of, enter, inputs.now_us, |place, _| {
+            *place = *inputs;
+        }) {
             return None;
         }
         let step = self.execute_ready()?;
@@ -956,7 +985,8 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Does all of [`execute`](Self::execute) that can be done before; `find_inputs` fills what enters beside the values on nets, all of which is 0 before.
+    /// Does all of [`execute`](Self::execute) that can be done before. The activation's nominal start is `robot_us` on the
+    /// robot's clock. `find_inputs` fills what enters beside the values on nets, all of which is 0 before.
     /// False, and nothing is ready, if the task cannot be executed. Anything else that is done with this executor before
     /// [`execute_ready`](Self::execute_ready) takes the readiness away.
     pub fn make_ready(
@@ -964,6 +994,7 @@ impl<'m> Executor<'m> {
         task: TaskPlace,
         net_of: impl Fn(usize) -> Option<usize>,
         enter: bool,
+        robot_us: u64,
         find_inputs: impl FnOnce(&mut Inputs, &Declaration),
     ) -> bool {
         self.ready = None;
@@ -978,7 +1009,7 @@ impl<'m> Executor<'m> {
         }
         let declared = bank.declaration();
         let state = &mut self.prepared;
-        state.begin(declared);
+        state.begin(declared, robot_us);
         if connect(self.nets, bank, declared, task, net_of, true, state).is_none() {
             return false;
         }
@@ -1010,7 +1041,7 @@ impl<'m> Executor<'m> {
     /// Publishes what the task wrote that was executed last, and tells what else it said.
     pub fn end_ready(&mut self, net_of: impl Fn(usize) -> Option<usize>) -> Option<Said> {
         self.ready.take()?;
-        publish(self.nets, &self.prepared, net_of);
+        publish(self.nets, &self.prepared, self.prepared.robot_us, net_of);
         Some(Said {
             flags: self.prepared.flags,
             allowed_overruns: self.prepared.allowed_overruns,
@@ -1018,12 +1049,14 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Lends a task for one run in slot 0, with the values that are on its inputs now. `None`, and nothing is done, if a required input has
-    /// no value or a task is lent already.
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is that at `step_us` on the
+    /// robot's clock, the last macro step. `None`, and nothing is done, if a required input has no fresh value or a task is lent
+    /// already.
     pub fn lend(
         &mut self,
         task: TaskPlace,
         net_of: impl Fn(usize) -> Option<usize>,
+        step_us: u64,
         find_inputs: impl FnOnce(&mut Inputs, &Declaration),
     ) -> Option<Job<'m>> {
         self.ready = None;
@@ -1033,7 +1066,7 @@ impl<'m> Executor<'m> {
         let bank = self.registry.bank(usize::from(task.bank))?;
         let declared = bank.declaration();
         let mut state = IoState::EMPTY;
-        state.begin(declared);
+        state.begin(declared, step_us);
         connect(self.nets, bank, declared, task, net_of, false, &mut state)?;
         find_inputs(&mut state.inputs, declared);
         for (index, value) in state.values.iter().enumerate() {
@@ -1054,8 +1087,14 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Takes a job back and publishes what its run wrote. `net_of` is asked only if the job's mission still runs.
-    pub fn harvest(&mut self, job: Job<'m>, net_of: impl Fn(usize) -> Option<usize>) -> Harvest {
+    /// Takes a job back and publishes what its run wrote. The time of that is `step_us` on the robot's clock, the macro step that
+    /// notes the run's end. `net_of` is asked only if the job's mission still runs.
+    pub fn harvest(
+        &mut self,
+        job: Job<'m>,
+        step_us: u64,
+        net_of: impl Fn(usize) -> Option<usize>,
+    ) -> Harvest {
         self.ready = None;
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not empty: its address is nobody else's.
         let own = core::ptr::eq(self.registry.banks, job.registry.banks);
@@ -1077,7 +1116,7 @@ impl<'m> Executor<'m> {
             }
             return Harvest::Stale;
         }
-        publish(self.nets, &job.state, net_of);
+        publish(self.nets, &job.state, step_us, net_of);
         Harvest::Ended(Outcome {
             step: job.step,
             flags: job.state.flags,
@@ -1086,7 +1125,8 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Publishes a value from outside on a net: how a [`TaskBench`](crate::TaskBench) gives inputs.
+    /// Publishes a value from outside on a net, which is as fresh as anyone wants it: how a [`TaskBench`](crate::TaskBench) gives
+    /// inputs.
     #[cfg(any(test, feature = "std"))]
     pub(crate) fn inject<V: PortType>(
         &mut self,
@@ -1099,7 +1139,16 @@ impl<'m> Executor<'m> {
         *buffer.value.get_mut() = value;
         let storage: &'m Buffered<V> = storage;
         if let Some(net) = self.nets.get_mut(net) {
-            net.publish(storage.buffer(0));
+            net.publish(storage.buffer(0), u64::MAX);
+        }
+    }
+
+    /// Takes the value off a net.
+    #[cfg(any(test, feature = "std"))]
+    pub(crate) fn empty(&mut self, net: usize) {
+        self.ready = None;
+        if let Some(net) = self.nets.get_mut(net) {
+            net.publish(None, 0);
         }
     }
 
@@ -1141,7 +1190,7 @@ impl<'m> Executor<'m> {
     }
 }
 
-/// Finds the buffer of each data port. `None` if a required input has no value.
+/// Finds the buffer of each data port. `None` if a required input has no fresh value.
 fn connect(
     nets: &[Net],
     bank: &dyn TaskBank,
@@ -1152,10 +1201,13 @@ fn connect(
     state: &mut IoState,
 ) -> Option<()> {
     let ports = declared.ports;
-    let on_net = |index: usize| net_of(index).and_then(|net| nets.get(net)?.value);
+    let net_of = |index: usize| net_of(index).and_then(|net| nets.get(net));
+    let on_net = |index: usize| net_of(index).and_then(|net| net.value);
+    let robot_us = state.robot_us;
+    let fresh = |index: usize, port| net_of(index).and_then(|net| net.fresh(port, robot_us));
     for (index, (port, value)) in ports.iter().zip(&mut state.values).enumerate() {
         if port.direction == Direction::In {
-            *value = on_net(index);
+            *value = fresh(index, port);
             if value.is_none() && !port.optional {
                 return None;
             }
@@ -1167,7 +1219,15 @@ fn connect(
         }
         state.writable |= bit8(index);
         let buffers = bank.output(usize::from(task.place), index)?;
-        let current = on_net(index);
+        let current = if port.direction == Direction::InOut {
+            state.keeps_time |= bit8(index);
+            if let (Some(time_us), Some(net)) = (state.times_us.get_mut(index), net_of(index)) {
+                *time_us = net.value_us;
+            }
+            fresh(index, port)
+        } else {
+            on_net(index)
+        };
         let unread = current.filter(|current| {
             let mut others = ports.iter().zip(&state.values).enumerate().filter_map(
                 |(other, (declared, value))| match (declared.direction, port.direction) {
@@ -1209,14 +1269,24 @@ fn connect(
     Some(())
 }
 
-/// Publishes what an execution wrote.
-fn publish(nets: &mut [Net], state: &IoState, net_of: impl Fn(usize) -> Option<usize>) {
+/// Publishes what an execution wrote, with this time on the robot's clock; what was changed keeps its own.
+fn publish(
+    nets: &mut [Net],
+    state: &IoState,
+    robot_us: u64,
+    net_of: impl Fn(usize) -> Option<usize>,
+) {
     let mut written = state.written;
     while written != 0 {
         let index = written.trailing_zeros() as usize;
         written &= written - 1;
         if let Some(net) = net_of(index).and_then(|net| nets.get_mut(net)) {
-            net.publish(state.values.get(index).copied().flatten());
+            let value_us = if state.keeps_time & bit8(index) != 0 {
+                state.times_us.get(index).copied().unwrap_or(robot_us)
+            } else {
+                robot_us
+            };
+            net.publish(state.values.get(index).copied().flatten(), value_us);
         }
     }
 }
@@ -1398,7 +1468,7 @@ mod tests {
         with_robot(|executor| {
             assert!(!step(executor, READER, reader_net));
             assert!(!step(executor, ADDER, adder_net));
-            assert!(executor.lend(READER, reader_net, |_, _| ()).is_none());
+            assert!(executor.lend(READER, reader_net, 0, |_, _| ()).is_none());
             assert!(step(executor, SOURCE, source_net));
             assert!(step(executor, READER, reader_net));
         });
@@ -1443,9 +1513,9 @@ mod tests {
     fn a_lent_task_reads_constant_values_while_their_writers_go_on() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
+            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
             assert!(
-                executor.lend(READER, reader_net, |_, _| ()).is_none(),
+                executor.lend(READER, reader_net, 0, |_, _| ()).is_none(),
                 "one job at a time"
             );
             assert!(
@@ -1468,7 +1538,7 @@ mod tests {
                 None,
                 "published when it comes back"
             );
-            let harvest = executor.harvest(job, reader_net);
+            let harvest = executor.harvest(job, 0, reader_net);
             assert_eq!(
                 harvest,
                 Harvest::Ended(Outcome {
@@ -1479,7 +1549,7 @@ mod tests {
                 })
             );
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
-            assert!(executor.lend(READER, reader_net, |_, _| ()).is_some());
+            assert!(executor.lend(READER, reader_net, 0, |_, _| ()).is_some());
         });
     }
 
@@ -1491,13 +1561,13 @@ mod tests {
             let first = published(executor);
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), first);
-            let job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
+            let job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
             step(executor, SOURCE, source_net);
             let second = published(executor);
             assert_ne!(second, first, "the first is being read");
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), second);
-            executor.harvest(job, reader_net);
+            executor.harvest(job, 0, reader_net);
             // Another task's value is left alone.
             step(executor, OTHER_SOURCE, source_net);
             let others = published(executor);
@@ -1535,11 +1605,145 @@ mod tests {
         }
     }
 
+    /// Wants a value that is fresh, and says what it found.
+    struct Careful;
+    task! { impl Careful { data { in count: Count within 100 us; in also: Count optional within 30 us; out sum: Count; } } }
+    impl Task for Careful {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            let also = io.try_read(Self::ALSO).map_or(1_000, |also| also.0);
+            *io.write(Self::SUM) = Count(io.read(Self::COUNT).0 + also);
+            Step::Finished
+        }
+    }
+
+    /// Changes what is fresh.
+    struct Changer;
+    task! { impl Changer { data { inout count: Count within 100 us; } } }
+    impl Task for Changer {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            io.update(Self::COUNT).0 += 100;
+            Step::Run
+        }
+    }
+
+    const CAREFUL: TaskPlace = TaskPlace { bank: 3, place: 0 };
+    const CHANGER: TaskPlace = TaskPlace { bank: 4, place: 0 };
+    fn careful_net(port: usize) -> Option<usize> {
+        [Some(NET), Some(NET), Some(SUM)][port]
+    }
+
+    fn with_careful_robot(test: impl FnOnce(&mut Executor<'_>)) {
+        let mut robot = Robot::new();
+        let [source, adder, reader] = robot.banks();
+        let mut careful = Bank::new([Careful]);
+        let mut changer = Bank::new([Changer]);
+        let mut banks: [&mut dyn TaskBank; 5] = [source, adder, reader, &mut careful, &mut changer];
+        let mut nets = nets::<2>();
+        let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
+        test(&mut executor);
+    }
+
+    fn step_at(
+        executor: &mut Executor<'_>,
+        now_us: u64,
+        task: TaskPlace,
+        net_of: fn(usize) -> Option<usize>,
+    ) -> bool {
+        let inputs = Inputs {
+            now_us,
+            ..Inputs::default()
+        };
+        executor.execute(task, net_of, &inputs, false).is_some()
+    }
+
+    #[test]
+    fn a_value_that_is_older_than_wanted_is_none() {
+        const PUBLISHED_US: u64 = u32::MAX as u64 * 3;
+        with_careful_robot(|executor| {
+            step_at(executor, PUBLISHED_US, SOURCE, source_net);
+            // Its age; whether the task is executed, and with which sum. One that comes from the future is new.
+            for (now_us, sum) in [
+                (PUBLISHED_US - 1, Some(2)),
+                (PUBLISHED_US, Some(2)),
+                (PUBLISHED_US + 30, Some(2)),
+                (PUBLISHED_US + 31, Some(1_001)),
+                (PUBLISHED_US + 100, Some(1_001)),
+                (PUBLISHED_US + 101, None),
+                (PUBLISHED_US + u64::from(u32::MAX) + 1, None),
+                (u64::MAX, None),
+            ] {
+                let is_executed = step_at(executor, now_us, CAREFUL, careful_net);
+                assert_eq!(is_executed, sum.is_some(), "{now_us}");
+                let mut job = executor.lend(CAREFUL, careful_net, now_us, |_, _| ());
+                assert_eq!(job.is_some(), sum.is_some(), "{now_us}");
+                if let Some(mut job) = job.take() {
+                    assert_eq!(job.step(), Step::Finished);
+                    executor.harvest(job, now_us, careful_net);
+                    assert_eq!(executor.value_on(SUM), sum.map(Count), "{now_us}");
+                }
+            }
+            // The other ports of the net want nothing of the kind.
+            assert!(step_at(executor, u64::MAX, READER, reader_net));
+        });
+    }
+
+    #[test]
+    fn a_value_that_is_changed_keeps_its_time() {
+        with_careful_robot(|executor| {
+            step_at(executor, 1_000, SOURCE, source_net);
+            assert!(step_at(executor, 1_060, CHANGER, source_net));
+            assert!(step_at(executor, 1_100, CHANGER, source_net));
+            assert!(!step_at(executor, 1_101, CHANGER, source_net));
+            assert!(!step_at(executor, 1_101, CAREFUL, careful_net));
+            assert_eq!(executor.value_on(NET), Some(Count(201)));
+            // Changed in a slot-0 run while it was written anew: the older value is published, with the time that it had.
+            step_at(executor, 2_000, SOURCE, source_net);
+            let mut job = executor
+                .lend(CHANGER, source_net, 2_000, |_, _| ())
+                .unwrap();
+            job.step();
+            step_at(executor, 2_090, SOURCE, source_net);
+            executor.harvest(job, 2_095, source_net);
+            assert_eq!(executor.value_on(NET), Some(Count(102)));
+            assert!(step_at(executor, 2_100, CAREFUL, careful_net));
+            assert!(!step_at(executor, 2_101, CAREFUL, careful_net));
+        });
+    }
+
+    #[test]
+    fn what_a_run_in_slot_0_writes_is_as_old_as_the_step_that_notes_its_end() {
+        with_careful_robot(|executor| {
+            step_at(executor, 1_000, SOURCE, source_net);
+            let job = executor.lend(SOURCE, source_net, 1_000, |_, _| ());
+            let mut job = job.unwrap();
+            job.step();
+            executor.harvest(job, 5_000, source_net);
+            assert!(step_at(executor, 4_980, CAREFUL, careful_net));
+            assert!(step_at(executor, 5_100, CAREFUL, careful_net));
+            assert!(!step_at(executor, 5_101, CAREFUL, careful_net));
+        });
+    }
+
+    #[test]
+    fn an_age_goes_on_over_a_warm_swap() {
+        if !WARM {
+            return;
+        }
+        with_careful_robot(|executor| {
+            step_at(executor, 1_000, SOURCE, source_net);
+            executor.begin_carry();
+            executor.carry_net(NET, NET);
+            executor.end_carry(core::iter::empty());
+            assert!(step_at(executor, 1_100, CAREFUL, careful_net));
+            assert!(!step_at(executor, 1_101, CAREFUL, careful_net));
+        });
+    }
+
     #[test]
     fn a_value_on_two_nets_stays_on_the_other() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            executor.nets[SUM].publish(executor.nets[NET].value);
+            executor.nets[SUM].publish(executor.nets[NET].value, 0);
             for expected in 2..5 {
                 assert!(step(executor, SOURCE, source_net));
                 assert_eq!(executor.value_on(NET), Some(Count(expected)));
@@ -1571,13 +1775,13 @@ mod tests {
         let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
         let (looping, reader) = (SOURCE, TaskPlace { bank: 1, place: 0 });
         assert!(step(&mut executor, looping, source_net));
-        let mut job = executor.lend(reader, reader_net, |_, _| ()).unwrap();
+        let mut job = executor.lend(reader, reader_net, 0, |_, _| ()).unwrap();
         for expected in 2..9 {
             assert!(step(&mut executor, looping, source_net));
             assert_eq!(executor.value_on(NET), Some(Count(expected)));
         }
         while job.step() == Step::Run {}
-        executor.harvest(job, reader_net);
+        executor.harvest(job, 0, reader_net);
         assert_eq!(executor.value_on(SUM), Some(Count(3)));
     }
 
@@ -1585,11 +1789,11 @@ mod tests {
     fn inout_copies_what_a_lent_task_reads() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
+            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
             assert!(step(executor, ADDER, adder_net));
             assert_eq!(executor.value_on(NET), Some(Count(101)));
             while job.step() == Step::Run {}
-            executor.harvest(job, reader_net);
+            executor.harvest(job, 0, reader_net);
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
         });
     }
@@ -1598,7 +1802,7 @@ mod tests {
     fn a_new_mission_starts_empty_and_keeps_nothing_of_a_job_that_comes_back_late() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, |_, _| ()).unwrap();
+            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
             executor.clear();
             assert_eq!(executor.value_on::<Count>(NET), None);
             for expected in 1..5 {
@@ -1611,7 +1815,7 @@ mod tests {
             }
             assert!(!step(executor, READER, reader_net), "still lent");
             while job.step() == Step::Run {}
-            assert_eq!(executor.harvest(job, reader_net), Harvest::Stale);
+            assert_eq!(executor.harvest(job, 0, reader_net), Harvest::Stale);
             assert_eq!(executor.value_on::<Count>(SUM), None);
             assert!(step(executor, READER, reader_net));
         });
@@ -1626,12 +1830,12 @@ mod tests {
         let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
             step(executor, SOURCE, source_net);
-            executor.lend(READER, reader_net, |_, _| ()).unwrap()
+            executor.lend(READER, reader_net, 0, |_, _| ()).unwrap()
         });
         let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, reader_net), Harvest::Foreign);
+        assert_eq!(first.harvest(of_second, 0, reader_net), Harvest::Foreign);
         assert!(matches!(
-            first.harvest(of_first, reader_net),
+            first.harvest(of_first, 0, reader_net),
             Harvest::Ended(_)
         ));
     }
@@ -1653,13 +1857,13 @@ mod tests {
         let (mut first, _) = assemble(&mut first, &mut first_nets).unwrap();
         let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
         let lent = [&mut first, &mut second].map(|executor| {
-            let lent = executor.lend(SOURCE, |_| None, |_, _| ());
+            let lent = executor.lend(SOURCE, |_| None, 0, |_, _| ());
             lent.unwrap()
         });
         let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, |_| None), Harvest::Foreign);
+        assert_eq!(first.harvest(of_second, 0, |_| None), Harvest::Foreign);
         assert!(matches!(
-            first.harvest(of_first, |_| None),
+            first.harvest(of_first, 0, |_| None),
             Harvest::Ended(_)
         ));
     }

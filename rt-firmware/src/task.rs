@@ -181,6 +181,8 @@ pub struct PortDeclaration {
     pub direction: Direction,
     /// Whether the task is executed although the port's net holds no value.
     pub optional: bool,
+    /// How old a value may be, in microseconds, where the task says so: what is older counts as none.
+    pub within_us: Option<u32>,
 }
 
 /// A control flag as its task declares it.
@@ -279,9 +281,12 @@ impl Declaration {
                 ":",
                 port.type_name,
                 optional,
-                ";",
             ];
             same = same && text.starts(&pieces);
+            if let Some(within_us) = port.within_us {
+                same = same && text.starts(&[" within "]) && text.starts_with_number(within_us);
+            }
+            same = same && text.starts(&[";"]);
         }
         for flag in self.flags {
             same = same && text.starts(&[flag.direction.word(), " flag ", flag.name, ";"]);
@@ -304,6 +309,21 @@ impl Unread<'_> {
             self.0 = rest.unwrap_or_default();
             rest.is_some()
         })
+    }
+
+    /// Takes this number in decimal from the start; false if the text does not start with it.
+    fn starts_with_number(&mut self, number: u32) -> bool {
+        const MAX_DIGITS: u32 = u32::MAX.ilog10() + 1;
+        (0..MAX_DIGITS)
+            .rev()
+            .map(|place| 10u32.pow(place))
+            .filter(|unit| *unit == 1 || *unit <= number)
+            .all(|unit| {
+                let digit = b'0' + (number / unit % 10) as u8;
+                let rest = self.0.strip_prefix(&[digit]);
+                self.0 = rest.unwrap_or_default();
+                rest.is_some()
+            })
     }
 }
 
@@ -500,6 +520,25 @@ pub const fn is_esm_literal(text: &str) -> bool {
     true
 }
 
+/// The longest time that a mission may state, in microseconds.
+const LONGEST_US: u64 = 4_000_000_000;
+
+/// A time in microseconds, at compile time.
+#[doc(hidden)]
+pub const fn microseconds(time: u64, unit: &str) -> u32 {
+    let unit_us = if same_text(unit, "us") {
+        1
+    } else if same_text(unit, "ms") {
+        1_000
+    } else if same_text(unit, "s") {
+        1_000_000
+    } else {
+        panic!("the units of time are us, ms and s")
+    };
+    assert!(time <= LONGEST_US / unit_us, "a time is at most 4000 s");
+    (time * unit_us) as u32
+}
+
 /// Hash of a signature, at compile time.
 #[doc(hidden)]
 pub const fn signature_hash(text: &str) -> u64 {
@@ -514,12 +553,14 @@ pub const fn signature_hash(text: &str) -> u64 {
 ///         slot 2;                             // optional: what `esm tasks` suggests
 ///         wcet 500 us;                        // optional
 ///         exclusive GROUP;                    // optional
-///         data   { in a: A; in b: B optional; out c: C; inout d: D; }
+///         data   { in a: A; in b: B optional within 100 ms; out c: C; inout d: D; }
 ///         flags  { in go; out near; }
 ///         params { speed: f32 = 0.25, 0.0..=0.5; limit: u32; }
 ///     }
 /// }
 /// ```
+///
+/// A port that is `within` a time, in `us`, `ms` or `s`, has no value where the last one is older.
 ///
 /// Sections that have nothing in them are left out. Each name becomes an associated constant in upper case (`NAME::SPEED`) of
 /// the handle type that [`Io`] asks for. The name of a port's type is its [`PortType::NAME`].
@@ -530,7 +571,7 @@ macro_rules! task {
             $(slot $slot:literal;)?
             $(wcet $wcet:literal $wcet_unit:ident;)?
             $(exclusive $group:ident;)?
-            $(data { $($direction:tt $port:ident : $port_type:ident $($optional:ident)? ;)* })?
+            $(data { $($direction:tt $port:ident : $port_type:ident $($attribute:ident $($time:literal $unit:ident)?)* ;)* })?
             $(flags { $($flag_direction:tt $flag:ident ;)* })?
             $(params { $($param:ident : $param_type:ident $(= $default:literal)? $(, $min:literal ..= $max:literal)? ;)* })?
         }
@@ -539,8 +580,8 @@ macro_rules! task {
             impl $(<$($generics)*>)? $name $(<$($argument),+>)? {
                 $($(
                     #[doc = concat!("Data port `", stringify!($port), "`.")]
-                    pub const [<$port:upper>]: $crate::__task_port!($direction $port_type $($optional)?) =
-                        <$crate::__task_port!($direction $port_type $($optional)?)>::at(
+                    pub const [<$port:upper>]: $crate::__task_port!($direction $port_type $($attribute)*) =
+                        <$crate::__task_port!($direction $port_type $($attribute)*)>::at(
                             $crate::task::place_of(Self::__PORT_NAMES, stringify!($port)),
                         );
                 )*)?
@@ -569,7 +610,7 @@ macro_rules! task {
         impl $(<$($generics)*>)? $crate::task::Declared for $name $(<$($argument),+>)? {
             const SIGNATURE: &'static str = concat!(
                 "task ", stringify!($name), "{",
-                $($(stringify!($direction), " data ", stringify!($port), ":", stringify!($port_type), $(" ", stringify!($optional),)? ";",)*)?
+                $($(stringify!($direction), " data ", stringify!($port), ":", stringify!($port_type), $(" ", stringify!($attribute), $(" ", $crate::__task_us!($time $unit),)?)* ";",)*)?
                 $($(stringify!($flag_direction), " flag ", stringify!($flag), ";",)*)?
                 $($("param ", stringify!($param), ":", stringify!($param_type), ";",)*)?
                 "}"
@@ -580,7 +621,7 @@ macro_rules! task {
                         $crate::task::same_text(<$port_type as $crate::task::PortType>::NAME, stringify!($port_type)),
                         "a port's type is written as its PortType::NAME"
                     );
-                    $($crate::__task_optional!($optional);)?
+                    $crate::__task_attributes!($direction $($attribute $($time $unit)?)*);
                 )*)?
                 $($(
                     $(assert!($crate::task::is_esm_literal(stringify!($default)), "a default is written as in a mission: 2000, not 2_000u32");)?
@@ -600,7 +641,8 @@ macro_rules! task {
                             type_name: stringify!($port_type),
                             type_id: ::core::any::TypeId::of::<$port_type>(),
                             direction: $crate::__task_direction!($direction),
-                            optional: false $(|| $crate::__task_optional!($optional))?,
+                            optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,
+                            within_us: $crate::__task_within!($($($time $unit)?)*),
                         },
                     )*)?],
                     flags: &[$($(
@@ -623,7 +665,7 @@ macro_rules! task {
                         $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
                         $(" exclusive ", stringify!($group),)?
                         " {\n",
-                        $($("    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($optional),)? ";\n",)*)?
+                        $($("    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($attribute), $(" ", stringify!($time), " ", stringify!($unit),)?)* ";\n",)*)?
                         $($("    ", stringify!($flag_direction), " flag ", stringify!($flag), ";\n",)*)?
                         $($("    param ", stringify!($param), ": ", stringify!($param_type), $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)? ";\n",)*)?
                         "}\n"
@@ -638,11 +680,11 @@ macro_rules! task {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __task_port {
-    (in $type:ident) => { $crate::task::In<$type> };
-    (in $type:ident optional) => { $crate::task::OptIn<$type> };
     (out $type:ident) => { $crate::task::Out<$type> };
-    (inout $type:ident) => { $crate::task::InOut<$type> };
-    (inout $type:ident optional) => { $crate::task::OptInOut<$type> };
+    (in $type:ident optional $(within)?) => { $crate::task::OptIn<$type> };
+    (in $type:ident $(within)?) => { $crate::task::In<$type> };
+    (inout $type:ident optional $(within)?) => { $crate::task::OptInOut<$type> };
+    (inout $type:ident $(within)?) => { $crate::task::InOut<$type> };
 }
 
 #[doc(hidden)]
@@ -691,11 +733,53 @@ macro_rules! __task_bounds {
     };
 }
 
+/// What may stand behind a data port, in this order.
 #[doc(hidden)]
 #[macro_export]
-macro_rules! __task_optional {
-    (optional) => {
-        true
+macro_rules! __task_attributes {
+    ($direction:tt) => {};
+    (in optional) => {};
+    (inout optional) => {};
+    (in $(optional)? within $time:literal $unit:ident) => {
+        assert!($time > 0, "a time is above 0");
+        assert!(
+            $crate::task::is_esm_literal(stringify!($time)),
+            "a time is written as in a mission: 2000 ms, not 2_000 ms"
+        );
+    };
+    (inout $(optional)? within $time:literal $unit:ident) => {
+        assert!($time > 0, "a time is above 0");
+        assert!(
+            $crate::task::is_esm_literal(stringify!($time)),
+            "a time is written as in a mission: 2000 ms, not 2_000 ms"
+        );
+    };
+}
+
+/// A time in microseconds, as a text.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_us {
+    ($time:literal us) => {
+        $time
+    };
+    ($time:literal ms) => {
+        concat!($time, "000")
+    };
+    ($time:literal s) => {
+        concat!($time, "000000")
+    };
+}
+
+/// The time of a port's `within`, if it has one.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_within {
+    () => {
+        None
+    };
+    ($time:literal $unit:ident) => {
+        Some($crate::task::microseconds($time, stringify!($unit)))
     };
 }
 
@@ -742,8 +826,9 @@ mod tests {
             wcet 1 ms;
             exclusive motion;
             data {
-                in scan: Scan optional;
-                inout pose: Twist;
+                in scan: Scan optional within 80 ms;
+                inout pose: Twist within 4000 s;
+                in odd: Scan within 1234567 us;
                 out cmd: Twist;
             }
             flags {
@@ -766,9 +851,11 @@ mod tests {
             (
                 *declaration_of::<Everything<u8, u8>>(),
                 Everything::<u8, u8>::SIGNATURE,
-                "task Everything{in data scan:Scan optional;inout data pose:Twist;out data cmd:Twist;in flag go;out flag near;\
+                "task Everything{in data scan:Scan optional within 80000;inout data pose:Twist within 4000000000;\
+                 in data odd:Scan within 1234567;out data cmd:Twist;in flag go;out flag near;\
                  param speed:f32;param limit:u32;}",
-                "task Everything slot 3 wcet 1 ms exclusive motion {\n    in data scan: Scan optional;\n    inout data pose: Twist;\n    \
+                "task Everything slot 3 wcet 1 ms exclusive motion {\n    in data scan: Scan optional within 80 ms;\n    \
+                 inout data pose: Twist within 4000 s;\n    in data odd: Scan within 1234567 us;\n    \
                  out data cmd: Twist;\n    in flag go;\n    out flag near;\n    param speed: f32 = 0.25 min -1.0 max 0.5;\n    \
                  param limit: u32;\n}\n",
             ),
@@ -859,7 +946,10 @@ mod tests {
     #[test]
     fn handles_know_their_places() {
         type E = Everything<u8, u8>;
-        assert_eq!((E::SCAN.index, E::POSE.index, E::CMD.index), (0, 1, 2));
+        assert_eq!(
+            (E::SCAN.index, E::POSE.index, E::ODD.index, E::CMD.index),
+            (0, 1, 2, 3)
+        );
         assert_eq!((E::GO.index, E::NEAR.index), (0, 1));
         assert_eq!((E::SPEED.index, E::LIMIT.index), (0, 1));
     }

@@ -86,6 +86,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             task,
             tables.nets_from(places.first_connection),
             enter,
+            mission.robot_us(start_us),
             |inputs, declared| {
                 inputs.now_us = mission.t_us(start_us);
                 inputs.period_us = period_us;

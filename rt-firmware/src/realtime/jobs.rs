@@ -11,6 +11,15 @@ use crate::link::message::Mode;
 use crate::link::trace::TraceRecord;
 use crate::ports::Harvest;
 
+/// Where the end of a slot-0 run becomes known.
+#[derive(Clone, Copy)]
+pub(super) struct Ending {
+    /// The occurrence that takes it back.
+    pub(super) occurrence: u64,
+    /// Nominal start of the macro step that notes it, on the robot's clock.
+    pub(super) step_us: u64,
+}
+
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last.
     #[inline(never)]
@@ -18,17 +27,17 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         if self.mode != Mode::Running {
             return;
         }
-        let begun = self
-            .mission
-            .as_ref()
-            .map_or(0, |mission| mission.occurrences);
-        let number = begun.saturating_sub(1);
-        self.take_job_back(Some(number));
+        let Some(mission) = &self.mission else {
+            return;
+        };
+        let number = mission.occurrences.saturating_sub(1);
+        let ending = mission.ending(start_us, number, false);
+        self.take_job_back(Some(ending));
         self.start_job(start_us, number);
     }
 
-    /// Takes back a slot-0 run that has ended; it becomes known in the occurrence of this number.
-    pub(super) fn take_job_back(&mut self, occurrence: Option<u64>) {
+    /// Takes back a slot-0 run that has ended; that becomes known there.
+    pub(super) fn take_job_back(&mut self, ending: Option<Ending>) {
         let Some(place) = self.from_background.dequeue() else {
             return;
         };
@@ -38,14 +47,15 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         let running = self.running.take();
         let Some(job) = job else { return };
         let Some(mission) = &mut self.mission else {
-            self.executor.harvest(job, |_| None);
+            self.executor.harvest(job, 0, |_| None);
             return;
         };
         let tables = mission.interpreter.tables();
         let index = usize::from(running.unwrap_or(u16::MAX));
+        let step_us = ending.map_or(0, |ending| ending.step_us);
         let harvest = self
             .executor
-            .harvest(job, |port| net_of(&tables, index, port));
+            .harvest(job, step_us, |port| net_of(&tables, index, port));
         let (Some(instance), Harvest::Ended(outcome)) = (running, harvest) else {
             return;
         };
@@ -65,10 +75,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.tasks.disable(instance);
             self.trace.write_next_in_full();
         }
-        if let Some(occurrence) = occurrence {
+        if let Some(ending) = ending {
             self.trace.record(TraceRecord::JobEnded {
                 task_instance: instance,
-                occurrence,
+                occurrence: ending.occurrence,
             });
         }
     }
@@ -80,6 +90,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             return;
         };
         let t_us = mission.t_us(start_us);
+        let step_us = mission.step_us;
         let params = &self.params;
         let interpreter = &mut mission.interpreter;
         let mut younger_than = None;
@@ -100,6 +111,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 self.executor.lend(
                     place,
                     tables.nets_from(places.first_connection),
+                    step_us,
                     |inputs, declared| {
                         inputs.now_us = t_us;
                         find_inputs(interpreter, params, &places, declared, inputs);

@@ -5,6 +5,7 @@
 use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter, Pairing};
 
+use super::jobs::Ending;
 use super::params::LiveParams;
 use super::upcoming::{Lists, Prepared, Resting, Room};
 use super::{RealTime, params, tasks};
@@ -26,6 +27,8 @@ pub(super) struct Mission<'m> {
     pub(super) occurrences: u64,
     /// Number of the next macro step.
     pub(super) next_step: u64,
+    /// Nominal start of the last macro step, on the robot's clock; of the first one, before that.
+    pub(super) step_us: u64,
     /// The slot that runs the interpreter.
     pub(super) interpreter_slot: usize,
 }
@@ -34,6 +37,27 @@ impl Mission<'_> {
     /// The time of the mission's tasks at a nominal start since the origin.
     pub(super) fn t_us(&self, start_us: u64) -> u64 {
         self.tasks_us + start_us.saturating_sub(self.began_us)
+    }
+
+    /// The time on the robot's clock at a nominal start since the origin.
+    pub(super) fn robot_us(&self, start_us: u64) -> u64 {
+        self.origin.us + start_us
+    }
+
+    /// Where a slot-0 run's end becomes known that is taken back in this occurrence, whose nominal start is so long after the
+    /// origin: the next macro step notes it, or that of the occurrence itself.
+    pub(super) fn ending(&self, start_us: u64, occurrence: u64, has_step: bool) -> Ending {
+        let mut step_us = self.robot_us(start_us);
+        if !has_step {
+            let period_us = interpreter_period_us(&self.interpreter.tables());
+            let since_us = u32::try_from(step_us.saturating_sub(self.step_us)).unwrap_or(u32::MAX);
+            let steps = u64::from(since_us.checked_div(period_us).unwrap_or(0)) + 1;
+            step_us = self.step_us + steps * u64::from(period_us);
+        }
+        Ending {
+            occurrence,
+            step_us,
+        }
     }
 
     /// Its origin, and the interpreter's period: what the slots of another mission go on with.
@@ -134,6 +158,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
             tasks_us,
             occurrences: 0,
             next_step: 0,
+            step_us: at.us,
             interpreter_slot,
         });
         (carried, before.map(|before| self.rest(before, old)))

@@ -49,7 +49,12 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     ) {
         let delay_ticks = u32::try_from(began_ticks - start_ticks).unwrap_or(u32::MAX);
         let Some(mission) = &self.mission else { return };
-        let start_us = mission.origin.us + occurrence.start_us;
+        let start_us = mission.robot_us(occurrence.start_us);
+        let ending = mission.ending(
+            occurrence.start_us,
+            occurrence.number,
+            occurrence.interpreter,
+        );
         let start = OccurrenceStart {
             slot: occurrence.slot,
             number: occurrence.number,
@@ -78,7 +83,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         {
             self.fail_safe(board, reason);
         }
-        self.take_job_back(Some(occurrence.number));
+        self.take_job_back(Some(ending));
         if occurrence.interpreter {
             self.send_answered();
             self.listen(start_us);
@@ -120,6 +125,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         let Some(mission) = &mut self.mission else {
             return;
         };
+        mission.step_us = robot_us;
         let mut observer = StepObserver {
             tasks: &mut self.tasks,
             trace: &mut self.trace,
