@@ -260,8 +260,56 @@ pub struct Declaration {
     pub params: &'static [ParamDeclaration],
     /// FNV-1a hash of the signature's text, [`Declared::SIGNATURE`].
     pub signature_hash: u64,
-    /// The declaration as `.esm` text, with default slot, ranges and default values.
-    pub source: &'static str,
+    /// The task never finishes.
+    pub endless: bool,
+    /// The declaration as `.esm` text, with what it is for, default slot, ranges and default values.
+    pub source: Source,
+}
+
+/// A declaration as `.esm` text, in two parts: how many of the task a firmware has room for stands between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Up to the task's last attribute.
+    pub head: &'static str,
+    /// From the opening brace on.
+    pub body: &'static str,
+}
+
+/// ` count N`, as declarations have it. Made at compile time, as no firmware formats numbers for its texts.
+#[doc(hidden)]
+#[derive(Clone, Copy)]
+pub struct CountText {
+    bytes: [u8; Self::MAX_BYTES],
+    len: usize,
+}
+
+impl CountText {
+    const WORD: &'static [u8] = b" count ";
+    /// A registry counts up to 255 tasks of a type.
+    const MAX_BYTES: usize = Self::WORD.len() + 3;
+
+    /// The text for so many.
+    pub const fn of(count: usize) -> Self {
+        let mut bytes = [0; Self::MAX_BYTES];
+        let (mut len, mut unit) = (0, 100);
+        while len < Self::WORD.len() {
+            bytes[len] = Self::WORD[len];
+            len += 1;
+        }
+        while unit > 0 {
+            if count >= unit || unit == 1 {
+                bytes[len] = b'0' + (count / unit % 10) as u8;
+                len += 1;
+            }
+            unit /= 10;
+        }
+        Self { bytes, len }
+    }
+
+    /// Its bytes.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
 }
 
 impl Declaration {
@@ -549,10 +597,12 @@ pub const fn signature_hash(text: &str) -> u64 {
 ///
 /// ```text
 /// task! {
+///     /// What it is for.                     // optional, for each port, flag and parameter, too
 ///     impl NAME {                             // or: impl[M: SetDutyCycle] NAME<M> {
 ///         slot 2;                             // optional: what `esm tasks` suggests
 ///         wcet 500 us;                        // optional
 ///         exclusive GROUP;                    // optional
+///         endless;                            // optional: it never finishes
 ///         data   { in a: A; in b: B optional within 100 ms; out c: C; inout d: D; }
 ///         flags  { in go; out near; }
 ///         params { speed: f32 = 0.25, 0.0..=0.5; limit: u32; }
@@ -562,24 +612,30 @@ pub const fn signature_hash(text: &str) -> u64 {
 ///
 /// A port that is `within` a time, in `us`, `ms` or `s`, has no value where the last one is older.
 ///
+/// What the comments with three slashes say is for those who write missions: `esm tasks` prints it. A firmware that is built without
+/// the feature `docs` has no room for it.
+///
 /// Sections that have nothing in them are left out. Each name becomes an associated constant in upper case (`NAME::SPEED`) of
 /// the handle type that [`Io`] asks for. The name of a port's type is its [`PortType::NAME`].
 #[macro_export]
 macro_rules! task {
     (
+        $(#[doc = $doc:literal])*
         impl $([$($generics:tt)*])? $name:ident $(<$($argument:tt),+ $(,)?>)? {
             $(slot $slot:literal;)?
             $(wcet $wcet:literal $wcet_unit:ident;)?
             $(exclusive $group:ident;)?
-            $(data { $($direction:tt $port:ident : $port_type:ident $($attribute:ident $($time:literal $unit:ident)?)* ;)* })?
-            $(flags { $($flag_direction:tt $flag:ident ;)* })?
-            $(params { $($param:ident : $param_type:ident $(= $default:literal)? $(, $min:literal ..= $max:literal)? ;)* })?
+            $(endless $endless:tt)?
+            $(data { $($(#[doc = $port_doc:literal])* $direction:ident $port:ident : $port_type:ident $($attribute:ident $($time:literal $unit:ident)?)* ;)* })?
+            $(flags { $($(#[doc = $flag_doc:literal])* $flag_direction:ident $flag:ident ;)* })?
+            $(params { $($(#[doc = $param_doc:literal])* $param:ident : $param_type:ident $(= $default:literal)? $(, $min:literal ..= $max:literal)? ;)* })?
         }
     ) => {
         $crate::pastey::paste! {
             impl $(<$($generics)*>)? $name $(<$($argument),+>)? {
                 $($(
                     #[doc = concat!("Data port `", stringify!($port), "`.")]
+                    $(#[doc = $port_doc])*
                     pub const [<$port:upper>]: $crate::__task_port!($direction $port_type $($attribute)*) =
                         <$crate::__task_port!($direction $port_type $($attribute)*)>::at(
                             $crate::task::place_of(Self::__PORT_NAMES, stringify!($port)),
@@ -587,6 +643,7 @@ macro_rules! task {
                 )*)?
                 $($(
                     #[doc = concat!("Control flag `", stringify!($flag), "`.")]
+                    $(#[doc = $flag_doc])*
                     pub const [<$flag:upper>]: $crate::__task_flag!($flag_direction) =
                         <$crate::__task_flag!($flag_direction)>::at(
                             $crate::task::place_of(Self::__FLAG_NAMES, stringify!($flag)),
@@ -594,6 +651,7 @@ macro_rules! task {
                 )*)?
                 $($(
                     #[doc = concat!("Parameter `", stringify!($param), "`.")]
+                    $(#[doc = $param_doc])*
                     pub const [<$param:upper>]: $crate::task::Param<$param_type> = $crate::task::Param::at(
                         $crate::task::place_of(Self::__PARAM_NAMES, stringify!($param)),
                     );
@@ -659,17 +717,24 @@ macro_rules! task {
                         },
                     )*)?],
                     signature_hash: $crate::task::signature_hash(<Self as $crate::task::Declared>::SIGNATURE),
-                    source: concat!(
-                        "task ", stringify!($name),
-                        $(" slot ", stringify!($slot),)?
-                        $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
-                        $(" exclusive ", stringify!($group),)?
-                        " {\n",
-                        $($("    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($attribute), $(" ", stringify!($time), " ", stringify!($unit),)?)* ";\n",)*)?
-                        $($("    ", stringify!($flag_direction), " flag ", stringify!($flag), ";\n",)*)?
-                        $($("    param ", stringify!($param), ": ", stringify!($param_type), $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)? ";\n",)*)?
-                        "}\n"
-                    ),
+                    endless: false $(|| $crate::__task_endless!($endless))?,
+                    source: $crate::task::Source {
+                        head: concat!(
+                            $($crate::__task_doc!("" $doc),)*
+                            "task ", stringify!($name),
+                            $(" slot ", stringify!($slot),)?
+                            $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
+                            $(" exclusive ", stringify!($group),)?
+                            $($crate::__task_endless!($endless " endless"),)?
+                        ),
+                        body: concat!(
+                            " {\n",
+                            $($($($crate::__task_doc!("    " $port_doc),)* "    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($attribute), $(" ", stringify!($time), " ", stringify!($unit),)?)* ";\n",)*)?
+                            $($($($crate::__task_doc!("    " $flag_doc),)* "    ", stringify!($flag_direction), " flag ", stringify!($flag), ";\n",)*)?
+                            $($($($crate::__task_doc!("    " $param_doc),)* "    param ", stringify!($param), ": ", stringify!($param_type), $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)? ";\n",)*)?
+                            "}\n"
+                        ),
+                    },
                 }
             };
             type Outputs = $crate::__task_outputs!([$($($direction $port_type,)*)?] $($($direction $port_type,)*)?);
@@ -730,6 +795,38 @@ macro_rules! __task_bounds {
     };
     (bool $min:literal $max:literal) => {
         Some([$min as u32, $max as u32])
+    };
+}
+
+/// What stands for `endless;`.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_endless {
+    (;) => {
+        true
+    };
+    (; $text:literal) => {
+        $text
+    };
+}
+
+/// A line that says what something is for.
+#[cfg(feature = "docs")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_doc {
+    ($indent:literal $doc:literal) => {
+        concat!($indent, "///", $doc, "\n")
+    };
+}
+
+/// No line that says what something is for.
+#[cfg(not(feature = "docs"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_doc {
+    ($indent:literal $doc:literal) => {
+        ""
     };
 }
 
@@ -821,21 +918,28 @@ mod tests {
     }
 
     task! {
+        /// Has all that a task can have.
+        ///
+        /// And "more".
         impl[A: Send, B: Send + Copy] Everything<A, B> {
             slot 3;
             wcet 1 ms;
             exclusive motion;
+            endless;
             data {
+                /// What it sees.
                 in scan: Scan optional within 80 ms;
                 inout pose: Twist within 4000 s;
                 in odd: Scan within 1234567 us;
                 out cmd: Twist;
             }
             flags {
+                /// Go!
                 in go;
                 out near;
             }
             params {
+                /// In metres per second.
                 speed: f32 = 0.25, -1.0..=0.5;
                 limit: u32;
             }
@@ -854,9 +958,11 @@ mod tests {
                 "task Everything{in data scan:Scan optional within 80000;inout data pose:Twist within 4000000000;\
                  in data odd:Scan within 1234567;out data cmd:Twist;in flag go;out flag near;\
                  param speed:f32;param limit:u32;}",
-                "task Everything slot 3 wcet 1 ms exclusive motion {\n    in data scan: Scan optional within 80 ms;\n    \
-                 inout data pose: Twist within 4000 s;\n    in data odd: Scan within 1234567 us;\n    \
-                 out data cmd: Twist;\n    in flag go;\n    out flag near;\n    param speed: f32 = 0.25 min -1.0 max 0.5;\n    \
+                "/// Has all that a task can have.\n///\n/// And \"more\".\n\
+                 task Everything slot 3 wcet 1 ms exclusive motion endless {\n    /// What it sees.\n    \
+                 in data scan: Scan optional within 80 ms;\n    inout data pose: Twist within 4000 s;\n    \
+                 in data odd: Scan within 1234567 us;\n    out data cmd: Twist;\n    /// Go!\n    in flag go;\n    \
+                 out flag near;\n    /// In metres per second.\n    param speed: f32 = 0.25 min -1.0 max 0.5;\n    \
                  param limit: u32;\n}\n",
             ),
             (
@@ -878,7 +984,26 @@ mod tests {
             }
             assert!(!declaration.has_signature(std::format!("{text};").as_bytes()));
             assert_eq!(declaration.signature_hash, signature_hash(signature));
-            assert_eq!(declaration.source, source);
+            let Source { head, body } = declaration.source;
+            let source = match cfg!(feature = "docs") {
+                true => source.to_owned(),
+                false => (source.split_inclusive('\n'))
+                    .filter(|line| !line.trim_start().starts_with("///"))
+                    .collect(),
+            };
+            assert_eq!([head, body].concat(), source);
+        }
+    }
+
+    #[test]
+    fn the_number_of_tasks_is_written_in_decimal() {
+        for (count, text) in [
+            (0, " count 0"),
+            (7, " count 7"),
+            (40, " count 40"),
+            (255, " count 255"),
+        ] {
+            assert_eq!(CountText::of(count).as_bytes(), text.as_bytes());
         }
     }
 

@@ -280,13 +280,16 @@ mod tests {
     use crate::body::PinImage;
     use crate::{assemble, nets};
 
-    fn with_declarations<R>(look: impl FnOnce(Vec<&'static crate::Declaration>) -> R) -> R {
+    fn declarations() -> Vec<String> {
         let pins = PinImage::new();
         let mut rover = PinRover::new(RoverParts::from(pins.parts()));
         let mut banks = rover.banks();
         let mut nets = nets::<4>();
         let (_, registry) = assemble(&mut banks, &mut nets).unwrap();
-        look(registry.declarations().collect())
+        let sources = (0..registry.len()).map(|index| registry.source(index).unwrap().concat());
+        sources
+            .map(|source| String::from_utf8(source).unwrap())
+            .collect()
     }
 
     /// The missions build on this file; it is right as long as it says what the firmware says.
@@ -296,10 +299,7 @@ mod tests {
         let file = fs::read_to_string(path).unwrap();
         let comment = file.lines().take_while(|line| line.starts_with("//"));
         let comment_bytes: usize = comment.map(|line| line.len() + 1).sum();
-        let declared = with_declarations(|declarations| {
-            let sources: Vec<&str> = declarations.iter().map(|task| task.source).collect();
-            sources.join("\n")
-        });
+        let declared = declarations().join("\n");
         let written: String = file.chars().skip(comment_bytes).collect();
         assert_eq!(
             written.trim_start(),

@@ -140,20 +140,26 @@ impl Desk<'_, '_> {
     }
 
     pub(super) fn task_text(&self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
-        let declaration = self
+        let source = self
             .registry
-            .declaration(usize::from(index))
+            .source(usize::from(index))
             .ok_or(LinkError::NoSuchIndex)?;
-        Ok(task_text(declaration.source, usize::from(offset)))
+        Ok(text_part(&source, usize::from(offset)))
     }
 }
 
-/// A part of a text, from this byte on.
-pub(super) fn task_text<'a>(text: &'static str, offset: usize) -> Response<'a> {
-    let text = text.as_bytes();
-    let rest = text.get(offset..).unwrap_or_default();
+/// A part of a text that stands in several places, from this byte on: of one of them at most.
+pub(super) fn text_part<'a>(places: &[&'static [u8]], offset: usize) -> Response<'a> {
+    let total: usize = places.iter().map(|place| place.len()).sum();
+    let mut rest = offset;
+    let text = places.iter().find_map(|place| {
+        let part = place.get(rest..).filter(|part| !part.is_empty());
+        rest = rest.saturating_sub(place.len());
+        part
+    });
+    let text = text.unwrap_or_default();
     Response::TaskText {
-        total: text.len() as u16,
-        text: rest.get(..MAX_PART).unwrap_or(rest),
+        total: total as u16,
+        text: text.get(..MAX_PART).unwrap_or(text),
     }
 }

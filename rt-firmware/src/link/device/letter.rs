@@ -2,7 +2,7 @@
 //!
 //! *Invariant:* there is one letter. While it is away, who would need it is told [`Busy`](LinkError::Busy).
 
-use super::answers::task_text;
+use super::answers::text_part;
 use super::conversation::Sender;
 use super::desk::{Desk, Reaction, Ticket};
 use crate::link::message::{LinkError, Response};
@@ -110,7 +110,7 @@ pub(super) fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, Link
             of_mission: *of_mission,
             saved: *saved,
         }),
-        Letter::Fields { text, offset } => Ok(task_text(text, usize::from(*offset))),
+        Letter::Fields { text, offset } => Ok(text_part(&[text.as_bytes()], usize::from(*offset))),
         Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
         Letter::Done
