@@ -20,11 +20,13 @@ use host_tools::link_client::{ClientError, LinkClient, Streams};
 use host_tools::lockstep::line;
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::parameters::Value;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::qemu::{Emulator, Idle};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
+use host_tools::values::{Catalogue, Subscription, Told};
 use host_tools::world::World;
 use rt_firmware::body::Request as BodyRequest;
 use rt_firmware::link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
@@ -108,6 +110,17 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
             },
         ),
     ]
+}
+
+/// Each of these, and all of them mixed.
+fn floods() -> Vec<(&'static str, Flood)> {
+    let singly = requests();
+    let singly = singly.into_iter();
+    let singly = singly.map(|(name, request)| (name, Flood::One(request)));
+    [("mixed", Flood::Mixed(Random::new(3)))]
+        .into_iter()
+        .chain(singly)
+        .collect()
 }
 
 /// What costs the robot most.
@@ -225,12 +238,16 @@ struct Robot {
 }
 
 fn robot() -> Robot {
-    robot_by(LinkWay::Exchange, Pace::new(false))
+    patrol_by(LinkWay::Exchange, Pace::new(false))
 }
 
-fn robot_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
+fn patrol_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
+    robot_by("rover", &blob("missions/patrol.esm"), way, pace)
+}
+
+fn robot_by(name: &str, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot {
     let board = Board::Emulated {
-        firmware: firmware("rover"),
+        firmware: firmware(name),
     };
     let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
@@ -241,9 +258,7 @@ fn robot_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
-    client
-        .upload(&blob("missions/patrol.esm"), &mut |_| ())
-        .unwrap();
+    client.upload(mission, &mut |_| ()).unwrap();
     Robot {
         _board: board,
         plant,
@@ -274,6 +289,30 @@ impl Robot {
         self.line.set(Flood::Nothing);
     }
 
+    /// Pieces of work that slot 0 has done.
+    fn work_done(&self) -> u32 {
+        let mut client = self.client();
+        let mission = client.status().unwrap().mission.unwrap();
+        let blob = client.running_blob().unwrap();
+        let blob = esm_core::verify(blob).unwrap_or_else(|(_, refusal)| panic!("{refusal:?}"));
+        let catalogue = Catalogue::read(&mut client, &blob).unwrap();
+        let done = catalogue.find("meter/Says.done").unwrap().clone();
+        let subscription =
+            Subscription::begin(&mut client, mission, vec![done], Duration::ZERO).unwrap();
+        loop {
+            client.attend(Duration::from_millis(20)).unwrap();
+            for event in client.take_events() {
+                if let Some(Told::Sample(reading)) = subscription.read(&event)
+                    && let [Some(values)] = reading.values.as_slice()
+                    && let [Value::U32(done)] = values.as_slice()
+                {
+                    client.end_values().unwrap();
+                    return *done;
+                }
+            }
+        }
+    }
+
     /// It drives as if nothing had been.
     fn assert_drives(&self, what: &str, mission: Option<u32>) -> Status {
         let status = self.client().status().unwrap();
@@ -291,7 +330,7 @@ fn polling_without_a_pause_neither_resets_the_robot_nor_costs_it_a_slot() {
     const POLLED: Duration = Duration::from_secs(14);
     const OUTSTANDING: usize = 8;
     // Over the UART, which has answers taken as fast as they come.
-    let robot = robot_by(LinkWay::Uart, Pace::new(true));
+    let robot = patrol_by(LinkWay::Uart, Pace::new(true));
     let before = robot.client().status().unwrap();
     let mut line = robot.line.line.lock().unwrap();
     let (mut answers, mut sent) = (0, 0);
@@ -331,6 +370,40 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
     crowded_uploads(&robot, Some(MOST_TIMES));
 }
 
+/// Drives, and works in slot 0 without an end.
+const WORKING: &str = "interpreter slot 1;
+slot 1 period 20 ms duration 2 ms;
+slot 2 period 20 ms duration 4 ms;
+slot 3 period 40 ms duration 2 ms;
+task Work slot 0 {}
+task WorkMeter slot 2 { in data last: u32 optional; out data done: u32; }
+machine Working {
+    region work { task Does: Work; initial -> Does; }
+    region meter { task Says: WorkMeter; initial -> Says; }
+    path Says.done -> Says.last;
+}";
+
+#[test]
+fn whatever_fills_the_line_leaves_slot_0_its_part() {
+    /// Of what it has on a quiet line, in percent.
+    const LEAST_PERCENT: u32 = 20;
+    /// Longer than the link may go on with what it has saved up.
+    const SECONDS: u32 = 4;
+    let mission = subject::build(WORKING).unwrap().blob;
+    let robot = robot_by("faults", &mission, LinkWay::Exchange, Pace::new(false));
+    let done_in = |flood: Flood| {
+        let before = robot.work_done();
+        robot.flood(flood, f64::from(SECONDS));
+        robot.work_done().wrapping_sub(before)
+    };
+    let quiet = done_in(Flood::Nothing);
+    for (name, flood) in floods() {
+        let percent = done_in(flood) * 100 / quiet;
+        println!("{name:14} leaves slot 0 {percent} % of what it has on a quiet line");
+        assert!(percent >= LEAST_PERCENT, "{name}: {percent} %");
+    }
+}
+
 fn key() -> SigningKey {
     SigningKey::of(&[9; 32])
 }
@@ -351,12 +424,7 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
     };
     let quiet_s = upload_s(&other).unwrap();
     let status = robot.client().status().unwrap();
-    let mut floods: Vec<(&str, Flood)> = vec![("mixed", Flood::Mixed(Random::new(3)))];
-    floods.extend(
-        requests()
-            .into_iter()
-            .map(|(name, request)| (name, Flood::One(request))),
-    );
+    let mut floods = floods();
     floods.retain(|(name, _)| all || WORST.contains(name));
     let whose = if most.is_some() {
         "with a key"

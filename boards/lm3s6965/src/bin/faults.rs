@@ -1,11 +1,12 @@
 //! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked interrupts, tasks that never return, a
-//! panic, a fault of the core.
+//! panic, a fault of the core. And one that works in slot 0 without an end, and says how much it has done.
 //!
 //! Each does its harm in the first step after its state was entered, and only then, so that counters can be compared with exact numbers.
 #![no_std]
 #![no_main]
 
 use core::array;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use lm3s6965::clock::{TICKS_PER_US, now_ticks};
 use lm3s6965::cortex_m;
@@ -135,6 +136,57 @@ impl Task for Undefined {
     }
 }
 
+/// Pieces of work that were done in slot 0.
+static WORK_DONE: AtomicU32 = AtomicU32::new(0);
+
+/// Works for as long as it is let: a piece a step.
+struct Work;
+
+task! {
+    impl Work {
+        slot 0;
+        endless;
+    }
+}
+
+impl Task for Work {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        /// Of a piece. Some 30 us of the emulated core.
+        const ROUNDS: u32 = 100;
+        for _ in 0..ROUNDS {
+            cortex_m::asm::nop();
+        }
+        // It is the only one who writes it.
+        WORK_DONE.store(
+            WORK_DONE.load(Ordering::Relaxed).wrapping_add(1),
+            Ordering::Relaxed,
+        );
+        Step::Run
+    }
+}
+
+/// Says how much work was done.
+struct WorkMeter;
+
+task! {
+    impl WorkMeter {
+        slot 2;
+        endless;
+        data {
+            // An output that somebody reads is on a net, where it can be seen.
+            in last: u32 optional;
+            out done: u32;
+        }
+    }
+}
+
+impl Task for WorkMeter {
+    fn step(&mut self, io: &mut Io<'_>) -> Step {
+        *io.write(Self::DONE) = WORK_DONE.load(Ordering::Relaxed);
+        Step::Run
+    }
+}
+
 registry! {
     /// Some of the default robot's tasks, and those that misbehave.
     struct Faults {
@@ -151,6 +203,8 @@ registry! {
         never_return_in_slot_0: NeverReturnInSlot0[1],
         panic: Panic[1],
         undefined: Undefined[1],
+        work: Work[1],
+        work_meter: WorkMeter[1],
     }
 }
 
@@ -171,6 +225,8 @@ impl Faults {
             never_return_in_slot_0: Bank::new([NeverReturnInSlot0]),
             panic: Bank::new([Panic]),
             undefined: Bank::new([Undefined]),
+            work: Bank::new([Work]),
+            work_meter: Bank::new([WorkMeter]),
         }
     }
 }
