@@ -1,13 +1,16 @@
 //! The signature of a task: one line of text that says everything a firmware and a mission must agree on.
 //!
 //! ```text
-//! task Cruise{in data scan:SonarScan optional;out data cmd:Twist;in flag go;out flag near;param speed:f32;}
+//! task Cruise{in data scan:SonarScan optional within 500000;out data cmd:Twist;in flag go;out flag near;param speed:f32;}
 //! ```
 //!
 //! First the data ports in the order of their declaration, then the flags, then the parameters. No blanks but single ones between
-//! words; defaults, bounds, slots and execution times are not part of it. Two tasks are the same for the framework if their
+//! words; the time behind `within` is in microseconds, in decimal, without leading zeros. Defaults, bounds, slots, execution
+//! times and descriptions are not part of it. Two tasks are the same for the framework if their
 //! texts are equal. The hash of the text is a short name for it: it is quick to look up, but only the text itself proves
 //! equality, since anybody can construct two texts with one FNV hash.
+
+use crate::format::MAX_TIME_US;
 
 /// 64-bit FNV-1a hash of `bytes`.
 ///
@@ -44,7 +47,7 @@ pub enum Direction {
 /// One declaration inside the braces of a signature. Names are ASCII identifiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Port<'a> {
-    /// `in data scan:SonarScan optional`
+    /// `in data scan:SonarScan optional within 500000`
     Data {
         /// Direction.
         direction: Direction,
@@ -54,6 +57,8 @@ pub enum Port<'a> {
         type_name: &'a [u8],
         /// An input that may stay open or empty.
         optional: bool,
+        /// How old a value may be that an input reads, in microseconds; 0 where any value will do.
+        within_us: u32,
     },
     /// `out flag near`
     Flag {
@@ -187,16 +192,39 @@ fn port(text: &[u8]) -> Option<(Port<'_>, &[u8])> {
                 Some(text) => (true, text),
                 None => (false, text),
             };
+            let (within_us, text) = match text.strip_prefix(b" within ") {
+                Some(text) if direction != Direction::Out => time_us(text)?,
+                Some(_) => return None,
+                None => (0, text),
+            };
             let port = Port::Data {
                 direction,
                 name,
                 type_name,
                 optional,
+                within_us,
             };
             Some((port, text.strip_prefix(b";")?))
         }
         _ => None,
     }
+}
+
+/// Splits off a time from 1 to [`MAX_TIME_US`], in decimal and without leading zeros: each time has one text.
+fn time_us(text: &[u8]) -> Option<(u32, &[u8])> {
+    let mut time_us = 0_u32;
+    let mut rest = text;
+    while let Some((digit @ b'0'..=b'9', tail)) = rest.split_first() {
+        let digit = u32::from(digit - b'0');
+        time_us = time_us.checked_mul(10)?.checked_add(digit)?;
+        if time_us == 0 {
+            return None;
+        }
+        rest = tail;
+    }
+    (1..=MAX_TIME_US)
+        .contains(&time_us)
+        .then_some((time_us, rest))
 }
 
 /// Splits off an identifier and the character behind it.
@@ -227,7 +255,7 @@ mod tests {
     use super::*;
 
     const CRUISE: &[u8] =
-        b"task Cruise{in data scan:SonarScan optional;out data cmd:Twist;in flag go;out flag near;param speed:f32;}";
+        b"task Cruise{in data scan:SonarScan optional within 500000;inout data pose:Pose within 1;out data cmd:Twist;in flag go;out flag near;param speed:f32;}";
 
     #[test]
     fn a_signature_reads_back_port_by_port() {
@@ -239,12 +267,21 @@ mod tests {
                 name: b"scan",
                 type_name: b"SonarScan",
                 optional: true,
+                within_us: 500_000,
+            },
+            Port::Data {
+                direction: Direction::InOut,
+                name: b"pose",
+                type_name: b"Pose",
+                optional: false,
+                within_us: 1,
             },
             Port::Data {
                 direction: Direction::Out,
                 name: b"cmd",
                 type_name: b"Twist",
                 optional: false,
+                within_us: 0,
             },
             Port::Flag {
                 direction: Direction::In,
@@ -272,14 +309,28 @@ mod tests {
             })
         };
         let cases: &[(&[u8], Option<PortCounts>)] = &[
-            (CRUISE, counts(2, 2, 1)),
+            (CRUISE, counts(3, 2, 1)),
             (b"task Idle{}", counts(0, 0, 0)),
             (b"task A{inout data x:T;}", counts(1, 0, 0)),
+            (b"task A{in data x:T within 4000000000;}", counts(1, 0, 0)),
             (b"task A{in flag f;in data x:T;}", None),
             (b"task A{param p:f32;in flag f;}", None),
             (b"task A{in data x:T}", None),
             (b"task A{in data x;}", None),
             (b"task A{in data x:T optional ;}", None),
+            (b"task A{in data x:T within 1 optional;}", None),
+            (b"task A{in data x:T within 1 within 1;}", None),
+            (b"task A{out data x:T within 1;}", None),
+            (b"task A{in data x:T within;}", None),
+            (b"task A{in data x:T within ;}", None),
+            (b"task A{in data x:T within 0;}", None),
+            (b"task A{in data x:T within 01;}", None),
+            (b"task A{in data x:T within -1;}", None),
+            (b"task A{in data x:T within 1 ;}", None),
+            (b"task A{in data x:T within 1ms;}", None),
+            (b"task A{in data x:T within 4000000001;}", None),
+            (b"task A{in data x:T within 4294967297;}", None),
+            (b"task A{in data x:T within 99999999999;}", None),
             (b"task A{sideways flag f;}", None),
             (b"task {}", None),
             (b"task A", None),

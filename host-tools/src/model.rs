@@ -79,6 +79,8 @@ pub struct DataPort {
     pub type_name: String,
     /// An `in` port that may stay open or empty.
     pub optional: bool,
+    /// How old a value may be that an `in` or `inout` port of a task reads, in microseconds; an older one counts as none.
+    pub within_us: Option<u32>,
     /// The declaration.
     pub span: Span,
 }
@@ -155,6 +157,10 @@ pub struct Task {
     pub wcet_us: Option<u32>,
     /// Name of its `exclusive` group.
     pub exclusive: Option<String>,
+    /// How many task states of it a firmware has room for, where the declaration says so.
+    pub count: Option<u32>,
+    /// Whether it never finishes.
+    pub endless: bool,
     /// Data ports in source order.
     pub data: Vec<DataPort>,
     /// Flags in source order, both directions.

@@ -10,11 +10,15 @@ pub fn text(task: &Task) -> String {
     let mut text = format!("task {}{{", task.name);
     for port in &task.data {
         let optional = if port.optional { " optional" } else { "" };
+        let within = match port.within_us {
+            Some(within_us) => format!(" within {within_us}"),
+            None => String::new(),
+        };
         let direction = direction(port.direction);
         // Writing into a string cannot fail.
         let _ = write!(
             text,
-            "{direction} data {}:{}{optional};",
+            "{direction} data {}:{}{optional}{within};",
             port.name, port.type_name
         );
     }

@@ -129,6 +129,7 @@ pub(crate) fn port(name: &str, direction: Direction, type_name: &str) -> DataPor
         direction,
         type_name: type_name.to_owned(),
         optional: false,
+        within_us: None,
         span: Span::default(),
     }
 }
@@ -140,6 +141,8 @@ pub(crate) fn task(name: &str, flags: Vec<Flag>) -> Task {
         slot: None,
         wcet_us: None,
         exclusive: None,
+        count: None,
+        endless: false,
         data: Vec::new(),
         flags,
         params: Vec::new(),

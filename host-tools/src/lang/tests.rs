@@ -115,6 +115,14 @@ fn what_is_right_is_not_reported() {
         ("task period { param min: bool = true; in flag ms; }", &[]),
         ("task T slot 9 wcet 0 us exclusive slots { }", &[]),
         (
+            "task T endless exclusive g count 0 slot 2 wcet 1 us { }",
+            &[],
+        ),
+        (
+            "task count count 4294967295 endless { in data within: within within 1 us optional; inout data endless: count optional within 4000 s; }",
+            &[],
+        ),
+        (
             "machine M { }\ninterpreter slot 1;\nslot 1 period 4000 s duration 0 us;",
             &[],
         ),
@@ -179,6 +187,41 @@ fn syntax_errors_are_placed_at_the_token_found() {
         ("task T { param p: i32 min 1; }", &["E001 1:28"]),
         ("task T slt 1 { }", &["E001 1:8"]),
         ("taks T { out flag f; }", &["E001 1:1"]),
+        ("T endless { in data d: X; }", &["E001 1:1"]),
+        ("T count 2 { in data d: X; }", &["E001 1:1"]),
+        ("task T endles cuont 2 { }", &["E001 1:8", "E001 1:15"]),
+        ("task T count { }", &["E001 1:14"]),
+        ("task T count -1 { }", &["E001 1:14"]),
+        ("task T count 4294967296 endless { }", &["E001 1:14"]),
+        (
+            "task T { in data d: X within; in data d: X; }",
+            &["E001 1:29", "E003 1:39"],
+        ),
+        (
+            "task T { in data d: X within optional; in data e: X witin 5 ms; }",
+            &["E001 1:30", "E001 1:53"],
+        ),
+        (
+            "task T { in data d: X within 5 optional; inout data e: X within 0 us; }",
+            &["E001 1:32", "E001 1:65"],
+        ),
+        (
+            "task T { in data d: within 5 ms; in data d: within within 5 ms; }",
+            &["E001 1:21", "E003 1:42"],
+        ),
+        (
+            "task T { in data d: X within 4001 s; in data e: X 5 ms; }",
+            &["E001 1:30", "E001 1:51"],
+        ),
+        // A value is as old as it is where it is read.
+        (
+            "task T { out data d: X within 5 ms; out data e: X optional within 5 ms optional; in data e: X; }",
+            &["E001 1:24", "E001 1:60", "E003 1:72", "E003 1:90"],
+        ),
+        (
+            "container C { in data d: X within 5 ms; inout data e: X optional within 5 ms within 6 ms; in data e: X; region r { initial -> final; } }",
+            &["E001 1:28", "E001 1:66", "E001 1:78", "E003 1:99"],
+        ),
         ("task Größe { }", &["E001 1:6"]),
         ("container C { }", &["E001 1:15"]),
         (
@@ -503,6 +546,14 @@ fn second_definitions() {
             &["E003 1:25", "E003 1:32"],
         ),
         ("task T exclusive a exclusive a { }", &["E003 1:20"]),
+        (
+            "task T endless count 1 endless count 2 { }",
+            &["E003 1:24", "E003 1:32"],
+        ),
+        (
+            "task T { in data d: X within 1 s optional within 2 s optional; in data d: X; }",
+            &["E003 1:43", "E003 1:54", "E003 1:72"],
+        ),
         (
             "task T { in flag f; out flag f; in data f: X; param f: i32 = 0; }",
             &["E003 1:30"],
@@ -1323,6 +1374,9 @@ fn token() -> impl Strategy<Value = &'static str> {
         "f32",
         "optional",
         "exclusive",
+        "within",
+        "count",
+        "endless",
     ])
 }
 
@@ -1335,7 +1389,7 @@ fn right_file() -> String {
     );
     format!(
         "queue 9;
-         task Log slot 0 wcet 5 us exclusive log {{ in data twist: Twist optional; inout data pose: Pose; param n: i32 = -3 min -5 max 7; }}
+         task Log slot 0 wcet 5 us exclusive log count 3 endless {{ in data twist: Twist optional within 80 ms; inout data pose: Pose within 1 s; param n: i32 = -3 min -5 max 7; }}
          container View {{
            event Found, Lost; in data ranges: Ranges; out data pose: Pose; out flag seen;
            region log {{ task L: Log; task O: Own; initial -> L; L -> O on Found [^seen] / set ^seen, send Lost; O -> L on Lost; }}

@@ -135,6 +135,10 @@ pub struct Task {
     pub wcet_us: Given<u32>,
     /// `exclusive motor`
     pub exclusive: Given<Name>,
+    /// `count 2`
+    pub count: Given<u32>,
+    /// `endless`
+    pub endless: bool,
     /// Its data ports.
     pub data: Vec<DataPort>,
     /// Its flags.
@@ -149,7 +153,7 @@ pub struct Task {
     pub has_gaps: bool,
 }
 
-/// `in data ranges: Ranges optional;`
+/// `in data ranges: Ranges optional within 500 ms;`
 #[derive(Clone, Copy, Debug)]
 pub struct DataPort {
     /// The whole, from the direction on.
@@ -162,6 +166,8 @@ pub struct DataPort {
     pub type_name: Option<Name>,
     /// Whether it may stay open.
     pub optional: bool,
+    /// `within 500 ms`, in microseconds.
+    pub within_us: Given<u32>,
 }
 
 /// `out flag near;`

@@ -82,6 +82,8 @@ impl Mission {
             slot: None,
             wcet_us: None,
             exclusive: exclusive.map(Into::into),
+            count: None,
+            endless: false,
             data: vec![],
             flags: vec![],
             params: vec![],
@@ -114,7 +116,11 @@ impl Mission {
                     name: name.into(),
                     direction,
                     type_name: type_name.into(),
-                    optional: rest == ["optional"],
+                    optional: rest.contains(&"optional"),
+                    within_us: rest
+                        .iter()
+                        .position(|word| *word == "within")
+                        .map(|at| rest[at + 1].parse().expect("microseconds")),
                     span: NOWHERE,
                 }),
                 _ => panic!("{port}"),

@@ -41,10 +41,15 @@ fn values_and_times_come_back_to_the_bit() {
         "param g: u32 = 4294967295;",
         "param h: bool = true;",
         "param i: f32 = 5.0;",
+        "in data fresh: X optional within 500 ms;",
+        "inout data passed: X within 4000 s;",
+        "in data any: X;",
+        "out data made: X;",
     ];
     let source = back(&format!(
-        "slot 4000000000 period 4000 s duration 0 us; task T slot 1 {{ {} }}\n\
-         machine M {{ region r {{ task A: T timeout 4000 s; state B timeout 0 us; state C timeout 1500 ms; task D: T timeout 1 us with {{ f = 7 }}; initial -> A; }} }}",
+        "slot 4000000000 period 4000 s duration 0 us; task T slot 1 count 7 endless {{ {} }}\n\
+         machine M {{ region r {{ task A: T timeout 4000 s; state B timeout 0 us; state C timeout 1500 ms; task D: T timeout 1 us with {{ f = 7 }}; initial -> A; }}\n\
+         path A.made -> A.fresh, A.passed, A.any, D.fresh, D.passed, D.any; }}",
         lines.join(" ")
     ));
     for line in lines.into_iter().chain([

@@ -186,12 +186,17 @@ impl Writer<'_, '_> {
                         name,
                         type_name,
                         optional,
+                        within_us,
                     } => format!(
-                        "{} data {}: {}{};",
+                        "{} data {}: {}{}{};",
                         direction_word(direction),
                         readable(name),
                         readable(type_name),
-                        if optional { " optional" } else { "" }
+                        if optional { " optional" } else { "" },
+                        match within_us {
+                            0 => String::new(),
+                            _ => format!(" within {}", time(within_us)),
+                        }
                     ),
                     Port::Flag { direction, name } => {
                         format!("{} flag {};", direction_word(direction), readable(name))

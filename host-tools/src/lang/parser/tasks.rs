@@ -8,6 +8,12 @@ use crate::lang::tree::{DataPort, Flag, Given, Name, Number, Param, Task};
 
 use super::{Body, Parser, set_if_absent};
 
+/// The attributes of a task whose words are not reserved.
+const ATTRIBUTE_WORDS: [&str; 4] = ["wcet", "exclusive", "count", "endless"];
+
+/// What can follow the name of a task.
+const ATTRIBUTES: &str = "`slot`, `wcet`, `exclusive`, `count`, `endless` or `{`";
+
 impl Parser<'_, '_> {
     /// Whether a name is followed by an attribute of a task.
     pub(super) fn at_task_header(&self) -> bool {
@@ -17,10 +23,10 @@ impl Parser<'_, '_> {
                 behind.next_token().kind == T::Integer
                     && match behind.next_token() {
                         token if token.kind == T::BraceOpen => true,
-                        token => ["wcet", "exclusive"].contains(&self.text_of(token)),
+                        token => ATTRIBUTE_WORDS.contains(&self.text_of(token)),
                     }
             }
-            T::Identifier => ["wcet", "exclusive"].contains(&self.text_of(self.next)),
+            T::Identifier => ATTRIBUTE_WORDS.contains(&self.text_of(self.next)),
             _ => false,
         }
     }
@@ -34,6 +40,8 @@ impl Parser<'_, '_> {
             slot: Given::Absent,
             wcet_us: Given::Absent,
             exclusive: Given::Absent,
+            count: Given::Absent,
+            endless: false,
             data: Vec::new(),
             flags: Vec::new(),
             params: Vec::new(),
@@ -58,16 +66,31 @@ impl Parser<'_, '_> {
                 self.bump();
                 let read = Given::from_read(self.name("the name of an exclusive group"));
                 set_if_absent(&mut task.exclusive, read);
+            } else if self.at_word("count") {
+                if task.count.is_given() {
+                    self.attribute_twice("`count`");
+                }
+                self.bump();
+                let read = self.count();
+                set_if_absent(&mut task.count, read);
+            } else if self.at_word("endless") {
+                if task.endless {
+                    self.attribute_twice("`endless`");
+                }
+                self.bump();
+                task.endless = true;
             } else if self.at(T::Identifier) {
                 // Nearly an attribute: its value must not be taken for anything else.
-                if let Some(word) = nearest(self.text_of(self.token), ["wcet", "exclusive", "slot"])
-                {
+                let words = ATTRIBUTE_WORDS.into_iter().chain(["slot"]);
+                if let Some(word) = nearest(self.text_of(self.token), words) {
                     let hint = format!("did you mean `{word}`?");
-                    self.corrected("`slot`, `wcet`, `exclusive` or `{`", Some(hint));
+                    self.corrected(ATTRIBUTES, Some(hint));
                     self.bump();
                     match word {
                         "wcet" => task.wcet_us = Given::from_read(self.time(0)),
                         "exclusive" => task.exclusive = Given::from_read(self.name("a group")),
+                        "count" => task.count = self.count(),
+                        "endless" => task.endless = true,
                         _ => {
                             let number = self.integer("the number of a slot", 0, u32::MAX);
                             task.slot = Given::from_read(number);
@@ -82,7 +105,7 @@ impl Parser<'_, '_> {
         }
         task.span = self.since(start);
         if !self.at(T::BraceOpen) {
-            self.expected("`slot`, `wcet`, `exclusive` or `{`");
+            self.expected(ATTRIBUTES);
         }
         if self.is_lost {
             set_if_absent(&mut task.slot, Given::Broken);
@@ -94,6 +117,12 @@ impl Parser<'_, '_> {
             task.has_gaps = true;
         }
         task
+    }
+
+    /// The number behind `count`.
+    fn count(&mut self) -> Given<u32> {
+        let number = self.integer("how many task states there can be", 0, u32::MAX);
+        Given::from_read(number.map(|number| number.value))
     }
 
     /// `slot 2`, of a task or task state.
@@ -210,7 +239,13 @@ impl Parser<'_, '_> {
         self.bump();
         let name = self.name("the name of the port");
         let type_name = if self.eat(T::Colon) {
-            self.name("the name of a type")
+            if self.at_word("within") && self.next.kind == T::Integer {
+                // The type is missing before its attribute.
+                self.corrected("the name of a type", None);
+                None
+            } else {
+                self.name("the name of a type")
+            }
         } else if self.at(T::Identifier) && self.next.kind == T::Semicolon {
             self.corrected("`:` and a type", None);
             self.name("the name of a type")
@@ -218,15 +253,42 @@ impl Parser<'_, '_> {
             self.expected("`:` and a type");
             None
         };
+        let takes_within = self.body == Body::Task && direction != T::Out;
+        let expected = if takes_within {
+            "`optional`, `within` or `;`"
+        } else {
+            "`optional` or `;`"
+        };
         let mut optional = false;
-        while self.at_word("optional") {
-            if optional {
-                self.attribute_twice("`optional`");
+        let mut within_us = Given::Absent;
+        loop {
+            if self.at_word("optional") {
+                if optional {
+                    self.attribute_twice("`optional`");
+                }
+                optional = true;
+                self.bump();
+            } else if self.at_word("within") {
+                if !takes_within {
+                    let hint = if self.body == Body::Task {
+                        "how old a value may be is said where it is read, at an `in` or `inout` port"
+                    } else {
+                        "how old a value may be is said by the task that reads it, at its own port"
+                    };
+                    self.corrected(expected, Some(hint.into()));
+                } else if within_us.is_given() {
+                    self.attribute_twice("`within`");
+                }
+                self.bump();
+                let read = Given::from_read(self.time(1));
+                if takes_within {
+                    set_if_absent(&mut within_us, read);
+                }
+            } else {
+                break;
             }
-            optional = true;
-            self.bump();
         }
-        self.end_statement("`optional` or `;`");
+        self.end_statement(expected);
         DataPort {
             span: self.since(start),
             direction: match direction {
@@ -237,6 +299,7 @@ impl Parser<'_, '_> {
             name,
             type_name,
             optional,
+            within_us,
         }
     }
 

@@ -205,7 +205,17 @@ impl Parser<'_, '_> {
         } else {
             self.expected_with("a unit of time", hint);
         }
-        let starts_an_attribute = ["period", "rate", "duration", "wcet", "exclusive"];
+        let starts_an_attribute = [
+            "period",
+            "rate",
+            "duration",
+            "wcet",
+            "exclusive",
+            "count",
+            "endless",
+            "optional",
+            "within",
+        ];
         if self.at(T::Identifier) && !starts_an_attribute.contains(&text) {
             self.bump();
         }

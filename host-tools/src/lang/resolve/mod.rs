@@ -408,6 +408,7 @@ fn declare_data<'f>(
                 direction: port.direction,
                 type_name: text(port.type_name).to_owned(),
                 optional: port.optional,
+                within_us: port.within_us.value(),
                 span: port.span,
             }
         })

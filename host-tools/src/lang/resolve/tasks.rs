@@ -148,6 +148,8 @@ fn declare_task<'f>(
             .exclusive
             .value()
             .map(|name| names.text(name.0).to_owned()),
+        count: tree.count.value(),
+        endless: tree.endless,
         data,
         flags,
         params,
