@@ -1376,7 +1376,7 @@ fn the_robot_tells_its_tasks_its_mission_and_its_states() {
         }) else {
             panic!()
         };
-        let expected = "task Hog exclusive motion {\n    param takes_us: u32;\n}\n";
+        let expected = "task Hog exclusive motion count 2 {\n    param takes_us: u32;\n}\n";
         assert_eq!(
             (total as usize, String::from_utf8(text).unwrap()),
             (expected.len(), expected.into())

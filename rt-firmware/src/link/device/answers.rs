@@ -139,27 +139,26 @@ impl Desk<'_, '_> {
         }
     }
 
-    pub(super) fn task_text(&self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
+    pub(super) fn task_text(&mut self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
         let source = self
             .registry
             .source(usize::from(index))
             .ok_or(LinkError::NoSuchIndex)?;
-        Ok(text_part(&source, usize::from(offset)))
+        let total: usize = source.iter().map(|place| place.len()).sum();
+        let text = source.into_iter().flatten().skip(usize::from(offset));
+        Ok(Response::TaskText {
+            total: total as u16,
+            text: self.note(Bytes::first_of(text))?,
+        })
     }
 }
 
-/// A part of a text that stands in several places, from this byte on: of one of them at most.
-pub(super) fn text_part<'a>(places: &[&'static [u8]], offset: usize) -> Response<'a> {
-    let total: usize = places.iter().map(|place| place.len()).sum();
-    let mut rest = offset;
-    let text = places.iter().find_map(|place| {
-        let part = place.get(rest..).filter(|part| !part.is_empty());
-        rest = rest.saturating_sub(place.len());
-        part
-    });
-    let text = text.unwrap_or_default();
+/// A part of a text, from this byte on.
+pub(super) fn text_part<'a>(text: &'static str, offset: usize) -> Response<'a> {
+    let text = text.as_bytes();
+    let rest = text.get(offset..).unwrap_or_default();
     Response::TaskText {
-        total: total as u16,
-        text: text.get(..MAX_PART).unwrap_or(text),
+        total: text.len() as u16,
+        text: rest.get(..MAX_PART).unwrap_or(rest),
     }
 }

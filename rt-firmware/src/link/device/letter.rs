@@ -110,7 +110,7 @@ pub(super) fn answer_of<'l>(letter: &'l Letter<'_>) -> Result<Response<'l>, Link
             of_mission: *of_mission,
             saved: *saved,
         }),
-        Letter::Fields { text, offset } => Ok(text_part(&[text.as_bytes()], usize::from(*offset))),
+        Letter::Fields { text, offset } => Ok(text_part(text, usize::from(*offset))),
         Letter::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Letter::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
         Letter::Done
