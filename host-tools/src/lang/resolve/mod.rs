@@ -276,6 +276,7 @@ fn declare_containers<'f>(
             data: Vec::new(),
             regions: Vec::new(),
             paths: Vec::new(),
+            docs: names.docs(tree.docs),
             span: name_span,
         });
     }
@@ -383,6 +384,7 @@ fn declare_flags<'f>(
             let model = Flag {
                 name: name.to_owned(),
                 direction: flag.direction.unwrap_or(Direction::In),
+                docs: names.docs(flag.docs),
                 span: flag.span,
             };
             (model, flag.direction)
@@ -409,6 +411,7 @@ fn declare_data<'f>(
                 type_name: text(port.type_name).to_owned(),
                 optional: port.optional,
                 within_us: port.within_us.value(),
+                docs: names.docs(port.docs),
                 span: port.span,
             }
         })

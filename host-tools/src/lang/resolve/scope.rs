@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
-use crate::lang::lexer::Lexer;
+use crate::lang::lexer::{Lexer, docs_text};
 use crate::lang::references::{Record, References, Undeclared};
 use crate::lang::tree::Name;
 use crate::model::{SourceFile, Span};
@@ -115,6 +115,11 @@ impl<'f, 's> Names<'f, 's> {
             .get(span.file as usize)
             .and_then(|file| file.text.get(span.start as usize..span.end as usize))
             .unwrap_or("")
+    }
+
+    /// What the `///` lines at a place say.
+    pub(super) fn docs(&self, lines: Option<Span>) -> String {
+        lines.map_or_else(String::new, |lines| docs_text(self.text(lines)))
     }
 
     /// Takes down that `place` names what is declared at `declaration`.

@@ -76,6 +76,7 @@ impl SlotTable {
                 number: number.value,
                 period_us: period_us.unwrap_or(1),
                 duration_us: slot.duration_us.unwrap_or(0),
+                docs: names.docs(slot.docs),
                 span: slot.span,
             });
         }

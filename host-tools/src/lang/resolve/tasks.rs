@@ -153,6 +153,7 @@ fn declare_task<'f>(
         data,
         flags,
         params,
+        docs: names.docs(tree.docs),
         span,
     };
     (task, facts)
@@ -165,6 +166,7 @@ fn declare_param(tree: &tree::Param, names: &mut Names<'_, '_>) -> Param {
         param_type: tree.param_type.unwrap_or(ParamType::Bool),
         default: None,
         range: None,
+        docs: names.docs(tree.docs),
         span: tree.span,
     };
     if tree.param_type.is_none() {
