@@ -89,6 +89,14 @@ pub struct DataPort {
     pub span: Span,
 }
 
+impl DataPort {
+    /// Whether an input must be on a net: one that is required, and one that wants fresh values, whatever it does without any.
+    #[must_use]
+    pub fn must_be_on_net(&self) -> bool {
+        !self.optional || self.within_us.is_some()
+    }
+}
+
 /// A control flag of a task or container.
 #[derive(Clone, Debug)]
 pub struct Flag {

@@ -4,6 +4,7 @@
 //! that need the whole: recursion, data paths, time. What is unknown stays unknown through all of it, so that one mistake is
 //! reported once: nothing is said about a state whose task is unknown, or about a name that may stand in what could not be read.
 
+mod counts;
 mod literals;
 mod nets;
 mod recursion;
@@ -161,6 +162,7 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
     model.events = events.order.iter().map(|&name| name.to_owned()).collect();
 
     let order = recursion::children_first(&facts, &model, &mut names);
+    counts::check(&facts, &model, order.as_deref(), &mut names);
     let paths = nets::check(&trees, &facts, &tasks, &model, order.as_deref(), &mut names);
     for ((container, holes), resolved) in model
         .containers
