@@ -25,6 +25,7 @@
 //! ```
 
 pub mod activity;
+mod freshness;
 pub mod guards;
 pub mod holes;
 mod nets;
@@ -55,6 +56,7 @@ pub(super) fn check(model: &Model, holes: &Holes, known: &Activity, sink: &mut S
     warnings.exclusive_tasks(sink);
     warnings.dead_ends(&uses, sink);
     warnings.competing_writers(&uses, sink);
+    warnings.old_values(&uses, sink);
 }
 
 #[cfg(test)]
