@@ -543,7 +543,11 @@ mod tests {
             ("/// a", true, "a"),
             ("/// a", false, ""),
             ("  /// a\n", true, "a"),
-            ("\n  /// a\r\n  ///  b \r\n\t///\n///c\n", false, "a\n b\n\nc"),
+            (
+                "\n  /// a\r\n  ///  b \r\n\t///\n///c\n",
+                false,
+                "a\n b\n\nc",
+            ),
             ("\n// a\n/// b\n// c\n\n/// d\n//// e\n", false, "b\nd"),
             (" /// of what is before it\n", false, ""),
             ("\n/* a */ /// b\n", false, ""),

@@ -259,7 +259,14 @@ impl<'c> Context<'c> {
                     items.add(self.text(name), Kind::STRUCT, "type of data");
                 }
             }
-            [_, T::Data, T::Identifier, T::Colon, T::Identifier, rest @ ..] => {
+            [
+                _,
+                T::Data,
+                T::Identifier,
+                T::Colon,
+                T::Identifier,
+                rest @ ..,
+            ] => {
                 let given = self.tokens.len() - rest.len();
                 let words: Vec<&str> = self.tokens[given..]
                     .iter()

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::lang::lexer::Comment;
+use crate::lang::lexer::{Comment, docs, docs_text};
 
 #[track_caller]
 fn formatted(text: &str) -> String {
@@ -208,9 +208,28 @@ fn substance(text: &str) -> Vec<(Option<T>, String)> {
     }
 }
 
+/// What `///` lines say, and before which token.
+fn descriptions(text: &str) -> Vec<(usize, String)> {
+    let mut descriptions = Vec::new();
+    let mut lexer = Lexer::new(text);
+    let mut start = 0;
+    for number in 0.. {
+        let token = lexer.next_token();
+        if token.kind == T::EndOfFile {
+            break;
+        }
+        let gap = &text[start..token.start as usize];
+        if let Some((first, last)) = docs(gap, start == 0) {
+            descriptions.push((number, docs_text(&gap[first..last])));
+        }
+        start = token.end as usize;
+    }
+    descriptions
+}
+
 /// A text of the whole grammar, to be sprayed.
 const EVERYTHING: &str = "use \"a.esm\"; interpreter slot 1; queue 32; slot 1 period 10 ms duration 1 ms; slot 2 rate 100 Hz duration 1 ms;
-task Cruise slot 2 wcet 100 us exclusive motion { in data ranges : Ranges optional; inout data x : X; in flag left; out flag near;
+task Cruise slot 2 wcet 100 us exclusive motion count 2 endless { in data ranges : Ranges optional within 20 ms; inout data x : X within 1 s; in flag left; out flag near;
   param speed : f32 = -0.25 min -1 max 0.5; param on_ : bool; }
 container Avoid { in event Go; out event Done; event A, B, Cc; in flag left; out data twist : Twist;
   region steps { state A timeout 3 s; task B : Cruise slot 0 timeout 1 s with { speed = 0.3, on_ = true }; super C : D timeout 1 ms;
@@ -227,6 +246,7 @@ fn noise() -> impl Strategy<Value = String> {
         3 => "[ \t\n]{1,5}",
         1 => Just("\r\n".to_owned()),
         1 => "[ \n]{1,2}// ?[a-z/* \t]{0,12}\r?\n[ \n]{0,3}",
+        1 => Just("\n/// One.\n  ///  Two.\n".to_owned()),
         1 => "[ \n]{1,2}/\\* ?[a-z/ \t\n]{0,9} \\*/[ \n]{0,3}",
         1 => Just(" /* one */ /* two */ // three\n\n\n// four \n".to_owned()),
     ]
@@ -249,5 +269,6 @@ proptest! {
         prop_assert_eq!(substance(&found), substance(&text), "{}", text);
         prop_assert_eq!(&formatted(&found), &found, "of\n{}", text);
         prop_assert!(!found.contains(" \n"), "{}", found);
+        prop_assert_eq!(descriptions(&found), descriptions(&text), "{}", text);
     }
 }
