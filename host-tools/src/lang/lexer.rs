@@ -364,21 +364,20 @@ impl<'t> Iterator for Comments<'t> {
     }
 }
 
-/// Where the lines in a gap are that describe what follows: from the first `///` to the end of the last such line. A comment on a line
-/// with something before it describes nothing, nor does one with more than three slashes. `is_first`: the gap starts the file.
+/// Where the lines in a gap are that describe what follows: from the first `///` to the end of the last such line. A comment on the
+/// line of the token before describes nothing, nor does one with more than three slashes. `is_first`: the gap starts the file.
 pub fn docs(gap: &str, is_first: bool) -> Option<(usize, usize)> {
     if !gap.contains("///") {
         return None;
     }
     let mut found: Option<(usize, usize)> = None;
-    let mut starts_line = is_first;
+    let mut is_behind = !is_first;
     for comment in Comments::new(gap) {
-        starts_line |= comment.breaks_before > 0;
-        if starts_line && doc_line(comment.text).is_some() {
+        is_behind &= comment.breaks_before == 0;
+        if !is_behind && doc_line(comment.text).is_some() {
             let end = comment.start + comment.text.trim_end().len();
             found = Some((found.map_or(comment.start, |(start, _)| start), end));
         }
-        starts_line = false;
     }
     found
 }
@@ -550,7 +549,8 @@ mod tests {
             ),
             ("\n// a\n/// b\n// c\n\n/// d\n//// e\n", false, "b\nd"),
             (" /// of what is before it\n", false, ""),
-            ("\n/* a */ /// b\n", false, ""),
+            ("\n/* a */ /// b\n", false, "b"),
+            (" /* a */ /// b\n", false, ""),
             ("\n/* a\n/// b\n*/\n", false, ""),
             ("\n/* a */\n/// b /* c\n", false, "b /* c"),
             ("\n// /// a\n", false, ""),

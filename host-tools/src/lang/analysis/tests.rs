@@ -881,6 +881,158 @@ proptest! {
     }
 }
 
+// ─── Values that stay, in two ways ────────────────────────────────────────────────────────────────────────────────────
+
+/// What the tasks of a [`Nesting`] do with the one net there is, by their index.
+const PORTS: [&str; 5] = [
+    "out data n: X;",
+    "in data n: X;",
+    "in data n: X within 1 s;",
+    "",
+    "in data n: X optional;",
+];
+
+/// A set of files with such a nesting and one net, which goes through all containers. And the line of each state, by container, region
+/// and number.
+fn text_with_net(nesting: &Nesting) -> (String, BTreeMap<[usize; 3], usize>) {
+    let mut lines = vec!["slot 1 period 10 ms duration 1 ms; interpreter slot 1;".to_owned()];
+    for (task, ports) in PORTS.iter().enumerate() {
+        lines.push(format!("task T{task} slot 1 {{ {ports} }}"));
+    }
+    let mut places = BTreeMap::new();
+    for (place, regions) in nesting.iter().enumerate() {
+        let is_machine = place + 1 == nesting.len();
+        let (word, port) = match is_machine {
+            true => ("machine", ""),
+            false => ("container", "inout data n: X;"),
+        };
+        lines.push(format!("{word} C{place} {{ {port}"));
+        let (mut from, mut to) = (Vec::new(), Vec::new());
+        if !is_machine {
+            from.push("n".to_owned());
+        }
+        for (region, states) in regions.iter().enumerate() {
+            lines.push(format!("region r{region} {{ initial -> S0;"));
+            for (state, part) in states.iter().enumerate() {
+                let next = (state + 1) % states.len();
+                let end = format!("r{region}.S{state}.n");
+                let declared = match part {
+                    Part::Task(task) => {
+                        match PORTS[*task].split(' ').next() {
+                            Some("out") => from.push(end),
+                            Some("in") => to.push(end),
+                            _ => {}
+                        }
+                        format!("task S{state}: T{task};")
+                    }
+                    Part::Super(container) => {
+                        from.push(end);
+                        format!("super S{state}: C{container};")
+                    }
+                };
+                lines.push(format!("{declared} S{state} -> S{next};"));
+                places.insert([place, region, state], lines.len());
+            }
+            lines.push("}".to_owned());
+        }
+        // An `inout` port can stand on both sides.
+        if to.is_empty() {
+            to.extend(
+                from.iter()
+                    .find(|end| *end == "n" || is_super(nesting, place, end))
+                    .cloned(),
+            );
+        }
+        if !from.is_empty() && !to.is_empty() {
+            lines.push(format!("path {} -> {};", from.join(", "), to.join(", ")));
+        }
+        lines.push("}".to_owned());
+    }
+    (lines.join("\n"), places)
+}
+
+/// Whether an end such as `r0.S1.n` is one of a superstate.
+fn is_super(nesting: &Nesting, container: usize, end: &str) -> bool {
+    let mut steps = end
+        .split('.')
+        .filter_map(|step| step.get(1..)?.parse::<usize>().ok());
+    let (Some(region), Some(state)) = (steps.next(), steps.next()) else {
+        return false;
+    };
+    matches!(nesting[container][region][state], Part::Super(_))
+}
+
+/// The states of an instance of a container, each with its way from the machine on: container, region and state in turn.
+fn ways(
+    nesting: &Nesting,
+    container: usize,
+    before: &[[usize; 3]],
+    found: &mut Vec<Vec<[usize; 3]>>,
+) {
+    for (region, states) in nesting[container].iter().enumerate() {
+        for (state, part) in states.iter().enumerate() {
+            let way = [before, &[[container, region, state]]].concat();
+            found.push(way.clone());
+            if let Part::Super(inside) = part {
+                ways(nesting, *inside, &way, found);
+            }
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn values_stay_where_pairs_of_states_say_so(nesting in nesting()) {
+        let (text, places) = text_with_net(&nesting);
+        let checked = load_text("case.esm", &text);
+        // A net without a writer is none.
+        if checked.has_errors() {
+            return Ok(());
+        }
+        let mut all = Vec::new();
+        ways(&nesting, nesting.len() - 1, &[], &mut all);
+        let ports = |way: &Vec<[usize; 3]>| {
+            let [container, region, state] = *way.last().unwrap();
+            match nesting[container][region][state] {
+                Part::Task(task) => PORTS[task],
+                Part::Super(_) => "",
+            }
+        };
+        let is_writer = |way: &Vec<[usize; 3]>| ports(way).starts_with("out");
+        let is_reader = |way: &Vec<[usize; 3]>| ports(way).starts_with("in") && !ports(way).contains("within");
+        let is_inside = |way: &Vec<[usize; 3]>, state: &Vec<[usize; 3]>| way.starts_with(state);
+        // Two states are active together if their ways part in two regions.
+        let are_together = |a: &Vec<[usize; 3]>, b: &Vec<[usize; 3]>| {
+            let parting = a.iter().zip(b).find(|(a, b)| a != b);
+            parting.is_some_and(|(a, b)| a[1] != b[1])
+        };
+        let mut expected: Vec<usize> = Vec::new();
+        for state in &all {
+            let writes = |it: &Vec<[usize; 3]>| all.iter().any(|way| is_writer(way) && is_inside(way, it));
+            let (own, around) = state.split_last().unwrap();
+            let beside = |it: &&Vec<[usize; 3]>| {
+                it.split_last().is_some_and(|(last, before)| before == around && last[1] == own[1] && last[2] != own[2])
+            };
+            let together = |what: &dyn Fn(&Vec<[usize; 3]>) -> bool| {
+                all.iter().any(|way| what(way) && !is_inside(way, state) && are_together(way, state))
+            };
+            if !writes(state) && all.iter().filter(beside).any(writes) && together(&is_reader) && !together(&is_writer) {
+                expected.push(places[own]);
+            }
+        }
+        expected.sort_unstable();
+        expected.dedup();
+        let positions = Positions::new(&checked.files);
+        let found: Vec<usize> = checked
+            .diagnostics
+            .iter()
+            .filter(|found| found.code == Code::W111)
+            .map(|found| positions.of(found.span).line as usize)
+            .collect();
+        prop_assert_eq!(found, expected, "{}", text);
+    }
+}
+
 // ─── Slots that tasks share ───────────────────────────────────────────────────────────────────────────────────────────
 
 /// A machine whose interpreter runs in slot 1.

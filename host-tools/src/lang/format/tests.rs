@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::lang::lexer::{Comment, docs, docs_text};
+use crate::lang::lexer::{Comment, docs_text};
+use crate::lang::tree::Name;
+use crate::model::Span;
 
 #[track_caller]
 fn formatted(text: &str) -> String {
@@ -208,23 +210,53 @@ fn substance(text: &str) -> Vec<(Option<T>, String)> {
     }
 }
 
-/// What `///` lines say, and before which token.
-fn descriptions(text: &str) -> Vec<(usize, String)> {
-    let mut descriptions = Vec::new();
-    let mut lexer = Lexer::new(text);
-    let mut start = 0;
-    for number in 0.. {
-        let token = lexer.next_token();
-        if token.kind == T::EndOfFile {
-            break;
+/// What the `///` lines say, by what they describe.
+fn descriptions(text: &str) -> Vec<String> {
+    let checked = crate::lang::load_text("test.esm", text);
+    let mut found = Vec::new();
+    let mut add = |name: Option<Name>, lines: Option<Span>| {
+        let part = |span: Span| &text[span.start as usize..span.end as usize];
+        if let Some(lines) = lines {
+            let name = name.map_or("", |name| part(name.0));
+            found.push(format!("{name}: {}", docs_text(part(lines))));
         }
-        let gap = &text[start..token.start as usize];
-        if let Some((first, last)) = docs(gap, start == 0) {
-            descriptions.push((number, docs_text(&gap[first..last])));
+    };
+    for file in checked.trees() {
+        for slot in &file.slots {
+            add(slot.number.map(|number| Name(number.span)), slot.docs);
         }
-        start = token.end as usize;
+        for task in &file.tasks {
+            add(task.name, task.docs);
+            for port in &task.data {
+                add(port.name, port.docs);
+            }
+            for flag in &task.flags {
+                add(flag.name, flag.docs);
+            }
+            for param in &task.params {
+                add(param.name, param.docs);
+            }
+        }
+        for container in &file.containers {
+            add(container.name, container.docs);
+            for event in &container.events {
+                add(event.name, event.docs);
+            }
+            for port in &container.data {
+                add(port.name, port.docs);
+            }
+            for flag in &container.flags {
+                add(flag.name, flag.docs);
+            }
+            for region in &container.regions {
+                add(region.name, region.docs);
+                for state in &region.states {
+                    add(state.name, state.docs);
+                }
+            }
+        }
     }
-    descriptions
+    found
 }
 
 /// A text of the whole grammar, to be sprayed.
