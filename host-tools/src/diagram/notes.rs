@@ -270,7 +270,7 @@ mod tests {
             }
         }
         let many: String = (0..20)
-            .map(|at| format!("/// {}\n state A{at};", "x".repeat(MAX_CHARACTERS)))
+            .map(|at| format!("\n/// {}\n state A{at};", "x".repeat(MAX_CHARACTERS)))
             .collect();
         let text = format!("container C {{ region r {{ {many} initial -> A0; }} }}");
         let (_, found) = texts(&text, &with_notes());
