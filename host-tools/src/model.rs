@@ -53,6 +53,8 @@ pub struct Slot {
     pub period_us: u32,
     /// Duration in microseconds.
     pub duration_us: u32,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The declaration.
     pub span: Span,
 }
@@ -81,8 +83,18 @@ pub struct DataPort {
     pub optional: bool,
     /// How old a value may be that an `in` or `inout` port of a task reads, in microseconds; an older one counts as none.
     pub within_us: Option<u32>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The declaration.
     pub span: Span,
+}
+
+impl DataPort {
+    /// Whether an input must be on a net: one that is required, and one that wants fresh values, whatever it does without any.
+    #[must_use]
+    pub fn must_be_on_net(&self) -> bool {
+        !self.optional || self.within_us.is_some()
+    }
 }
 
 /// A control flag of a task or container.
@@ -92,6 +104,8 @@ pub struct Flag {
     pub name: String,
     /// [`Direction::In`] or [`Direction::Out`].
     pub direction: Direction,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The declaration.
     pub span: Span,
 }
@@ -133,6 +147,8 @@ pub struct Param {
     pub default: Option<Value>,
     /// Least and greatest value.
     pub range: Option<(Value, Value)>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The declaration.
     pub span: Span,
 }
@@ -167,6 +183,8 @@ pub struct Task {
     pub flags: Vec<Flag>,
     /// Parameters in source order.
     pub params: Vec<Param>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The name in the declaration.
     pub span: Span,
 }
@@ -201,6 +219,8 @@ pub struct Container {
     pub regions: Vec<Region>,
     /// Data paths in source order.
     pub paths: Vec<Path>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The name in the declaration.
     pub span: Span,
 }
@@ -214,6 +234,8 @@ pub struct Region {
     pub states: Vec<State>,
     /// Transitions in source order, of all sources.
     pub transitions: Vec<Transition>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The name in the declaration.
     pub span: Span,
 }
@@ -227,6 +249,8 @@ pub struct State {
     pub kind: StateKind,
     /// Timeout in microseconds.
     pub timeout_us: Option<u32>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
     /// The name in the declaration.
     pub span: Span,
     /// The whole declaration, from its word on: where things that concern the whole state are reported.

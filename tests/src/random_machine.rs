@@ -261,6 +261,9 @@ impl Writer<'_> {
         if self.random.chance(20) {
             head.push_str(" wcet 1 us");
         }
+        if self.random.chance(20) {
+            head.push_str(" count 1000000");
+        }
         self.line(format_args!("{head} {{"));
         let flags = self.flags();
         self.write_flags(&flags);

@@ -16,6 +16,13 @@ struct Port {
     type_name: &'static str,
     direction: &'static str,
     is_optional: bool,
+    within_ms: Option<usize>,
+}
+
+impl Port {
+    fn must_be_joined(&self) -> bool {
+        self.direction == "in" && (!self.is_optional || self.within_ms.is_some())
+    }
 }
 
 /// Something with ports: a task or a container.
@@ -32,10 +39,16 @@ pub fn mission(seed: u64) -> String {
     for index in 0..random.between(1, 4) {
         let name = format!("Task{index}");
         let count = random.between(1, 3);
-        let ports = ports(&mut random, count);
+        let mut ports = ports(&mut random, count);
+        for port in ports.iter_mut().filter(|port| port.direction != "out") {
+            if random.chance(30) {
+                port.within_ms = Some(random.between(1, 30));
+            }
+        }
+        let endless = if random.chance(30) { " endless" } else { "" };
         line(
             &mut text,
-            format_args!("task {name} slot 1 {{ {} }}", declared(&ports)),
+            format_args!("task {name} slot 1{endless} {{ {} }}", declared(&ports)),
         );
         tasks.push(Kind { name, ports });
     }
@@ -69,6 +82,7 @@ fn ports(random: &mut Random, count: usize) -> Vec<Port> {
                 type_name: TYPES[random.below(TYPES.len())],
                 direction,
                 is_optional: direction == "in" && random.chance(60),
+                within_ms: None,
             }
         })
         .collect()
@@ -77,8 +91,12 @@ fn ports(random: &mut Random, count: usize) -> Vec<Port> {
 fn declared(ports: &[Port]) -> String {
     let port = |port: &Port| {
         let optional = if port.is_optional { " optional" } else { "" };
+        let within = match port.within_ms {
+            Some(within_ms) => format!(" within {within_ms} ms"),
+            None => String::new(),
+        };
         format!(
-            "{} data {}: {}{optional};",
+            "{} data {}: {}{optional}{within};",
             port.direction, port.name, port.type_name
         )
     };
@@ -123,7 +141,7 @@ fn body(random: &mut Random, text: &mut String, tasks: &[Kind], containers: &[Ki
                 type_name: port.type_name,
                 is_source: port.direction != "in",
                 is_target: port.direction != "out",
-                must_be_joined: port.direction == "in" && !port.is_optional,
+                must_be_joined: port.must_be_joined(),
             }));
         }
         line(text, format_args!("  }}"));

@@ -440,7 +440,8 @@ fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
 
 #[test]
 fn draw_writes_what_the_name_asks_for_and_shows_no_more_than_it_is_told() {
-    let files = Files::new(&[("good.esm", GOOD)]);
+    let described = GOOD.replace("container Escape", "/// Gets away.\ncontainer Escape");
+    let files = Files::new(&[("good.esm", &described)]);
     let draw = |arguments: &str, name: &str| {
         let done = files.esm(&format!("draw {{}}/good.esm -o {{}}/{name} {arguments}"));
         assert_eq!(done.status, Some(0), "{arguments}: {}", done.err);
@@ -465,6 +466,7 @@ fn draw_writes_what_the_name_asks_for_and_shows_no_more_than_it_is_told() {
     let alone = svg("--container Escape");
     assert!(alone.contains("container Escape") && !alone.contains("Rover"));
     assert!(!whole.contains("simple state") && svg("--legend").contains("simple state"));
+    assert!(!whole.contains("Gets away.") && svg("--notes").contains("Gets away."));
 
     let [width, height] = png_size(&draw("", "out.PNG")).unwrap();
     let tall = png_size(&draw("--legend", "legend.png")).unwrap();

@@ -665,6 +665,106 @@ fn what_can_stand_at_a_place_is_proposed() {
     assert_eq!(editor.end(), Some(0));
 }
 
+#[test]
+fn what_describes_a_declaration_is_shown_with_it() {
+    const TEXT: &str = "/// Drives ahead.
+/// Stops where something is near.
+task Cruise slot 1 endless {
+    /// Where it looks.
+    in data ranges: Ranges optional within 50 ms;
+    /// Something is near.
+    out flag near; // at last
+    /// How fast, in metres a second.
+    param speed: f32 = 0.5;
+}
+// Not about it.
+/// What the robot does.
+machine M {
+    /// Somebody knocks.
+    event Knock;
+    region r {
+        /// Where all begins.
+        task Ahead: Cruise with { speed = 0.2 };
+        initial -> Ahead; Ahead -> Ahead on Knock [.near];
+    }
+}
+";
+    let mut editor = Editor::new(&[]);
+    editor.open("mission.esm", TEXT);
+    let cases: [(&str, &str); 8] = [
+        (
+            "task |Cruise",
+            "```\n\nDrives ahead.\nStops where something is near.",
+        ),
+        ("in data |ranges", "```\n\nWhere it looks."),
+        ("[.|near]", "```\n\nSomething is near."),
+        ("with { |speed", "```\n\nHow fast, in metres a second."),
+        ("on |Knock", "```\n\nSomebody knocks."),
+        ("machine |M", "```\n\nWhat the robot does."),
+        ("task |Ahead", "```\n\nWhere all begins."),
+        // And of what it is made.
+        (
+            "task |Ahead",
+            "```\n\nDrives ahead.\nStops where something is near.",
+        ),
+    ];
+    for (pattern, expected) in cases {
+        let at = editor.at("mission.esm", TEXT, pattern);
+        let found = editor.request("textDocument/hover", at);
+        let text = found["contents"]["value"].as_str().unwrap();
+        assert!(
+            text.contains(expected),
+            "{pattern}: no {expected:?} in\n{text}"
+        );
+        assert!(
+            !text.contains("Not about it") && !text.contains("\nat last"),
+            "{pattern}:\n{text}"
+        );
+    }
+    let cases: [(&str, &str, &str); 5] = [
+        (
+            "task Ahead: |Cruise",
+            "Cruise",
+            "Drives ahead.\nStops where something is near.",
+        ),
+        ("with { |speed", "speed", "How fast, in metres a second."),
+        ("[.|near]", "near", "Something is near."),
+        ("on |Knock", "Knock", "Somebody knocks."),
+        ("initial -> |Ahead", "Ahead", "Where all begins."),
+    ];
+    for (pattern, label, expected) in cases {
+        let at = editor.at("mission.esm", TEXT, pattern);
+        let items = editor.request("textDocument/completion", at);
+        let mut items = items.as_array().unwrap().iter();
+        let item = items.find(|item| item["label"] == label).unwrap();
+        assert_eq!(item["documentation"]["value"], expected, "{pattern}");
+    }
+    // Attributes that are given are not proposed again, and containers ask for nothing.
+    let cases: [(&str, &[&str]); 5] = [
+        ("task T { in data a: A |; }", &["optional", "within"]),
+        ("task T { in data a: A within 5 ms |; }", &["optional"]),
+        ("task T { out data a: A |; }", &["optional"]),
+        (
+            "container C { in data a: A |; region r { initial -> final; } }",
+            &["optional"],
+        ),
+        (
+            "task T |{ }",
+            &["slot", "wcet", "exclusive", "count", "endless"],
+        ),
+    ];
+    for (marked, expected) in cases {
+        let text = marked.replacen('|', "", 1);
+        editor.change("mission.esm", json!([{ "text": text }]));
+        assert_eq!(
+            editor.labels("mission.esm", &text, marked),
+            expected,
+            "{marked}"
+        );
+    }
+    assert_eq!(editor.end(), Some(0));
+}
+
 /// The model of a set of files, as text, with one name written in place of another.
 fn meaning(tasks: &str, mission: &str, from: &str, to: &str) -> String {
     let checked = host_tools::lang::load_texts(&[("mission.esm", mission), ("tasks.esm", tasks)]);

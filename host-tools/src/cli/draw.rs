@@ -44,6 +44,10 @@ pub struct DrawArgs {
     /// Says below the picture what the symbols mean
     #[arg(long)]
     pub legend: bool,
+
+    /// Puts below the picture what the `///` lines say of what it shows
+    #[arg(long)]
+    pub notes: bool,
 }
 
 /// Runs the command.
@@ -62,6 +66,7 @@ pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandErro
         depth: args.depth,
         data: !args.no_data,
         legend: args.legend,
+        notes: args.notes,
     };
     let scene = diagram::draw(model, &options).map_err(|error| match error {
         DrawError::NoContainer { .. } => CommandError::Usage(error.into()),

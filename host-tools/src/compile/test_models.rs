@@ -12,6 +12,7 @@ pub(crate) fn state(name: &str, kind: StateKind) -> State {
         name: name.to_owned(),
         kind,
         timeout_us: None,
+        docs: String::new(),
         span: Span::default(),
         declaration: Span::default(),
     }
@@ -83,6 +84,7 @@ pub(crate) fn region(name: &str, states: Vec<State>, transitions: Vec<Transition
         name: name.to_owned(),
         states,
         transitions,
+        docs: String::new(),
         span: Span::default(),
     }
 }
@@ -109,6 +111,7 @@ pub(crate) fn container(
         data: Vec::new(),
         regions,
         paths: Vec::new(),
+        docs: String::new(),
         span: Span::default(),
     }
 }
@@ -118,6 +121,7 @@ pub(crate) fn flag(name: &str, direction: Direction) -> Flag {
     Flag {
         name: name.to_owned(),
         direction,
+        docs: String::new(),
         span: Span::default(),
     }
 }
@@ -130,6 +134,7 @@ pub(crate) fn port(name: &str, direction: Direction, type_name: &str) -> DataPor
         type_name: type_name.to_owned(),
         optional: false,
         within_us: None,
+        docs: String::new(),
         span: Span::default(),
     }
 }
@@ -146,6 +151,7 @@ pub(crate) fn task(name: &str, flags: Vec<Flag>) -> Task {
         data: Vec::new(),
         flags,
         params: Vec::new(),
+        docs: String::new(),
         span: Span::default(),
     }
 }
@@ -156,6 +162,7 @@ pub(crate) fn model(events: &[&str], tasks: Vec<Task>, containers: Vec<Container
         number,
         period_us: 1_000,
         duration_us: 100,
+        docs: String::new(),
         span: Span::default(),
     };
     Model {
@@ -273,6 +280,7 @@ pub(crate) fn everything() -> Model {
         param_type: ParamType::F32,
         default: None,
         range: None,
+        docs: String::new(),
         span: Span::default(),
     }];
     drive.exclusive = Some("motors".to_owned());

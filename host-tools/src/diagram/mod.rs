@@ -24,6 +24,7 @@ pub mod grid;
 pub mod label;
 pub mod layered;
 mod legend;
+mod notes;
 pub mod pack;
 pub mod paint;
 pub mod wires;
@@ -59,6 +60,8 @@ pub struct Options {
     pub data: bool,
     /// Whether the meaning of the symbols stands below.
     pub legend: bool,
+    /// Whether what the `///` lines say stands below.
+    pub notes: bool,
 }
 
 impl Default for Options {
@@ -68,6 +71,7 @@ impl Default for Options {
             depth: None,
             data: true,
             legend: false,
+            notes: false,
         }
     }
 }
@@ -120,7 +124,12 @@ pub enum DrawError {
 /// If there is nothing to draw, or too much.
 pub fn draw(model: &Model, options: &Options) -> Result<Scene, DrawError> {
     let drawing = lay_out(model, options)?;
-    let mut scene = paint::paint(&drawing, &title(model, &roots(model, options)?));
+    let roots = roots(model, options)?;
+    let mut scene = paint::paint(&drawing, &title(model, &roots));
+    if options.notes {
+        let levels = options.depth.unwrap_or(MAX_LEVELS);
+        notes::add(&mut scene, model, &roots, levels.min(MAX_LEVELS));
+    }
     if options.legend {
         legend::add(&mut scene);
     }

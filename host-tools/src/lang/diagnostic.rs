@@ -53,11 +53,15 @@ pub enum Code {
     W109,
     /// Two writers of one net that can be active together.
     W110,
+    /// A state in which the last value of another stays on a net.
+    W111,
+    /// `within` below the period of every writer.
+    W112,
 }
 
 impl Code {
     /// All codes, in order.
-    pub const ALL: [Code; 23] = [
+    pub const ALL: [Code; 25] = [
         Code::E001,
         Code::E002,
         Code::E003,
@@ -81,6 +85,8 @@ impl Code {
         Code::W108,
         Code::W109,
         Code::W110,
+        Code::W111,
+        Code::W112,
     ];
 
     /// The code as it is written, `"E001"`.
@@ -109,6 +115,8 @@ impl Code {
             Code::W108 => "W108",
             Code::W109 => "W109",
             Code::W110 => "W110",
+            Code::W111 => "W111",
+            Code::W112 => "W112",
         }
     }
 

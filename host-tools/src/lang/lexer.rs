@@ -364,6 +364,38 @@ impl<'t> Iterator for Comments<'t> {
     }
 }
 
+/// Where the lines in a gap are that describe what follows: from the first `///` to the end of the last such line. A comment on the
+/// line of the token before describes nothing, nor does one with more than three slashes. `is_first`: the gap starts the file.
+pub fn docs(gap: &str, is_first: bool) -> Option<(usize, usize)> {
+    if !gap.contains("///") {
+        return None;
+    }
+    let mut found: Option<(usize, usize)> = None;
+    let mut is_behind = !is_first;
+    for comment in Comments::new(gap) {
+        is_behind &= comment.breaks_before == 0;
+        if !is_behind && doc_line(comment.text).is_some() {
+            let end = comment.start + comment.text.trim_end().len();
+            found = Some((found.map_or(comment.start, |(start, _)| start), end));
+        }
+    }
+    found
+}
+
+/// What a `///` line says.
+fn doc_line(comment: &str) -> Option<&str> {
+    let line = comment.strip_prefix("///")?;
+    (!line.starts_with('/')).then(|| line.strip_prefix(' ').unwrap_or(line).trim_end())
+}
+
+/// What the `///` lines in a text say that [`docs`] found, a line each.
+pub fn docs_text(text: &str) -> String {
+    let lines: Vec<&str> = Comments::new(text)
+        .filter_map(|comment| doc_line(comment.text))
+        .collect();
+    lines.join("\n")
+}
+
 #[cfg(test)]
 mod tests {
     use super::TokenKind as T;
@@ -501,6 +533,31 @@ mod tests {
             }
         }
         assert_eq!(kinds.len(), T::KeptForLater as usize + 1);
+    }
+
+    #[test]
+    fn lines_that_describe() {
+        for (gap, is_first, expected) in [
+            ("", true, ""),
+            ("/// a", true, "a"),
+            ("/// a", false, ""),
+            ("  /// a\n", true, "a"),
+            (
+                "\n  /// a\r\n  ///  b \r\n\t///\n///c\n",
+                false,
+                "a\n b\n\nc",
+            ),
+            ("\n// a\n/// b\n// c\n\n/// d\n//// e\n", false, "b\nd"),
+            (" /// of what is before it\n", false, ""),
+            ("\n/* a */ /// b\n", false, "b"),
+            (" /* a */ /// b\n", false, ""),
+            ("\n/* a\n/// b\n*/\n", false, ""),
+            ("\n/* a */\n/// b /* c\n", false, "b /* c"),
+            ("\n// /// a\n", false, ""),
+        ] {
+            let found = docs(gap, is_first).map(|(start, end)| docs_text(&gap[start..end]));
+            assert_eq!(found.unwrap_or_default(), expected, "{gap:?}");
+        }
     }
 
     #[test]

@@ -440,7 +440,25 @@ fn unknown_names() {
         ),
     ]));
     assert_places(with_rest(&[
-        ("task T slot 3 { }\nmachine M { }", &["E002 1:13"]),
+        (
+            "task T slot 3 { }\nmachine M { region r { task A: T; initial -> A; } }",
+            &["E002 1:13"],
+        ),
+        // A slot that is missing is told once, where it is needed first.
+        (
+            "task T slot 3 { } task S slot 3 { }\nmachine M { region r { task A: S; task B: T slot 3; task D: T slot 4; task F: T slot 4; initial -> A; } }",
+            &["E002 1:13", "E002 2:68"],
+        ),
+        (
+            "task T slot 3 { } task S slot 3 { } task T slot 4 { }\nmachine M { region r { task A: S; task B: S slot 3; initial -> A; } }",
+            &["E002 1:31", "E003 1:42"],
+        ),
+        // One that only tasks name that nobody uses is not missing.
+        ("task T slot 3 { }\nmachine M { }", &[]),
+        (
+            "task T slot 3 { }\nmachine M { region r { task A: Drive slot 3; task B: Ttt; initial -> A; } }",
+            &["E002 2:43", "E002 2:54"],
+        ),
         (
             "container C { region r { initial -> final [^x] / set ^y, send Z; } }\nmachine M { }",
             &["E002 1:45", "E002 1:55", "E002 1:63"],
@@ -795,6 +813,59 @@ fn slots_and_parameters_of_task_states() {
 }
 
 // ─── E010, E011, E013 ─────────────────────────────────────────────────────────────────────────────────────────────────
+
+#[test]
+fn more_task_states_than_there_is_room_for() {
+    assert_places(with_rest(&[
+        (
+            "task T slot 2 count 1 { }\nmachine M { region r { task A: T; task B: T; task D: T; initial -> A; } }",
+            &["E012 2:35"],
+        ),
+        (
+            "task T slot 2 count 0 { }\nmachine M { region r { task A: T; initial -> A; } }",
+            &["E012 2:24"],
+        ),
+        // Each use of a container counts anew.
+        (
+            "task T slot 2 count 3 { }\ncontainer C { region r { task A: T; task B: T; initial -> A; } }\nmachine M { region r { super S: C; super Z: C; initial -> S; } }",
+            &["E012 2:37"],
+        ),
+        (
+            "task T slot 2 count 4 { }\ncontainer C { region r { task A: T; task B: T; initial -> A; } }\nmachine M { region r { super S: C; super Z: C; initial -> S; } }",
+            &[],
+        ),
+        (
+            "task T slot 2 count 2 { } task U slot 2 count 1 { }\ncontainer C { region r { task A: T; task B: U; initial -> A; } }\nmachine M { region r { super S: C; task A: T; super Z: C; initial -> S; } }",
+            &["E012 2:26", "E012 2:37"],
+        ),
+        // There is no first one too many without a machine, and what no machine uses needs no room.
+        (
+            "task T slot 2 count 1 { }\ncontainer C { region r { task A: T; task B: T; initial -> A; } }",
+            &[],
+        ),
+        (
+            "task T slot 2 count 1 { }\ncontainer C { region r { task A: T; task B: T; initial -> A; } }\nmachine M { }",
+            &[],
+        ),
+        (
+            "task T slot 2 { }\nmachine M { region r { task A: T; task B: T; initial -> A; } }",
+            &[],
+        ),
+        (
+            "task T slot 2 count 0 { }\ncontainer C { region r { task A: T; super S: C; initial -> A; } }\nmachine M { region r { super S: C; initial -> S; } }",
+            &["E007 2:37"],
+        ),
+    ]));
+    // As many as nobody could lay out.
+    let levels: String = (1..80)
+        .map(|at| format!("container C{at} {{ region a {{ super S: C{0}; super Z: C{0}; initial -> S; }} }}\n", at - 1))
+        .collect();
+    let text = format!(
+        "container C0 {{ region r {{ task A: T; initial -> A; }} }}\n{levels}task T slot 2 count 4000000000 {{ }} machine M {{ region r {{ super S: C79; initial -> S; }} }}{REST}"
+    );
+    let checked = load_text("case.esm", &text);
+    assert_eq!(places(&checked), ["E012 1:27"]);
+}
 
 #[test]
 fn more_time_than_there_is() {

@@ -112,6 +112,8 @@ pub enum Rate {
 /// `slot 1 period 10 ms duration 1 ms;`
 #[derive(Clone, Copy, Debug)]
 pub struct Slot {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// The whole, from the word on.
     pub span: Span,
     /// Its number, 1 or above.
@@ -125,6 +127,8 @@ pub struct Slot {
 /// `task Cruise slot 2 { … }`
 #[derive(Clone, Debug)]
 pub struct Task {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// From the word to the brace.
     pub span: Span,
     /// Its name.
@@ -156,6 +160,8 @@ pub struct Task {
 /// `in data ranges: Ranges optional within 500 ms;`
 #[derive(Clone, Copy, Debug)]
 pub struct DataPort {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// The whole, from the direction on.
     pub span: Span,
     /// Direction, seen from the owner.
@@ -173,6 +179,8 @@ pub struct DataPort {
 /// `out flag near;`
 #[derive(Clone, Copy, Debug)]
 pub struct Flag {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// The whole, from the direction on.
     pub span: Span,
     /// `In` or `Out`; `None` where that is broken.
@@ -184,6 +192,8 @@ pub struct Flag {
 /// `param speed: f32 = 0.25 min 0 max 0.5;`
 #[derive(Clone, Copy, Debug)]
 pub struct Param {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// The whole, from the word on.
     pub span: Span,
     /// Its name.
@@ -223,6 +233,8 @@ pub enum LiteralKind {
 /// `container Escape { … }` or `machine Rover { … }`
 #[derive(Clone, Debug)]
 pub struct Container {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// Whether it is a machine.
     pub is_machine: bool,
     /// From the word to the brace.
@@ -261,6 +273,8 @@ pub enum EventListing {
 /// One name of an event declaration.
 #[derive(Clone, Copy, Debug)]
 pub struct Event {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// How it is listed.
     pub listing: EventListing,
     /// Its name.
@@ -270,6 +284,8 @@ pub struct Event {
 /// `region motion { … }`
 #[derive(Clone, Debug)]
 pub struct Region {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// From the word to the brace.
     pub span: Span,
     /// Its name.
@@ -291,6 +307,8 @@ pub struct Region {
 /// A state of any kind.
 #[derive(Clone, Debug)]
 pub struct State {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
     /// The whole, from the word on.
     pub span: Span,
     /// Its name.

@@ -5,11 +5,13 @@
 
 use std::collections::BTreeSet;
 
-use lsp_types::{CompletionItem, CompletionItemKind as Kind};
+use lsp_types::{
+    CompletionItem, CompletionItemKind as Kind, Documentation, MarkupContent, MarkupKind,
+};
 
-use crate::lang::lexer::{Lexer, Token, TokenKind as T};
+use crate::lang::lexer::{Lexer, Token, TokenKind as T, docs_text};
 use crate::lang::tree::{self, Name, State, StateKind};
-use crate::model::Direction;
+use crate::model::{Direction, Span};
 
 use super::sets::Set;
 
@@ -104,6 +106,24 @@ impl Items {
                 detail: Some(detail.to_owned()),
                 ..CompletionItem::default()
             });
+        }
+    }
+
+    /// As [`Items::add`], with what the `///` lines say of it.
+    fn add_described(
+        &mut self,
+        label: impl Into<String>,
+        kind: Kind,
+        detail: &str,
+        docs: Option<String>,
+    ) {
+        let before = self.list.len();
+        self.add(label, kind, detail);
+        if let (Some(item), Some(docs)) = (self.list.get_mut(before), docs) {
+            item.documentation = Some(Documentation::MarkupContent(MarkupContent {
+                kind: MarkupKind::Markdown,
+                value: docs,
+            }));
         }
     }
 
@@ -203,8 +223,10 @@ impl<'c> Context<'c> {
                     }
                 }
             }
-            [T::Task, T::Identifier, ..] if self.word(-1) != Some("wcet") => {
-                items.words(&["slot", "wcet", "exclusive"]);
+            [T::Task, T::Identifier, ..]
+                if !matches!(self.word(-1), Some("wcet" | "count")) || self.kinds.len() == 2 =>
+            {
+                items.words(&["slot", "wcet", "exclusive", "count", "endless"]);
             }
             _ => {}
         }
@@ -224,6 +246,9 @@ impl<'c> Context<'c> {
     }
 
     fn data_port(&self, items: &mut Items) {
+        // A container's port asks for nothing: that is for the task that reads.
+        let is_input = matches!(self.kinds.first(), Some(T::In | T::InOut));
+        let takes_within = self.body == Some(T::Task) && is_input;
         match self.kinds.as_slice() {
             [.., T::Data, T::Identifier, T::Colon] => {
                 let ports = self
@@ -234,7 +259,32 @@ impl<'c> Context<'c> {
                     items.add(self.text(name), Kind::STRUCT, "type of data");
                 }
             }
-            [.., T::Data, T::Identifier, T::Colon, T::Identifier] => items.words(&["optional"]),
+            [
+                _,
+                T::Data,
+                T::Identifier,
+                T::Colon,
+                T::Identifier,
+                rest @ ..,
+            ] => {
+                let given = self.tokens.len() - rest.len();
+                let words: Vec<&str> = self.tokens[given..]
+                    .iter()
+                    .map(|token| self.token_text(*token))
+                    .collect();
+                match words.as_slice() {
+                    [.., "within"] => {}
+                    [.., "within", _] => items.words(&["us", "ms", "s"]),
+                    words => {
+                        if !words.contains(&"optional") {
+                            items.words(&["optional"]);
+                        }
+                        if takes_within && !words.contains(&"within") {
+                            items.words(&["within"]);
+                        }
+                    }
+                }
+            }
             _ => {}
         }
     }
@@ -263,8 +313,11 @@ impl<'c> Context<'c> {
         };
         match self.kinds.as_slice() {
             [.., T::Path | T::Comma | T::Arrow] => {
-                for name in container.data.iter().filter_map(|port| port.name) {
-                    items.add(self.text(name), Kind::FIELD, "port of this container");
+                for port in &container.data {
+                    if let Some(name) = port.name {
+                        let (docs, detail) = (self.docs(port.docs), "port of this container");
+                        items.add_described(self.text(name), Kind::FIELD, detail, docs);
+                    }
                 }
                 for region in &container.regions {
                     for state in &region.states {
@@ -272,9 +325,12 @@ impl<'c> Context<'c> {
                             continue;
                         };
                         items.add(self.text(name), Kind::ENUM_MEMBER, "state");
-                        for port in ports.data.iter().filter_map(|port| port.name) {
-                            let end = format!("{}.{}", self.text(name), self.text(port));
-                            items.add(end, Kind::FIELD, "port of a state");
+                        for port in ports.data {
+                            if let Some(port_name) = port.name {
+                                let end = format!("{}.{}", self.text(name), self.text(port_name));
+                                let docs = self.docs(port.docs);
+                                items.add_described(end, Kind::FIELD, "port of a state", docs);
+                            }
                         }
                     }
                 }
@@ -293,8 +349,10 @@ impl<'c> Context<'c> {
                         if self.text(name) == before {
                             let ports = self.ports(state);
                             for port in ports.into_iter().flat_map(|ports| ports.data) {
-                                if let Some(port) = port.name {
-                                    items.add(self.text(port), Kind::FIELD, "data port");
+                                if let Some(name) = port.name {
+                                    let docs = self.docs(port.docs);
+                                    let label = self.text(name);
+                                    items.add_described(label, Kind::FIELD, "data port", docs);
                                 }
                             }
                         }
@@ -326,14 +384,20 @@ impl<'c> Context<'c> {
         let with = self.kinds.iter().position(|kind| *kind == T::With);
         match self.kinds.as_slice() {
             [T::Task, T::Identifier, T::Colon] => {
-                for name in self.tasks().filter_map(|task| task.name) {
-                    items.add(self.text(name), Kind::FUNCTION, "task");
+                for task in self.tasks() {
+                    if let Some(name) = task.name {
+                        let docs = self.docs(task.docs);
+                        items.add_described(self.text(name), Kind::FUNCTION, "task", docs);
+                    }
                 }
             }
             [T::Super, T::Identifier, T::Colon] => {
                 let containers = self.containers().filter(|container| !container.is_machine);
-                for name in containers.filter_map(|container| container.name) {
-                    items.add(self.text(name), Kind::CLASS, "container");
+                for container in containers {
+                    if let Some(name) = container.name {
+                        let docs = self.docs(container.docs);
+                        items.add_described(self.text(name), Kind::CLASS, "container", docs);
+                    }
                 }
             }
             [.., T::Timeout] => {}
@@ -350,7 +414,8 @@ impl<'c> Context<'c> {
                 for param in task.into_iter().flat_map(|task| &task.params) {
                     if let Some(name) = param.name {
                         let detail = self.set.source(param.span).to_owned();
-                        items.add(self.text(name), Kind::PROPERTY, &detail);
+                        let docs = self.docs(param.docs);
+                        items.add_described(self.text(name), Kind::PROPERTY, &detail, docs);
                     }
                 }
             }
@@ -414,15 +479,21 @@ impl<'c> Context<'c> {
 
     fn states(&self, items: &mut Items) {
         let states = self.region.into_iter().flat_map(|region| &region.states);
-        for name in states.filter_map(|state| state.name) {
-            items.add(self.text(name), Kind::ENUM_MEMBER, "state");
+        for state in states {
+            if let Some(name) = state.name {
+                let docs = self.docs(state.docs);
+                items.add_described(self.text(name), Kind::ENUM_MEMBER, "state", docs);
+            }
         }
     }
 
     fn events(&self, items: &mut Items) {
         let events = self.container.into_iter().flat_map(|it| &it.events);
-        for name in events.filter_map(|event| event.name) {
-            items.add(self.text(name), Kind::EVENT, "event");
+        for event in events {
+            if let Some(name) = event.name {
+                let docs = self.docs(event.docs);
+                items.add_described(self.text(name), Kind::EVENT, "event", docs);
+            }
         }
     }
 
@@ -431,7 +502,8 @@ impl<'c> Context<'c> {
         for slot in slots {
             if let Some(number) = slot.number {
                 let detail = self.set.source(slot.span).to_owned();
-                items.add(number.value.to_string(), Kind::VALUE, &detail);
+                let docs = self.docs(slot.docs);
+                items.add_described(number.value.to_string(), Kind::VALUE, &detail, docs);
             }
         }
     }
@@ -444,7 +516,8 @@ impl<'c> Context<'c> {
                 && given == direction
             {
                 let label = format!("{sign}{}", self.text(name));
-                items.add(label, Kind::VARIABLE, "flag of the state");
+                let docs = self.docs(flag.docs);
+                items.add_described(label, Kind::VARIABLE, "flag of the state", docs);
             }
         }
     }
@@ -457,7 +530,8 @@ impl<'c> Context<'c> {
                 && (is_read || flag.direction == Some(Direction::Out))
             {
                 let label = format!("{sign}{}", self.text(name));
-                items.add(label, Kind::VARIABLE, "flag of this container");
+                let docs = self.docs(flag.docs);
+                items.add_described(label, Kind::VARIABLE, "flag of this container", docs);
             }
         }
     }
@@ -527,8 +601,17 @@ impl<'c> Context<'c> {
         } else {
             index.unsigned_abs()
         };
-        let token = self.tokens.get(index)?;
+        Some(self.token_text(*self.tokens.get(index)?))
+    }
+
+    fn token_text(&self, token: Token) -> &'c str {
         let source = self.set.file_text(self.file);
-        source.get(token.start as usize..token.end as usize)
+        let text = source.get(token.start as usize..token.end as usize);
+        text.unwrap_or("")
+    }
+
+    /// What the `///` lines of a declaration say.
+    fn docs(&self, lines: Option<Span>) -> Option<String> {
+        lines.map(|lines| docs_text(self.set.source(lines)))
     }
 }

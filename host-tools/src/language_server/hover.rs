@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::lang::lexer::docs_text;
 use crate::lang::tree::{self, Action, Endpoint, Given, Rate, StateKind, Transition, Trigger};
 use crate::model::Span;
 
@@ -34,8 +35,10 @@ pub(super) fn text(set: &Set, declaration: Span) -> Option<String> {
         .unwrap_or_else(|| start_of_statement(source, declaration.start));
     let end = end_of_item(source, start);
     let mut text = fenced(&clipped(&undented(source, start, end)));
-    if let Some(comment) = comment(source, start, end) {
-        let _ = write!(text, "\n\n{}", clipped(&comment));
+    // Where it is described, other comments are not about it.
+    let docs = declared.docs().map(|lines| docs_text(set.source(lines)));
+    if let Some(said) = docs.or_else(|| comment(source, start, end)) {
+        let _ = write!(text, "\n\n{}", clipped(&said));
     }
     match declared {
         Declared::Slot(slot) => {
@@ -52,19 +55,22 @@ pub(super) fn text(set: &Set, declaration: Span) -> Option<String> {
             if let Given::Value(timeout_us) = state.timeout_us {
                 let _ = write!(text, "\n\ntimeout after {}", time(timeout_us));
             }
-            if let Some(made_of) = made_of(set, state) {
+            if let Some((made_of, docs)) = made_of(set, state) {
                 let _ = write!(text, "\n\n{}", fenced(&clipped(&made_of)));
+                if let Some(docs) = docs {
+                    let _ = write!(text, "\n\n{}", clipped(&docs));
+                }
             }
             text.push_str(&transitions_of_state(set, region, set.source(declaration)));
         }
-        Declared::Event => text.push_str(&transitions_of_event(set, &places)),
+        Declared::Event(_) => text.push_str(&transitions_of_event(set, &places)),
         _ => {}
     }
     Some(text)
 }
 
-/// The declaration of the task or container that a state is made of.
-fn made_of(set: &Set, state: &tree::State) -> Option<String> {
+/// The declaration of the task or container that a state is made of, and what its `///` lines say.
+fn made_of(set: &Set, state: &tree::State) -> Option<(String, Option<String>)> {
     let name = match &state.kind {
         StateKind::Simple => None,
         StateKind::Task { task, .. } => *task,
@@ -74,16 +80,19 @@ fn made_of(set: &Set, state: &tree::State) -> Option<String> {
     let (_, declaration) = references.at(name.0.file, name.0.start)?;
     let file = set.checked.trees().get(declaration.file as usize)?;
     let source = set.file_text(declaration.file);
-    let start = outline::declared(file, declaration)?.start()?;
+    let declared = outline::declared(file, declaration)?;
+    let start = declared.start()?;
+    let docs = declared.docs().map(|lines| docs_text(set.source(lines)));
     let whole = undented(source, start, end_of_item(source, start));
     // Of a container what it looks like from outside.
     let inside = whole.find("\n    region ").unwrap_or(whole.len());
     let outside = whole.get(..inside).unwrap_or(&whole).trim_end();
-    Some(if inside < whole.len() {
+    let shown = if inside < whole.len() {
         format!("{outside}\n    …\n}}")
     } else {
         outside.to_owned()
-    })
+    };
+    Some((shown, docs))
 }
 
 fn transitions_of_state(set: &Set, region: &tree::Region, state: &str) -> String {

@@ -23,7 +23,7 @@ pub(super) enum Declared<'t> {
     Region(&'t tree::Region),
     /// With its region.
     State(&'t State, &'t tree::Region),
-    Event,
+    Event(&'t tree::Event),
     Flag(&'t tree::Flag),
     Data(&'t tree::DataPort),
     Param(&'t tree::Param),
@@ -41,8 +41,23 @@ impl Declared<'_> {
             Declared::Flag(flag) => flag.span.start,
             Declared::Data(port) => port.span.start,
             Declared::Param(param) => param.span.start,
-            Declared::Event => return None,
+            Declared::Event(_) => return None,
         })
+    }
+
+    /// The `///` lines before it.
+    pub(super) fn docs(&self) -> Option<Span> {
+        match self {
+            Declared::Slot(slot) => slot.docs,
+            Declared::Task(task) => task.docs,
+            Declared::Container(container) => container.docs,
+            Declared::Region(region) => region.docs,
+            Declared::State(state, _) => state.docs,
+            Declared::Event(event) => event.docs,
+            Declared::Flag(flag) => flag.docs,
+            Declared::Data(port) => port.docs,
+            Declared::Param(param) => param.docs,
+        }
     }
 }
 
@@ -71,8 +86,8 @@ pub(super) fn declared(file: &tree::File, span: Span) -> Option<Declared<'_>> {
         if let Some(found) = port(&container.flags, &container.data, span) {
             return Some(found);
         }
-        if container.events.iter().any(|event| is(event.name)) {
-            return Some(Declared::Event);
+        if let Some(event) = container.events.iter().find(|event| is(event.name)) {
+            return Some(Declared::Event(event));
         }
         for region in &container.regions {
             if is(region.name) {

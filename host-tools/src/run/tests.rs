@@ -31,6 +31,7 @@ fn tasks() -> Vec<Task> {
                 param_type: ParamType::F32,
                 default: None,
                 range: None,
+                docs: String::new(),
                 span: Span::default(),
             })
             .collect(),

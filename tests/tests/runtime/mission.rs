@@ -39,6 +39,7 @@ impl Mission {
                     number,
                     period_us: *period_us,
                     duration_us: *duration_us,
+                    docs: String::new(),
                     span: NOWHERE,
                 })
                 .collect(),
@@ -55,6 +56,7 @@ impl Mission {
                 data: vec![],
                 regions: vec![],
                 paths: vec![],
+                docs: String::new(),
                 span: NOWHERE,
             }],
             ..Model::default()
@@ -87,6 +89,7 @@ impl Mission {
             data: vec![],
             flags: vec![],
             params: vec![],
+            docs: String::new(),
             span: NOWHERE,
         };
         for port in ports.trim_end_matches('}').split_terminator(';') {
@@ -105,11 +108,13 @@ impl Mission {
                     },
                     default: None,
                     range: None,
+                    docs: String::new(),
                     span: NOWHERE,
                 }),
                 [_, "flag", name] => task.flags.push(Flag {
                     name: name.into(),
                     direction,
+                    docs: String::new(),
                     span: NOWHERE,
                 }),
                 [_, "data", name, type_name, ref rest @ ..] => task.data.push(DataPort {
@@ -121,6 +126,7 @@ impl Mission {
                         .iter()
                         .position(|word| *word == "within")
                         .map(|at| rest[at + 1].parse().expect("microseconds")),
+                    docs: String::new(),
                     span: NOWHERE,
                 }),
                 _ => panic!("{port}"),
@@ -154,6 +160,7 @@ impl Mission {
                         },
                     },
                     timeout_us: None,
+                    docs: String::new(),
                     span: NOWHERE,
                     declaration: NOWHERE,
                 })

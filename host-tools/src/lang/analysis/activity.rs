@@ -5,7 +5,7 @@
 //! any time. These are never true:
 //!
 //! - `timeout` of a state without a limit,
-//! - `exit` of a superstate in whose container no region can reach `final`,
+//! - `exit` of a superstate in whose container no region can reach `final`, and of a task state whose task is `endless`,
 //! - an `out` flag of a container that no transition inside can set, and an `in` flag that no transition into a superstate of it can,
 //! - `busy` of a superstate without a task state inside.
 //!
@@ -323,7 +323,9 @@ impl Place {
         match declared.kind {
             _ if lacks.kind => false,
             StateKind::Simple => true,
-            StateKind::Task { .. } => false,
+            StateKind::Task { task, .. } => {
+                atom == Atom::Exit && model.tasks.get(task).is_some_and(|task| task.endless)
+            }
             StateKind::Super { container } => match atom {
                 Atom::Own(flag) => !can_be_set(container, flag),
                 Atom::Exit => !containers

@@ -104,6 +104,28 @@ impl Holes {
         }
     }
 
+    /// Whether all tasks, containers, ports, states and data paths of the set are known, whatever transitions lead to what.
+    pub fn are_parts_known(&self) -> bool {
+        let is_known = |region: &RegionHoles| {
+            !region.body
+                && region
+                    .states
+                    .iter()
+                    .all(|state| !state.kind && !state.is_twin)
+        };
+        !self.set
+            && self
+                .tasks
+                .iter()
+                .all(|task| !task.declarations && !task.is_twin)
+            && self.containers.iter().all(|container| {
+                !container.declarations
+                    && !container.paths
+                    && !container.is_twin
+                    && container.regions.iter().all(is_known)
+            })
+    }
+
     /// Whether anything is not known.
     pub fn any(&self) -> bool {
         self.set

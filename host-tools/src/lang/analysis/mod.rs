@@ -6,6 +6,8 @@
 //! - [`side_by_side`]: which states can be active together.
 //! - [`sharing`]: which tasks share a slot, and how long they take together at most.
 //!
+//! Data is looked at in two modules of its own: which ports share a net in which instance, and which values get old there.
+//!
 //! ```
 //! use host_tools::lang::{analysis::{activity::{Activity, StateId, View}, holes::Holes, side_by_side::SideBySide}, load_text};
 //!
@@ -25,6 +27,7 @@
 //! ```
 
 pub mod activity;
+mod freshness;
 pub mod guards;
 pub mod holes;
 mod nets;
@@ -55,6 +58,7 @@ pub(super) fn check(model: &Model, holes: &Holes, known: &Activity, sink: &mut S
     warnings.exclusive_tasks(sink);
     warnings.dead_ends(&uses, sink);
     warnings.competing_writers(&uses, sink);
+    warnings.old_values(&uses, sink);
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Which two writers of one net can be active together (W110).
+//! The nets of a set of files, and which two writers of one net can be active together (W110).
 //!
 //! Nets are joined through the ports of containers, so which they are depends on the instances. The instances are laid out here, up to
 //! [`MAX_INSTANCES`] and [`MAX_ENDS`]; of a larger set, which no blob could hold, nothing is said. In each instance, from the inside
@@ -7,10 +7,10 @@
 //!
 //! A writer is an `out` port of a task state. An `inout` port publishes again what was on the net, and disturbs nobody.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::lang::forest::Forest;
-use crate::model::{Direction, Model, Path, PathEnd, StateKind};
+use crate::model::{Direction, Model, Path, PathEnd, SlotRef, StateKind};
 
 use super::activity::{Activity, StateId, Uses};
 
@@ -39,34 +39,58 @@ pub(super) struct Meeting {
 }
 
 /// A container instance.
-struct Instance {
-    container: usize,
+pub(super) struct Instance {
+    /// Index into [`Model::containers`].
+    pub(super) container: usize,
+    /// The instance around it, and which superstate of that one it is.
+    pub(super) around: Option<(usize, StateId)>,
     /// The net node of its port 0; those of the others follow.
     first_port: usize,
     /// Instances in its superstates, by region and state.
     inside: HashMap<(usize, usize), usize>,
 }
 
+/// A data port of a task state in an instance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Port {
+    /// Index into [`Layout::instances`].
+    pub(super) instance: usize,
+    /// The task state.
+    pub(super) state: StateId,
+    /// Index into [`Model::tasks`].
+    pub(super) task: usize,
+    /// The slot of the task state.
+    pub(super) slot: SlotRef,
+    /// Index into the data ports of the task.
+    pub(super) port: usize,
+}
+
 /// For each path on which a second writer of a net stands, the first such meeting; in the order of containers and paths.
 pub(super) fn meetings(model: &Model, activity: &Activity, uses: &Uses) -> Vec<Meeting> {
-    let has_paths = model.containers.iter().any(|it| !it.paths.is_empty());
-    if !has_paths || activity.children_first().is_none() {
-        return Vec::new();
-    }
     lay_out(model, activity, uses).map_or_else(Vec::new, |layout| layout.meetings())
 }
 
-struct Layout<'m> {
+/// The instances of a set of files and their nets.
+pub(super) struct Layout<'m> {
     model: &'m Model,
     activity: &'m Activity,
     /// Each behind the one that it is inside.
-    instances: Vec<Instance>,
+    pub(super) instances: Vec<Instance>,
     nets: Forest,
     /// Per instance, the net nodes of the ports of its task states that are on a path.
     task_ports: Vec<HashMap<PathEnd, usize>>,
 }
 
-fn lay_out<'m>(model: &'m Model, activity: &'m Activity, uses: &Uses) -> Option<Layout<'m>> {
+/// Lays out the instances that can be active. `None` where there are no paths, where a container uses itself, and beyond the limits.
+pub(super) fn lay_out<'m>(
+    model: &'m Model,
+    activity: &'m Activity,
+    uses: &Uses,
+) -> Option<Layout<'m>> {
+    let has_paths = model.containers.iter().any(|it| !it.paths.is_empty());
+    if !has_paths || activity.children_first().is_none() {
+        return None;
+    }
     let mut layout = Layout {
         model,
         activity,
@@ -75,7 +99,7 @@ fn lay_out<'m>(model: &'m Model, activity: &'m Activity, uses: &Uses) -> Option<
         task_ports: Vec::new(),
     };
     match model.machine {
-        Some(machine) => layout.add(machine)?,
+        Some(machine) => layout.add(machine, None)?,
         None => {
             // Whatever nothing else puts into the whole is a whole itself.
             let mut is_used = vec![false; model.containers.len()];
@@ -90,7 +114,7 @@ fn lay_out<'m>(model: &'m Model, activity: &'m Activity, uses: &Uses) -> Option<
             }
             for (container, is_used) in is_used.into_iter().enumerate() {
                 if !is_used {
-                    layout.add(container)?;
+                    layout.add(container, None)?;
                 }
             }
         }
@@ -102,7 +126,7 @@ fn lay_out<'m>(model: &'m Model, activity: &'m Activity, uses: &Uses) -> Option<
         for (state, used) in uses.of_container(container) {
             if activity.is_active(*state) {
                 let inside = layout.instances.len();
-                layout.add(*used)?;
+                layout.add(*used, Some((next, *state)))?;
                 if let Some(instance) = layout.instances.get_mut(next) {
                     instance.inside.insert((state.region, state.state), inside);
                 }
@@ -130,7 +154,7 @@ fn ends(path: &Path) -> impl Iterator<Item = &PathEnd> {
 
 impl Layout<'_> {
     /// Adds an instance of a container, of which nothing is known yet but its ports.
-    fn add(&mut self, container: usize) -> Option<()> {
+    fn add(&mut self, container: usize, around: Option<(usize, StateId)>) -> Option<()> {
         if self.instances.len() == MAX_INSTANCES {
             return None;
         }
@@ -144,6 +168,7 @@ impl Layout<'_> {
         }
         self.instances.push(Instance {
             container,
+            around,
             first_port,
             inside: HashMap::new(),
         });
@@ -183,6 +208,56 @@ impl Layout<'_> {
                 self.nets.join(*first.get_or_insert(node), node);
             }
         }
+    }
+
+    /// The ports of task states that are on a net, by net; of a net in the order of the instances.
+    pub(super) fn ports(&mut self) -> BTreeMap<usize, Vec<Port>> {
+        let mut nets: BTreeMap<usize, Vec<Port>> = BTreeMap::new();
+        for (instance, (here, ports)) in self.instances.iter().zip(&self.task_ports).enumerate() {
+            let Some(container) = self.model.containers.get(here.container) else {
+                continue;
+            };
+            for (&end, &node) in ports {
+                if let PathEnd::State {
+                    region,
+                    state,
+                    port,
+                } = end
+                    && let Some(declared) = container.regions.get(region)
+                    && let Some(declared) = declared.states.get(state)
+                    && let StateKind::Task { task, slot, .. } = declared.kind
+                {
+                    nets.entry(self.nets.root(node)).or_default().push(Port {
+                        instance,
+                        state: StateId {
+                            container: here.container,
+                            region,
+                            state,
+                        },
+                        task,
+                        slot,
+                        port,
+                    });
+                }
+            }
+        }
+        for ports in nets.values_mut() {
+            ports.sort_unstable_by_key(|port| (port.instance, port.state, port.port));
+        }
+        nets
+    }
+
+    /// The nets that a container's ports lead out of the set: what is on them outside nobody knows.
+    pub(super) fn open_nets(&mut self) -> HashSet<usize> {
+        let mut open = HashSet::new();
+        for instance in self.instances.iter().filter(|it| it.around.is_none()) {
+            let container = self.model.containers.get(instance.container);
+            let ports = container.map_or(0, |container| container.data.len());
+            for node in instance.first_port..instance.first_port + ports {
+                open.insert(self.nets.root(node));
+            }
+        }
+        open
     }
 
     fn meetings(mut self) -> Vec<Meeting> {

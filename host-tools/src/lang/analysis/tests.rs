@@ -131,12 +131,20 @@ const REST: &str = "
 interpreter slot 1;
 slot 1 period 10 ms duration 1 ms;
 slot 2 period 10 ms duration 4 ms;
+slot 3 period 100 ms duration 1 ms;
 task T slot 2 { in flag go; out flag near; out flag far; }
 task Left slot 2 exclusive motors { out data twist: Twist; }
 task Right slot 2 exclusive motors { out data twist: Twist; }
 task Same slot 2 exclusive motors { inout data twist: Twist; }
 task Lamp slot 2 exclusive light { }
 task Reader slot 2 { in data twist: Twist optional; }
+task Needs slot 2 { in data twist: Twist; }
+task Fresh slot 2 { in data twist: Twist optional within 50 ms; }
+task Patient slot 2 { in data twist: Twist within 100 ms; }
+task Pass slot 2 { inout data twist: Twist within 50 ms; }
+task Two slot 2 { in data a: Twist within 20 ms; in data b: Twist optional within 99999 us; }
+task Slow slot 3 { out data twist: Twist; }
+task Ever slot 2 endless { out flag near; }
 ";
 
 /// The warnings of this module with some code, and all errors, as "code line:col".
@@ -191,6 +199,9 @@ fn used(inside: &str, outside: &str) -> String {
 #[test]
 fn states_that_nothing_leads_to() {
     assert_found(Code::W101, &[
+        ("behind the end of an endless task", machine("task A: Ever; state B; initial -> A; A -> B on *; B -> A;"), &["W101 2:15"]),
+        ("behind `exit` of an endless task", machine("task A: Ever; state B; initial -> A; A -> B [exit and .near]; B -> A;"), &["W101 2:15"]),
+        ("behind something else of an endless task", machine("task A: Ever; state B; initial -> A; A -> B [not exit and .near]; B -> A;"), &[]),
         ("no transition", machine("state A; state B; initial -> A; A -> A; B -> A;"), &["W101 2:10"]),
         ("a circle beside", machine("state A; state B; state D; initial -> A; B -> D; D -> B;"), &["W101 2:10", "W101 2:19"]),
         ("only itself", machine("state A; task B: T; initial -> A; B -> B;"), &["W101 2:10"]),
@@ -473,6 +484,11 @@ fn states_without_a_way_out() {
         ("two levels down", "container D { region r { state X; initial -> X; } }\ncontainer C { region r { super Y: D; initial -> Y; } }\nmachine M { region r { super S: C; initial -> S; } }".into(), &["W108 1:26", "W108 2:26", "W108 3:24"]),
         ("beside an error", machine("state A; state B; task D: Tt; initial -> A; A -> D; D -> B;"), &["W108 2:10", "E002 2:27"]),
 
+        ("a superstate around an endless task", used("task A: Ever; initial -> A;", "initial -> S;"), &["W108 4:1"]),
+        ("a state of an unknown task beside an endless one", machine("task A: Ever; task B: Evr; initial -> A; A -> B;"), &["W108 2:15", "E002 2:23"]),
+
+        ("an endless task", machine("task A: Ever; initial -> A;"), &[]),
+        ("an endless task inside", used("task A: Ever; state B; initial -> B; B -> A;", "initial -> S; S -> S on E;"), &[]),
         ("itself", machine("state A; initial -> A; A -> A;"), &[]),
         ("to final", machine("state A; initial -> A; A -> final;"), &[]),
         ("on an event", machine("state A; state B; initial -> A; A -> B; B -> A on E;"), &[]),
@@ -553,6 +569,88 @@ fn writers_of_one_net_that_are_active_together() {
         ("a path with an unknown end", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twits;"), &["E002 6:28"]),
         ("a path the wrong way round", writing("task A: Left; initial -> A;", "task B: Right; initial -> B;", "path A.twist -> B.twist, R.twist;"), &["E008 6:1"]),
         ("recursion", "container D { region a { task A: Left; super S: D; initial -> A; A -> S; } region b { task B: Right; initial -> B; } region c { task R: Reader; initial -> R; }\npath A.twist, B.twist -> R.twist; }".into(), &["E007 1:40"]),
+    ]);
+}
+
+#[test]
+fn states_in_which_the_last_value_of_another_stays() {
+    let left = "task A: Left; state H; initial -> A; A -> H;";
+    let none = "state X; initial -> X;";
+    let to_reader = "path A.twist -> R.twist;";
+    let reader_inside = "container D { in data x: Twist optional; region q { task R: Reader; initial -> R; } path x -> R.twist; }";
+    assert_found(Code::W111, &[
+        ("a simple state", writing(left, none, to_reader), &["W111 2:15"]),
+        ("each", writing("task A: Left; state H; state I; initial -> A; A -> H; H -> I;", none, to_reader), &["W111 2:15", "W111 2:24"]),
+        ("once for two nets", writing("task A: Left; task B: Right; state H; initial -> A; A -> B; B -> H;", "task Q: Reader; initial -> Q;", "path A.twist -> R.twist; path B.twist -> Q.twist;"), &["W111 2:1", "W111 2:15", "W111 2:30"]),
+        ("once for two readers", writing(left, "task Q: Reader; initial -> Q;", "path A.twist -> Q.twist, R.twist;"), &["W111 2:15"]),
+        ("one that comes before any value", writing("state H; task A: Left; initial -> H; H -> A;", none, to_reader), &["W111 2:1"]),
+        ("one that reads itself", writing("task A: Left; task H: Reader; initial -> A; A -> H;", none, "path A.twist -> H.twist, R.twist;"), &["W111 2:15"]),
+        ("one that passes it on", writing("task A: Left; task H: Same; initial -> A; A -> H;", none, "path A.twist -> H.twist; path H.twist -> R.twist;"), &["W111 2:15"]),
+        ("one that writes another net", writing("task A: Left; task H: Right; initial -> A; A -> H;", "task Q: Fresh; initial -> Q;", "path A.twist -> R.twist; path H.twist -> Q.twist;"), &["W111 2:15"]),
+        ("a reader that needs it", writing(left, "task N: Needs; initial -> N;", "path A.twist -> N.twist;"), &["W111 2:15"]),
+        ("a reader that passes it on", writing(left, "task N: Same; initial -> N;", "path A.twist -> N.twist;"), &["W111 2:15"]),
+        ("beside a reader of fresh values", writing(left, "task N: Fresh; initial -> N;", "path A.twist -> N.twist, R.twist;"), &["W111 2:15"]),
+        ("a reader that is entered later", writing(left, "state X; task N: Needs; initial -> X; X -> N on E;", "path A.twist -> N.twist;"), &["W111 2:15"]),
+        ("a writer outside that is never entered", writing(left, "state X; task B: Right; initial -> X;", "path A.twist, B.twist -> R.twist;"), &["W111 2:15"]),
+        ("what passes it on outside", writing(left, "task B: Same; initial -> B;", "path A.twist -> B.twist; path B.twist -> R.twist;"), &["W111 2:15"]),
+        ("a reader inside", format!("machine M {{ region a {{\n{left}\n}} region b {{ super S: D; initial -> S; }} path A.twist -> S.x; }} {reader_inside}"), &["W111 2:15"]),
+        ("a reader inside, used twice", format!("machine M {{ region a {{\n{left}\n}} region b {{ super S: D; super Z: D; initial -> S; S -> Z; }} path A.twist -> Z.x; }} {reader_inside}"), &["W111 2:15"]),
+        ("a writer inside: there and outside", writing_inside("super S: C; state H; initial -> S; S -> H;", none, "path S.twist -> R.twist;"), &["W111 2:13", "W111 7:77"]),
+        ("a writer that is not always active inside", writing_inside("task A: Left; super S: C; initial -> A; A -> S;", none, "path A.twist, S.twist -> R.twist;"), &["W111 7:77"]),
+        ("in one use of two", writing_inside("super S: C; initial -> S;", "super Z: C; initial -> Z;", "path S.twist -> R.twist; region d { task Q: Reader; initial -> Q; } region e { task B: Left; initial -> B; } path Z.twist, B.twist -> Q.twist;"), &["W111 7:77"]),
+        ("the net leads through the container", "container D { in data x: Twist; out data y: Twist; region q {\ntask A: Left; state H; initial -> A; A -> H;\n} path A.twist -> y; region p { task Q: Reader; initial -> Q; } path x -> Q.twist; }\nmachine M { region a { super S: D; initial -> S; } path S.y -> S.x; }".into(), &["W111 2:15"]),
+        ("in a set without a machine", format!("container D {{ region a {{\n{left}\n}} region c {{ task R: Reader; initial -> R; }} {to_reader} }}"), &["W111 2:15"]),
+        ("beside an error", writing("task A: Left; state H; initial -> A; A -> A [.x]; A -> H;", none, to_reader), &["W111 2:15", "E002 2:47"]),
+
+        ("a reader of fresh values", writing(left, "task N: Fresh; initial -> N;", "path A.twist -> N.twist;"), &[]),
+        ("the other state writes, too", writing("task A: Left; task B: Right; initial -> A; A -> B;", none, "path A.twist, B.twist -> R.twist;"), &[]),
+        ("no other state", writing("task A: Left; initial -> A; A -> A;", none, to_reader), &[]),
+        ("final", writing("task A: Left; initial -> A; A -> final;", none, to_reader), &[]),
+        ("somebody outside writes", writing(left, "task B: Right; initial -> B;", "path A.twist, B.twist -> R.twist;"), &[]),
+        ("somebody outside writes at times", writing(left, "task B: Right; state X; initial -> B; B -> X; X -> B;", "path A.twist, B.twist -> R.twist;"), &[]),
+        ("somebody inside of one outside writes", writing_inside(left, "super Z: C; initial -> Z;", "path A.twist, Z.twist -> R.twist;"), &[]),
+        ("somebody outside may write", writing(left, "state X; task B: Right; initial -> X; X -> B [.what];", "path A.twist, B.twist -> R.twist;"), &["E006 4:48"]),
+        ("nobody else reads", writing("task A: Left; task H: Reader; state I; initial -> A; A -> H; H -> I;", none, "path A.twist -> H.twist;"), &[]),
+        ("a reader that is never entered", writing(left, "state X; task N: Needs; initial -> X;", "path A.twist -> N.twist;"), &[]),
+        ("a writer that is never entered", writing("task A: Left; state H; initial -> H; H -> H;", none, to_reader), &[]),
+        ("a state that is never entered", writing("task A: Left; state H; initial -> A; A -> A;", none, to_reader), &[]),
+        ("a reader that is in the region, too", writing_inside("super S: C; task Q: Reader; initial -> S; S -> Q;", none, "path S.twist -> Q.twist;"), &[]),
+        ("a reader beside another use", "container D { out data y: Twist; in data x: Twist; region q { task A: Left; initial -> A; A -> final; } region p { task Q: Reader; initial -> Q; } path A.twist -> y; path x -> Q.twist; }\nmachine M { region a { super S: D; super Z: D; initial -> S; S -> Z; Z -> S; } path S.y -> Z.x; path Z.y -> S.x; }".into(), &[]),
+        ("a net that leads out of the set", format!("container D {{ out data y: Twist; region a {{\n{left}\n}} region c {{ task R: Reader; initial -> R; }} path A.twist -> R.twist, y; }}"), &[]),
+        ("in a container that is not used", format!("container D {{ region a {{\n{left}\n}} region c {{ task R: Reader; initial -> R; }} {to_reader} }} {}", machine("state A; initial -> A;")), &[]),
+        ("a path with an unknown end", writing(left, "task B: Right; initial -> B;", "path A.twist, B.twits -> R.twist;"), &["E002 6:17"]),
+        ("a state of an unknown task", writing(left, "task B: Rihgt; initial -> B;", to_reader), &["E002 4:9"]),
+        ("recursion", "container D { region a { task A: Left; super S: D; initial -> A; A -> S; } region c { task R: Reader; initial -> R; }\npath A.twist -> R.twist; }".into(), &["E007 1:40"]),
+    ]);
+}
+
+#[test]
+fn values_that_are_too_old_before_the_next_can_come() {
+    let slow = "task A: Slow; initial -> A;";
+    let fresh = "task F: Fresh; initial -> F;";
+    let to_fresh = "path A.twist -> F.twist;";
+    assert_found(Code::W112, &[
+        ("a slow writer", writing(slow, fresh, to_fresh), &["W112 4:1"]),
+        ("a writer in a slow slot", writing("task A: Left slot 3; initial -> A;", fresh, to_fresh), &["W112 4:1"]),
+        ("two slow writers", writing("task A: Slow; task B: Left slot 3; initial -> A; A -> B;", fresh, "path A.twist, B.twist -> F.twist;"), &["W112 4:1"]),
+        ("a quick one that is never entered", writing("task A: Slow; task B: Left; initial -> A;", fresh, "path A.twist, B.twist -> F.twist;"), &["W112 4:1"]),
+        ("what passes it on is no writer", writing(slow, "task P: Same; task F: Fresh; initial -> P; P -> F;", "path A.twist -> P.twist, F.twist;"), &["W112 4:15"]),
+        ("what passes it on reads", writing(slow, "task F: Pass; initial -> F;", to_fresh), &["W112 4:1"]),
+        ("once for two ports", writing(slow, "task F: Two; initial -> F;", "path A.twist -> F.a, F.b;"), &["W112 4:1"]),
+        ("each reader", writing(slow, "task F: Fresh; task G: Fresh; initial -> F; F -> G;", "path A.twist -> F.twist, G.twist;"), &["W112 4:1", "W112 4:16"]),
+        ("in one use of two", "container D { in data x: Twist; region q {\ntask F: Fresh; initial -> F;\n} path x -> F.twist; }\nmachine M { region a { task A: Slow; initial -> A; } region b { task B: Left; initial -> B; } region s { super S: D; initial -> S; } region z { super Z: D; initial -> Z; } path A.twist -> S.x; path B.twist -> Z.x; }".into(), &["W112 2:1"]),
+        ("in a set without a machine", "container D { region a { task A: Slow; initial -> A; } region b {\ntask F: Fresh; initial -> F;\n} path A.twist -> F.twist; }".into(), &["W112 2:1"]),
+
+        ("a quick writer", writing("task A: Left; initial -> A;", fresh, to_fresh), &[]),
+        ("a slow task in a quick slot", writing("task A: Slow slot 2; initial -> A;", fresh, to_fresh), &[]),
+        ("just within the period", writing(slow, "task F: Patient; initial -> F;", to_fresh), &[]),
+        ("one quick writer of two", writing("task A: Slow; task B: Left; initial -> A; A -> B;", fresh, "path A.twist, B.twist -> F.twist;"), &[]),
+        ("a writer without a period", writing("task A: Slow slot 0; initial -> A;", fresh, to_fresh), &[]),
+        ("one writer without a period of two", writing("task A: Slow; task B: Left slot 0; initial -> A; A -> B;", fresh, "path A.twist, B.twist -> F.twist;"), &[]),
+        ("a reader that is never entered", writing(slow, "state X; task F: Fresh; initial -> X;", to_fresh), &[]),
+        ("a reader that takes any value", writing(slow, "state X; initial -> X;", "path A.twist -> R.twist;"), &[]),
+        ("a net that leads out of the set", "container D { in data x: Twist; region b {\ntask F: Fresh; initial -> F;\n} region a { task A: Slow; initial -> A; } path A.twist, x -> F.twist; }".into(), &[]),
+        ("a slot that is not known", writing("task A: Left slot 9; initial -> A;", fresh, to_fresh), &["E002 2:19"]),
     ]);
 }
 
@@ -780,6 +878,158 @@ proptest! {
         prop_assert_eq!(found.tasks.len() as u64 + found.left_out, count(&nesting, nesting.len() - 1) as u64);
         prop_assert!(found.together.iter().all(|path| found.left_out > 0 || found.tasks.contains(path)));
         prop_assert_eq!((found.slot, found.duration_us, found.without_wcet), (2, 900_000, 0));
+    }
+}
+
+// ─── Values that stay, in two ways ────────────────────────────────────────────────────────────────────────────────────
+
+/// What the tasks of a [`Nesting`] do with the one net there is, by their index.
+const PORTS: [&str; 5] = [
+    "out data n: X;",
+    "in data n: X;",
+    "in data n: X within 1 s;",
+    "",
+    "in data n: X optional;",
+];
+
+/// A set of files with such a nesting and one net, which goes through all containers. And the line of each state, by container, region
+/// and number.
+fn text_with_net(nesting: &Nesting) -> (String, BTreeMap<[usize; 3], usize>) {
+    let mut lines = vec!["slot 1 period 10 ms duration 1 ms; interpreter slot 1;".to_owned()];
+    for (task, ports) in PORTS.iter().enumerate() {
+        lines.push(format!("task T{task} slot 1 {{ {ports} }}"));
+    }
+    let mut places = BTreeMap::new();
+    for (place, regions) in nesting.iter().enumerate() {
+        let is_machine = place + 1 == nesting.len();
+        let (word, port) = match is_machine {
+            true => ("machine", ""),
+            false => ("container", "inout data n: X;"),
+        };
+        lines.push(format!("{word} C{place} {{ {port}"));
+        let (mut from, mut to) = (Vec::new(), Vec::new());
+        if !is_machine {
+            from.push("n".to_owned());
+        }
+        for (region, states) in regions.iter().enumerate() {
+            lines.push(format!("region r{region} {{ initial -> S0;"));
+            for (state, part) in states.iter().enumerate() {
+                let next = (state + 1) % states.len();
+                let end = format!("r{region}.S{state}.n");
+                let declared = match part {
+                    Part::Task(task) => {
+                        match PORTS[*task].split(' ').next() {
+                            Some("out") => from.push(end),
+                            Some("in") => to.push(end),
+                            _ => {}
+                        }
+                        format!("task S{state}: T{task};")
+                    }
+                    Part::Super(container) => {
+                        from.push(end);
+                        format!("super S{state}: C{container};")
+                    }
+                };
+                lines.push(format!("{declared} S{state} -> S{next};"));
+                places.insert([place, region, state], lines.len());
+            }
+            lines.push("}".to_owned());
+        }
+        // An `inout` port can stand on both sides.
+        if to.is_empty() {
+            to.extend(
+                from.iter()
+                    .find(|end| *end == "n" || is_super(nesting, place, end))
+                    .cloned(),
+            );
+        }
+        if !from.is_empty() && !to.is_empty() {
+            lines.push(format!("path {} -> {};", from.join(", "), to.join(", ")));
+        }
+        lines.push("}".to_owned());
+    }
+    (lines.join("\n"), places)
+}
+
+/// Whether an end such as `r0.S1.n` is one of a superstate.
+fn is_super(nesting: &Nesting, container: usize, end: &str) -> bool {
+    let mut steps = end
+        .split('.')
+        .filter_map(|step| step.get(1..)?.parse::<usize>().ok());
+    let (Some(region), Some(state)) = (steps.next(), steps.next()) else {
+        return false;
+    };
+    matches!(nesting[container][region][state], Part::Super(_))
+}
+
+/// The states of an instance of a container, each with its way from the machine on: container, region and state in turn.
+fn ways(
+    nesting: &Nesting,
+    container: usize,
+    before: &[[usize; 3]],
+    found: &mut Vec<Vec<[usize; 3]>>,
+) {
+    for (region, states) in nesting[container].iter().enumerate() {
+        for (state, part) in states.iter().enumerate() {
+            let way = [before, &[[container, region, state]]].concat();
+            found.push(way.clone());
+            if let Part::Super(inside) = part {
+                ways(nesting, *inside, &way, found);
+            }
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn values_stay_where_pairs_of_states_say_so(nesting in nesting()) {
+        let (text, places) = text_with_net(&nesting);
+        let checked = load_text("case.esm", &text);
+        // A net without a writer is none.
+        if checked.has_errors() {
+            return Ok(());
+        }
+        let mut all = Vec::new();
+        ways(&nesting, nesting.len() - 1, &[], &mut all);
+        let ports = |way: &Vec<[usize; 3]>| {
+            let [container, region, state] = *way.last().unwrap();
+            match nesting[container][region][state] {
+                Part::Task(task) => PORTS[task],
+                Part::Super(_) => "",
+            }
+        };
+        let is_writer = |way: &Vec<[usize; 3]>| ports(way).starts_with("out");
+        let is_reader = |way: &Vec<[usize; 3]>| ports(way).starts_with("in") && !ports(way).contains("within");
+        let is_inside = |way: &Vec<[usize; 3]>, state: &Vec<[usize; 3]>| way.starts_with(state);
+        // Two states are active together if their ways part in two regions.
+        let are_together = |a: &Vec<[usize; 3]>, b: &Vec<[usize; 3]>| {
+            let parting = a.iter().zip(b).find(|(a, b)| a != b);
+            parting.is_some_and(|(a, b)| a[1] != b[1])
+        };
+        let mut expected: Vec<usize> = Vec::new();
+        for state in &all {
+            let writes = |it: &Vec<[usize; 3]>| all.iter().any(|way| is_writer(way) && is_inside(way, it));
+            let (own, around) = state.split_last().unwrap();
+            let beside = |it: &&Vec<[usize; 3]>| {
+                it.split_last().is_some_and(|(last, before)| before == around && last[1] == own[1] && last[2] != own[2])
+            };
+            let together = |what: &dyn Fn(&Vec<[usize; 3]>) -> bool| {
+                all.iter().any(|way| what(way) && !is_inside(way, state) && are_together(way, state))
+            };
+            if !writes(state) && all.iter().filter(beside).any(writes) && together(&is_reader) && !together(&is_writer) {
+                expected.push(places[own]);
+            }
+        }
+        expected.sort_unstable();
+        expected.dedup();
+        let positions = Positions::new(&checked.files);
+        let found: Vec<usize> = checked
+            .diagnostics
+            .iter()
+            .filter(|found| found.code == Code::W111)
+            .map(|found| positions.of(found.span).line as usize)
+            .collect();
+        prop_assert_eq!(found, expected, "{}", text);
     }
 }
 

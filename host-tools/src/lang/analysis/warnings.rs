@@ -1,4 +1,4 @@
-//! What is said about the states and transitions of a set of files: W101, W103, W105, W108, W110.
+//! What is said about the states and transitions of a set of files: W101, W103, W105, W108, W110 to W112.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,9 +8,10 @@ use crate::model::{Model, Region, Source, Span, State, StateKind, Target, Transi
 use super::activity::{
     Activity, Groups, STEPS_A_GROUP, StateId, Uses, formula, lacks_kind, region_holes,
 };
+use super::freshness::{self, Staying, TooStrict};
 use super::guards::{Atom, Diagrams, Formula, TooLarge};
 use super::holes::{Holes, RegionHoles, StateHoles};
-use super::nets::{self, Writer};
+use super::nets::{self, Port, Writer};
 use super::side_by_side::{Meeting, SideBySide};
 
 /// As many related places are shown of one kind.
@@ -563,11 +564,23 @@ impl Warnings<'_> {
                     region: region_index,
                     state: state_index,
                 };
-                if has_way_out(id) || state_holes(holes, state_index).is_twin {
+                let is_excused =
+                    state_holes(holes, state_index).is_twin || self.is_endless(state, id);
+                if has_way_out(id) || is_excused {
                     continue;
                 }
                 sink.push(self.dead_end(state, container, &around));
             }
+        }
+    }
+
+    /// Whether a state's task never finishes, so that it needs no way out.
+    fn is_endless(&self, state: &State, id: StateId) -> bool {
+        match state.kind {
+            StateKind::Task { task, .. } if !lacks_kind(self.holes, id) => {
+                self.model.tasks.get(task).is_some_and(|task| task.endless)
+            }
+            _ => false,
         }
     }
 
@@ -577,7 +590,11 @@ impl Warnings<'_> {
             StateKind::Simple => format!(
                 "write a transition from it; where a region is to end write `-> final` instead of `-> {name}`"
             ),
-            _ => format!(
+            StateKind::Task { task, .. } => format!(
+                "write a transition from it; if its task never finishes, declare it so: `task {} endless …`",
+                self.model.tasks.get(task).map_or("", |task| &task.name)
+            ),
+            StateKind::Super { .. } => format!(
                 "write a transition from it; if it is to go on for ever, say what happens should it finish: `{name} -> {name} on *;`"
             ),
         };
@@ -683,5 +700,107 @@ impl Warnings<'_> {
         };
         let port = ports.and_then(|ports| ports.get(writer.port));
         format!("{}.{}", state.name, port.map_or("", |port| &port.name))
+    }
+}
+
+// ─── W111, W112: values that get old ──────────────────────────────────────────────────────────────────────────────────
+
+impl Warnings<'_> {
+    /// A state of a container that is used often is reported if the value stays in some instance.
+    pub(super) fn old_values(&self, uses: &Uses, sink: &mut Sink) {
+        // What is not known may write.
+        if !self.holes.are_parts_known() {
+            return;
+        }
+        let Some(mut layout) = nets::lay_out(self.model, self.possible, uses) else {
+            return;
+        };
+        let found = freshness::find(self.model, self.known, self.possible, &mut layout);
+        for staying in &found.staying {
+            self.report_staying(staying, sink);
+        }
+        if self.holes.slots {
+            return;
+        }
+        let of_states = found
+            .too_strict
+            .chunk_by(|a, b| a.reader.state == b.reader.state);
+        for ports in of_states {
+            self.report_too_strict(ports, sink);
+        }
+    }
+
+    fn report_staying(&self, staying: &Staying, sink: &mut Sink) {
+        let (Some(state), Some(writer)) = (self.state(staying.state), self.state(staying.writer))
+        else {
+            return;
+        };
+        let (name, writer_name) = (&state.name, &writer.name);
+        let reader = self.port_written(staying.reader);
+        let mut diagnostic = Diagnostic::new(
+            Code::W111,
+            state.declaration,
+            format!(
+                "the last value stays: in `{name}` nobody writes what `{reader}` reads, which is still what `{writer_name}` wrote last"
+            ),
+        );
+        if let Some(task) = self.model.tasks.get(staying.reader.task)
+            && let Some(port) = task.data.get(staying.reader.port)
+        {
+            diagnostic = diagnostic
+                .hint(format!(
+                    "let task `{}` ask for a fresh value (`{}: {} within 500 ms`) and do what is safe where there is none, or let `{name}` write one",
+                    task.name, port.name, port.type_name
+                ))
+                .related(port.span, "this port takes a value however old it is");
+        }
+        sink.push(diagnostic.related(writer.declaration, "the value comes from here"));
+    }
+
+    /// What is said of the ports of one task state.
+    fn report_too_strict(&self, ports: &[TooStrict], sink: &mut Sink) {
+        let Some(first) = ports.first() else {
+            return;
+        };
+        let Some(state) = self.state(first.reader.state) else {
+            return;
+        };
+        let limits: Vec<String> = ports
+            .iter()
+            .map(|found| {
+                format!(
+                    "`{}` wants a value within {} us, and `{}` writes every {} us",
+                    self.port_written(found.reader),
+                    found.within_us,
+                    self.port_written(found.writer),
+                    found.period_us
+                )
+            })
+            .collect();
+        let message = format!(
+            "{}: a value is too old before the next one can come",
+            limits.join("; ")
+        );
+        let mut diagnostic = Diagnostic::new(Code::W112, state.declaration, message)
+            .hint("lengthen the `within`, or let the writer run in a slot with a shorter period");
+        for found in ports.iter().take(MAX_SHOWN) {
+            if let Some(task) = self.model.tasks.get(found.reader.task)
+                && let Some(port) = task.data.get(found.reader.port)
+            {
+                diagnostic = diagnostic.related(port.span, "the port that reads");
+            }
+            if let Some(writer) = self.state(found.writer.state) {
+                diagnostic = diagnostic.related(writer.declaration, "what writes the most often");
+            }
+        }
+        sink.push(diagnostic);
+    }
+
+    /// A port of a task state as a path names it.
+    fn port_written(&self, port: Port) -> String {
+        let state = self.state(port.state).map_or("", |state| &state.name);
+        let task = self.model.tasks.get(port.task);
+        let declared = task.and_then(|task| task.data.get(port.port));
+        format!("{state}.{}", declared.map_or("", |port| &port.name))
     }
 }

@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::lang::lexer::Comment;
+use crate::lang::lexer::{Comment, docs_text};
+use crate::lang::tree::Name;
+use crate::model::Span;
 
 #[track_caller]
 fn formatted(text: &str) -> String {
@@ -208,9 +210,58 @@ fn substance(text: &str) -> Vec<(Option<T>, String)> {
     }
 }
 
+/// What the `///` lines say, by what they describe.
+fn descriptions(text: &str) -> Vec<String> {
+    let checked = crate::lang::load_text("test.esm", text);
+    let mut found = Vec::new();
+    let mut add = |name: Option<Name>, lines: Option<Span>| {
+        let part = |span: Span| &text[span.start as usize..span.end as usize];
+        if let Some(lines) = lines {
+            let name = name.map_or("", |name| part(name.0));
+            found.push(format!("{name}: {}", docs_text(part(lines))));
+        }
+    };
+    for file in checked.trees() {
+        for slot in &file.slots {
+            add(slot.number.map(|number| Name(number.span)), slot.docs);
+        }
+        for task in &file.tasks {
+            add(task.name, task.docs);
+            for port in &task.data {
+                add(port.name, port.docs);
+            }
+            for flag in &task.flags {
+                add(flag.name, flag.docs);
+            }
+            for param in &task.params {
+                add(param.name, param.docs);
+            }
+        }
+        for container in &file.containers {
+            add(container.name, container.docs);
+            for event in &container.events {
+                add(event.name, event.docs);
+            }
+            for port in &container.data {
+                add(port.name, port.docs);
+            }
+            for flag in &container.flags {
+                add(flag.name, flag.docs);
+            }
+            for region in &container.regions {
+                add(region.name, region.docs);
+                for state in &region.states {
+                    add(state.name, state.docs);
+                }
+            }
+        }
+    }
+    found
+}
+
 /// A text of the whole grammar, to be sprayed.
 const EVERYTHING: &str = "use \"a.esm\"; interpreter slot 1; queue 32; slot 1 period 10 ms duration 1 ms; slot 2 rate 100 Hz duration 1 ms;
-task Cruise slot 2 wcet 100 us exclusive motion { in data ranges : Ranges optional; inout data x : X; in flag left; out flag near;
+task Cruise slot 2 wcet 100 us exclusive motion count 2 endless { in data ranges : Ranges optional within 20 ms; inout data x : X within 1 s; in flag left; out flag near;
   param speed : f32 = -0.25 min -1 max 0.5; param on_ : bool; }
 container Avoid { in event Go; out event Done; event A, B, Cc; in flag left; out data twist : Twist;
   region steps { state A timeout 3 s; task B : Cruise slot 0 timeout 1 s with { speed = 0.3, on_ = true }; super C : D timeout 1 ms;
@@ -227,6 +278,7 @@ fn noise() -> impl Strategy<Value = String> {
         3 => "[ \t\n]{1,5}",
         1 => Just("\r\n".to_owned()),
         1 => "[ \n]{1,2}// ?[a-z/* \t]{0,12}\r?\n[ \n]{0,3}",
+        1 => Just("\n/// One.\n  ///  Two.\n".to_owned()),
         1 => "[ \n]{1,2}/\\* ?[a-z/ \t\n]{0,9} \\*/[ \n]{0,3}",
         1 => Just(" /* one */ /* two */ // three\n\n\n// four \n".to_owned()),
     ]
@@ -249,5 +301,6 @@ proptest! {
         prop_assert_eq!(substance(&found), substance(&text), "{}", text);
         prop_assert_eq!(&formatted(&found), &found, "of\n{}", text);
         prop_assert!(!found.contains(" \n"), "{}", found);
+        prop_assert_eq!(descriptions(&found), descriptions(&text), "{}", text);
     }
 }

@@ -293,7 +293,7 @@ impl Ports {
                 continue;
             }
             // An input that must be on a path is an error where it is not (E008).
-            let must_be_on_path = port.direction == Direction::In && !port.optional;
+            let must_be_on_path = port.direction == Direction::In && port.must_be_on_net();
             let diagnostic = if is_on_path {
                 if is_read || port.direction != Direction::Out {
                     continue;

@@ -10,6 +10,7 @@ use super::{Body, Parser};
 impl<'t> Parser<'t, '_> {
     pub(super) fn container(&mut self, is_machine: bool) -> Container {
         let start = self.here();
+        let docs = self.docs_before(start);
         self.bump();
         let name = self.name(if is_machine {
             "the name of the machine"
@@ -17,6 +18,7 @@ impl<'t> Parser<'t, '_> {
             "the name of the container"
         });
         let mut container = Container {
+            docs,
             is_machine,
             span: self.since(start),
             name,
@@ -71,8 +73,9 @@ impl<'t> Parser<'t, '_> {
                     return self.bump();
                 }
                 T::Event => {
+                    let docs = self.docs_before(self.here());
                     self.bump();
-                    self.event_names(container, EventListing::Local);
+                    self.event_names(container, EventListing::Local, docs);
                     self.end_statement("`,` or `;`");
                 }
                 T::In | T::Out | T::InOut => self.container_port(container, kind, expected),
@@ -162,10 +165,19 @@ impl<'t> Parser<'t, '_> {
     }
 
     /// A list of event names.
-    pub(super) fn event_names(&mut self, container: &mut Container, listing: EventListing) {
+    pub(super) fn event_names(
+        &mut self,
+        container: &mut Container,
+        listing: EventListing,
+        docs: Option<Span>,
+    ) {
         loop {
             let name = self.name("the name of an event");
-            container.events.push(Event { listing, name });
+            container.events.push(Event {
+                docs,
+                listing,
+                name,
+            });
             if self.eat(T::Comma) {
                 continue;
             }
@@ -210,14 +222,19 @@ impl<'t> Parser<'t, '_> {
                         EventListing::In
                     }
                 };
+                let docs = self.docs_before(start);
                 self.bump();
                 let name = self.name("the name of an event");
-                container.events.push(Event { listing, name });
+                container.events.push(Event {
+                    docs,
+                    listing,
+                    name,
+                });
                 if self.at(T::Comma) {
                     let hint = "each forwarded event has its own line";
                     self.corrected("`;`", Some(hint.into()));
                     self.bump();
-                    self.event_names(container, listing);
+                    self.event_names(container, listing, docs);
                 }
                 self.end_statement("`;`");
             }

@@ -250,6 +250,7 @@ impl Parser<'_, '_> {
 
     /// `1 period 10 ms duration 1 ms;`
     pub(super) fn slot(&mut self, start: Span) -> Slot {
+        let docs = self.docs_before(start);
         let number = self.integer("the number of a slot", 1, u32::MAX);
         let mut rate = Given::Absent;
         let mut rate_word = "";
@@ -310,6 +311,7 @@ impl Parser<'_, '_> {
         }
         self.end_statement("`;`");
         Slot {
+            docs,
             span: self.since(start),
             number,
             rate: rate.value(),

@@ -23,7 +23,7 @@ use crate::model::Span;
 use crate::nearest::nearest;
 
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
-use crate::lang::lexer::{Lexer, Token, TokenKind as T};
+use crate::lang::lexer::{Lexer, Token, TokenKind as T, docs};
 use crate::lang::tree::{File, Given, Name};
 
 pub(super) use values::excerpt;
@@ -57,6 +57,8 @@ struct Parser<'t, 's> {
     next: Token,
     /// End of the token before `token`.
     last_end: u32,
+    /// The last `///` lines, and the start of the token behind them.
+    docs: Option<(u32, Span)>,
     /// Start of the token at which something was reported last.
     reported_at: Option<u32>,
     body: Body,
@@ -91,6 +93,7 @@ impl<'t, 's> Parser<'t, 's> {
             token: nothing,
             next: nothing,
             last_end: 0,
+            docs: None,
             reported_at: None,
             body: Body::File,
             is_lost: false,
@@ -122,6 +125,7 @@ impl<'t, 's> Parser<'t, 's> {
             self.token = self.next;
             self.report_nothing_here();
         }
+        self.note_docs();
         if self.is_repeated() {
             if !self.is_lost {
                 let found = excerpt(self.text_of(self.next));
@@ -135,6 +139,27 @@ impl<'t, 's> Parser<'t, 's> {
                 self.next = self.lexer.next_token();
             }
         }
+    }
+
+    /// Takes down the `///` lines before the current token.
+    fn note_docs(&mut self) {
+        let (start, end) = (self.last_end, self.token.start);
+        let gap = self.text.get(start as usize..end as usize).unwrap_or("");
+        if let Some((first, last)) = docs(gap, start == 0) {
+            let docs = Span {
+                file: self.file,
+                start: start + first as u32,
+                end: start + last as u32,
+            };
+            self.docs = Some((end, docs));
+        }
+    }
+
+    /// The `///` lines before what starts at a place.
+    fn docs_before(&self, start: Span) -> Option<Span> {
+        self.docs
+            .filter(|(token, _)| *token == start.start)
+            .map(|(_, docs)| docs)
     }
 
     /// Whether the next token is this one again, which is not how any statement goes on. It is then taken once.

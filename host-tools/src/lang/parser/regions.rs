@@ -15,9 +15,11 @@ const EXPECTED: &str = "`state`, `task`, `super`, a transition or `}`";
 impl Parser<'_, '_> {
     pub(super) fn region(&mut self) -> Region {
         let start = self.here();
+        let docs = self.docs_before(start);
         self.bump();
         let name = self.name("the name of the region");
         let mut region = Region {
+            docs,
             span: self.since(start),
             name,
             states: Vec::new(),
@@ -170,6 +172,7 @@ impl Parser<'_, '_> {
 
     /// A state, from its name on.
     pub(super) fn state_behind(&mut self, word: T, start: Span) -> State {
+        let docs = self.docs_before(start);
         let name = self.name("the name of the state");
         let mut timeout_us = Given::Absent;
         let mut slot = Given::Absent;
@@ -248,6 +251,7 @@ impl Parser<'_, '_> {
             set_if_absent(&mut slot, Given::Broken);
         }
         State {
+            docs,
             span: self.since(start),
             name,
             kind: match word {

@@ -33,8 +33,10 @@ impl Parser<'_, '_> {
 
     /// A task, from its name on.
     pub(super) fn task(&mut self, start: Span) -> Task {
+        let docs = self.docs_before(start);
         let name = self.name("the name of the task");
         let mut task = Task {
+            docs,
             span: start,
             name,
             slot: Given::Absent,
@@ -220,10 +222,12 @@ impl Parser<'_, '_> {
             let hint = "a flag is written from one side only: `in flag` or `out flag`";
             self.corrected("`data`", Some(hint.into()));
         }
+        let docs = self.docs_before(start);
         self.bump();
         let name = self.name("the name of the flag");
         self.end_statement("`;`");
         Flag {
+            docs,
             span: self.since(start),
             direction: match direction {
                 T::In => Some(Direction::In),
@@ -236,6 +240,7 @@ impl Parser<'_, '_> {
 
     /// A data port, behind its direction.
     pub(super) fn data_port(&mut self, start: Span, direction: T) -> DataPort {
+        let docs = self.docs_before(start);
         self.bump();
         let name = self.name("the name of the port");
         let type_name = if self.eat(T::Colon) {
@@ -290,6 +295,7 @@ impl Parser<'_, '_> {
         }
         self.end_statement(expected);
         DataPort {
+            docs,
             span: self.since(start),
             direction: match direction {
                 T::In => Direction::In,
@@ -306,6 +312,7 @@ impl Parser<'_, '_> {
     pub(super) fn param(&mut self) -> Param {
         const TYPES: [&str; 4] = ["bool", "i32", "u32", "f32"];
         let start = self.here();
+        let docs = self.docs_before(start);
         self.bump();
         let name = self.name("the name of the parameter");
         if !self.eat(T::Colon) {
@@ -329,6 +336,7 @@ impl Parser<'_, '_> {
             }
         };
         let mut param = Param {
+            docs,
             span: start,
             name,
             param_type,

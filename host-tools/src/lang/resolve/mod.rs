@@ -4,6 +4,7 @@
 //! that need the whole: recursion, data paths, time. What is unknown stays unknown through all of it, so that one mistake is
 //! reported once: nothing is said about a state whose task is unknown, or about a name that may stand in what could not be read.
 
+mod counts;
 mod literals;
 mod nets;
 mod recursion;
@@ -161,6 +162,7 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
     model.events = events.order.iter().map(|&name| name.to_owned()).collect();
 
     let order = recursion::children_first(&facts, &model, &mut names);
+    counts::check(&facts, &model, order.as_deref(), &mut names);
     let paths = nets::check(&trees, &facts, &tasks, &model, order.as_deref(), &mut names);
     for ((container, holes), resolved) in model
         .containers
@@ -276,6 +278,7 @@ fn declare_containers<'f>(
             data: Vec::new(),
             regions: Vec::new(),
             paths: Vec::new(),
+            docs: names.docs(tree.docs),
             span: name_span,
         });
     }
@@ -383,6 +386,7 @@ fn declare_flags<'f>(
             let model = Flag {
                 name: name.to_owned(),
                 direction: flag.direction.unwrap_or(Direction::In),
+                docs: names.docs(flag.docs),
                 span: flag.span,
             };
             (model, flag.direction)
@@ -409,6 +413,7 @@ fn declare_data<'f>(
                 type_name: text(port.type_name).to_owned(),
                 optional: port.optional,
                 within_us: port.within_us.value(),
+                docs: names.docs(port.docs),
                 span: port.span,
             }
         })

@@ -752,7 +752,7 @@ impl<'f> Wiring<'_, 'f> {
                             port: *index,
                         };
                         port.direction == Direction::In
-                            && !port.optional
+                            && port.must_be_on_net()
                             && !nets.nodes.contains_key(&end)
                             && !unresolved.ports.contains(&port.name.as_str())
                             && scope
@@ -783,7 +783,7 @@ impl<'f> Wiring<'_, 'f> {
                         ),
                     )
                     .hint(format!(
-                        "write `path … -> {name}.{first};`, or declare the port `optional`"
+                        "write `path … -> {name}.{first};`, or declare the port `optional` and without `within`"
                     )),
                 );
             }

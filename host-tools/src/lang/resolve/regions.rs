@@ -122,6 +122,7 @@ impl<'f> Resolver<'_, 'f> {
             name: tree.name.map_or("", |name| names.text(name.0)).to_owned(),
             states,
             transitions: Vec::with_capacity(tree.transitions.len()),
+            docs: names.docs(tree.docs),
             span: tree.name.map_or(tree.span, |name| name.0),
         };
         let mut holes = RegionHoles {
@@ -230,6 +231,7 @@ impl<'f> Resolver<'_, 'f> {
             name: name.to_owned(),
             kind,
             timeout_us: tree.timeout_us.value(),
+            docs: names.docs(tree.docs),
             span: tree.name.map_or(tree.span, |name| name.0),
             declaration: tree.span,
         };

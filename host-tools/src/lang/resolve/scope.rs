@@ -1,9 +1,9 @@
 //! Name spaces: what a name stands for, and what it may have been meant to be.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
-use crate::lang::lexer::Lexer;
+use crate::lang::lexer::{Lexer, docs_text};
 use crate::lang::references::{Record, References, Undeclared};
 use crate::lang::tree::Name;
 use crate::model::{SourceFile, Span};
@@ -97,6 +97,8 @@ pub(super) struct Names<'f, 's> {
     sink: &'s mut Sink,
     references: Record<'f>,
     comparisons: usize,
+    /// Numbers of slots that were reported as unknown.
+    unknown_slots: HashSet<u32>,
 }
 
 impl<'f, 's> Names<'f, 's> {
@@ -106,6 +108,7 @@ impl<'f, 's> Names<'f, 's> {
             sink,
             references: Record::default(),
             comparisons: 0,
+            unknown_slots: HashSet::new(),
         }
     }
 
@@ -115,6 +118,11 @@ impl<'f, 's> Names<'f, 's> {
             .get(span.file as usize)
             .and_then(|file| file.text.get(span.start as usize..span.end as usize))
             .unwrap_or("")
+    }
+
+    /// What the `///` lines at a place say.
+    pub(super) fn docs(&self, lines: Option<Span>) -> String {
+        lines.map_or_else(String::new, |lines| docs_text(self.text(lines)))
     }
 
     /// Takes down that `place` names what is declared at `declaration`.
@@ -139,6 +147,16 @@ impl<'f, 's> Names<'f, 's> {
     /// What was taken down.
     pub(super) fn into_references(self) -> References {
         self.references.finish()
+    }
+
+    /// Whether a slot's number was not reported as unknown yet. It counts as reported from then on.
+    pub(super) fn is_news(&mut self, slot: u32) -> bool {
+        self.unknown_slots.insert(slot)
+    }
+
+    /// Whether so many errors were found that another one would not be shown.
+    pub(super) fn omits_error(&mut self) -> bool {
+        self.sink.omits_error()
     }
 
     pub(super) fn report(&mut self, diagnostic: Diagnostic) {

@@ -76,26 +76,35 @@ impl SlotTable {
                 number: number.value,
                 period_us: period_us.unwrap_or(1),
                 duration_us: slot.duration_us.unwrap_or(0),
+                docs: names.docs(slot.docs),
                 span: slot.span,
             });
         }
         table
     }
 
-    /// The slot that a task or task state names; an unknown one is reported, but not in a set without a machine.
+    /// The slot that a task state names; an unknown one is reported.
     pub(super) fn resolve(&self, number: Number, names: &mut Names<'_, '_>) -> Option<SlotRef> {
+        let found = self.find(number, names);
+        if found.is_none() {
+            self.report_unknown(number, names);
+        }
+        found
+    }
+
+    /// The slot that a task names. An unknown one is an error where the task is used only.
+    pub(super) fn find(&self, number: Number, names: &mut Names<'_, '_>) -> Option<SlotRef> {
         if number.value == 0 {
             return Some(SlotRef::NonRealTime);
         }
-        self.index(number, names).map(SlotRef::Slot)
+        let &(index, place) = self.indices.get(&number.value)?;
+        names.refer(number.span, place);
+        Some(SlotRef::Slot(index))
     }
 
-    fn index(&self, number: Number, names: &mut Names<'_, '_>) -> Option<usize> {
-        if let Some(&(index, place)) = self.indices.get(&number.value) {
-            names.refer(number.span, place);
-            return Some(index);
-        }
-        if self.must_be_declared && !self.is_incomplete {
+    /// Reports a slot that is not declared, unless that was done already; not in a set without a machine.
+    pub(super) fn report_unknown(&self, number: Number, names: &mut Names<'_, '_>) {
+        if self.must_be_declared && !self.is_incomplete && names.is_news(number.value) {
             names.unknown(
                 Name(number.span),
                 "slot",
@@ -105,7 +114,6 @@ impl SlotTable {
                 ),
             );
         }
-        None
     }
 
     /// Period and duration of a slot of the model, both in microseconds, where both are known.
@@ -184,9 +192,13 @@ pub(super) fn declare_interpreter(
             continue;
         }
         first = Some(interpreter.span);
-        model.interpreter_slot = interpreter
-            .slot
-            .and_then(|number| slots.index(number, names));
+        model.interpreter_slot =
+            interpreter
+                .slot
+                .and_then(|number| match slots.resolve(number, names) {
+                    Some(SlotRef::Slot(index)) => Some(index),
+                    _ => None,
+                });
     }
     if let (Some(machine), None, false) = (machine, first, set.is_incomplete()) {
         names.report(

@@ -1,5 +1,7 @@
 //! Tasks: ports, parameters, attributes.
 
+use std::collections::HashSet;
+
 use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::lang::parser::excerpt;
@@ -67,7 +69,38 @@ impl<'f> TaskTable<'f> {
         for file in set.trees {
             table.names.may_hide(names, &file.skipped, file.is_cut);
         }
+        table.report_unknown_slots(set, slots, names);
         table
+    }
+
+    /// Reports slots that are not declared, at the first task that is used and names one. A library's tasks name slots of their own;
+    /// those that a mission does not use cost it nothing.
+    fn report_unknown_slots(&self, set: &Trees<'f>, slots: &SlotTable, names: &mut Names<'f, '_>) {
+        let states = set
+            .trees
+            .iter()
+            .flat_map(|file| &file.containers)
+            .flat_map(|container| &container.regions)
+            .flat_map(|region| &region.states);
+        let used: HashSet<&str> = states
+            .filter_map(|state| match state.kind {
+                tree::StateKind::Task { task, .. } => task,
+                _ => None,
+            })
+            .map(|name| names.text(name.0))
+            .collect();
+        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        for (index, (tree, facts)) in trees.zip(&self.facts).enumerate() {
+            let (Some(name), Given::Value(number), Given::Broken) =
+                (tree.name, tree.slot, facts.slot)
+            else {
+                continue;
+            };
+            let name = names.text(name.0);
+            if used.contains(name) && self.names.is_first(name, index) {
+                slots.report_unknown(number, names);
+            }
+        }
     }
 
     /// What is not known of each task.
@@ -112,7 +145,7 @@ fn declare_task<'f>(
     let slot = match tree.slot {
         Given::Absent => Given::Absent,
         Given::Broken => Given::Broken,
-        Given::Value(number) => Given::from_read(slots.resolve(number, names)),
+        Given::Value(number) => Given::from_read(slots.find(number, names)),
     };
     let mut facts = TaskFacts {
         flags: Scope::default(),
@@ -153,6 +186,7 @@ fn declare_task<'f>(
         data,
         flags,
         params,
+        docs: names.docs(tree.docs),
         span,
     };
     (task, facts)
@@ -165,6 +199,7 @@ fn declare_param(tree: &tree::Param, names: &mut Names<'_, '_>) -> Param {
         param_type: tree.param_type.unwrap_or(ParamType::Bool),
         default: None,
         range: None,
+        docs: names.docs(tree.docs),
         span: tree.span,
     };
     if tree.param_type.is_none() {
