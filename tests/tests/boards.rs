@@ -27,7 +27,7 @@ use rt_firmware::rover::{
     BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
 };
 use rt_firmware::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
     LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
     SonarRing, Stop, Turn, WheelSpeed,
 };
@@ -663,7 +663,11 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         ..CHASSIS
     };
     let mut robot = PinRover {
-        sonar_ring: Bank::new([SonarRing::new(parts.sonar_triggers, parts.echo_timers)]),
+        sonar_ring: Bank::new([SonarRing::new(
+            parts.sonar_triggers,
+            parts.echo_timers,
+            Bearing::ALL,
+        )]),
         odometry: Bank::new([Odometry::new(
             WheelEncoder::new(parts.left_encoder),
             WheelEncoder::new(parts.right_encoder),
@@ -734,6 +738,7 @@ fn a_changed_task_breaks_the_equality() {
             replay: None,
             record: None,
             plant_fault: None,
+            sonar_breaks: Vec::new(),
             cut_link_us: None,
             link: LinkWay::Uart,
             noise: None,

@@ -8,7 +8,7 @@ use crate::task::{Step, Task};
 /// It backs no closer than this to what is behind, in metres.
 const BEHIND_M: f32 = 0.12;
 
-/// Backs up straight and finishes after `distance_m`, or earlier where something is behind.
+/// Backs up straight and finishes after `distance_m`, or earlier where something is behind, or nobody knows whether it is free there.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Back {
     start: Option<Pose>,
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn it_stops_at_its_distance_or_before_a_wall() {
-        for (behind_m, expected_steps) in [(4.0, 11), (0.1, 1)] {
+        for (behind_m, expected_steps) in [(4.0, 11), (0.1, 1), (0.0, 1)] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[4] = behind_m;
             let mut bench = TaskBench::new(Back::default());

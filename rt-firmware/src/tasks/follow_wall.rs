@@ -27,10 +27,11 @@ const LOST_FACTOR: f32 = 2.5;
 /// is farther there than the distance itself.
 const DIAGONAL_PART: f32 = 0.75;
 
-/// Drives along a wall to its right, `distance_m` from rim to wall.
+/// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not know what is ahead, to the right, or
+/// in between.
 ///
-/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it; `lost`
-/// while there is no wall to the right.
+/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it,
+/// or one of the two is not known; `lost` while there is no wall to the right.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowWall;
 
@@ -59,12 +60,22 @@ impl Task for FollowWall {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let ranges = io.read(Self::RANGES);
         let distance_m = io.param(Self::DISTANCE_M);
+        let all_m = [
+            ranges.ahead_m(),
+            ranges.ahead_right_m(),
+            ranges.right_m(),
+        ];
+        let known = all_m.iter().all(|range_m| *range_m > 0.0);
         let too_far_m =
             (ranges.right_m() - distance_m).clamp(-DISTANCE_ERROR_LIMIT_M, DISTANCE_ERROR_LIMIT_M);
-        *io.write(Self::TWIST) = Twist {
-            forward_m_per_s: io.param(Self::SPEED_M_PER_S),
-            turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
-                - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+        *io.write(Self::TWIST) = if known {
+            Twist {
+                forward_m_per_s: io.param(Self::SPEED_M_PER_S),
+                turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
+                    - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+            }
+        } else {
+            Twist::STILL
         };
         let scrapes = ranges.ahead_right_m() < DIAGONAL_PART * distance_m;
         io.set(
@@ -137,6 +148,9 @@ mod tests {
             (4.0, 0.1, 0.2, true, false),
             (4.0, 0.3, 0.6, false, true),
             (0.2, 0.3, 4.0, true, true),
+            (0.0, 0.3, 0.2, true, false),
+            (4.0, 0.0, 0.2, true, false),
+            (4.0, 0.3, 0.0, false, false),
         ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[0] = ahead_m;
@@ -149,6 +163,9 @@ mod tests {
             bench.give(FollowWall::RANGES, ranges).step();
             assert_eq!(bench.flag(FollowWall::AHEAD), ahead, "{ahead_m} {right_m}");
             assert_eq!(bench.flag(FollowWall::LOST), lost, "{ahead_m} {right_m}");
+            let known = [ahead_m, ahead_right_m, right_m].iter().all(|range_m| *range_m > 0.0);
+            let stands = bench.output(FollowWall::TWIST) == Some(Twist::STILL);
+            assert_eq!(stands, !known, "{ahead_m} {ahead_right_m} {right_m}");
         }
     }
 }

@@ -58,8 +58,10 @@ pub use odometry::Odometry;
 pub use proximity_monitor::ProximityMonitor;
 pub use round_corner::RoundCorner;
 pub use slot_monitor::SlotMonitor;
-pub use sonar_ring::SonarRing;
+pub use sonar_ring::{DEAD_AFTER, DEAF_AFTER, RING_WINDOWS, SonarRing, firing_windows};
 pub use stop::Stop;
 pub use turn::Turn;
-pub use values::{Battery, Chassis, Line, Pose, Ranges, Twist, WheelSpeeds};
+pub use values::{
+    Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading, Twist, WheelSpeeds,
+};
 pub use wheel_speed::WheelSpeed;

@@ -5,7 +5,7 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sets `close` while something is nearer to the rim than `close_m`, on any side.
+/// Sets `close` while something is nearer to the rim than `close_m`, on any side, or a sonar does not know whether there is.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProximityMonitor;
 
@@ -44,7 +44,7 @@ mod tests {
         let mut bench = TaskBench::new(ProximityMonitor);
         bench.param(ProximityMonitor::CLOSE_M, 0.1);
         for sonar in 0..SONARS {
-            for (range_m, close) in [(0.09, true), (0.11, false)] {
+            for (range_m, close) in [(0.09, true), (0.11, false), (0.0, true)] {
                 let mut ranges = Ranges::FREE;
                 ranges.range_m[sonar] = range_m;
                 bench.give(ProximityMonitor::RANGES, ranges).step();
