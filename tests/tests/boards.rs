@@ -699,7 +699,7 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         follow_line: Bank::new(array::from_fn(|_| FollowLine)),
         slot_monitor: Bank::new([SlotMonitor::default()]),
         link_monitor: Bank::new([LinkMonitor::default()]),
-        battery_guard: Bank::new([BatteryGuard]),
+        battery_guard: Bank::new([BatteryGuard::default()]),
     };
     run(&mut robot.banks());
 }

@@ -269,7 +269,7 @@ where
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
             slot_monitor: Bank::new([SlotMonitor::default()]),
             link_monitor: Bank::new([LinkMonitor::default()]),
-            battery_guard: Bank::new([BatteryGuard]),
+            battery_guard: Bank::new([BatteryGuard::default()]),
         }
     }
 }

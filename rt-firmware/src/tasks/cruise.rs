@@ -21,6 +21,7 @@ const SLOWEST_PART: f32 = 0.4;
 const DIAGONAL_PART: f32 = 0.6;
 
 /// Drives ahead and steers gently towards the side with more space. It stands where it does not know whether the way ahead is free.
+/// As long as it has no picture, or an old one, it stands and leaves its flags as they are.
 ///
 /// `near` is set while something is nearer than `near_m` ahead, or the way there is not known; `left_freer` while there is more space
 /// on the left. A robot needs a sonar that looks ahead; it can do without the others that are asked here.
@@ -33,7 +34,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         flags {
@@ -49,7 +50,10 @@ task! {
 
 impl Task for Cruise {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let near_m = io.param(Self::NEAR_M);
         let diagonal_m = (ranges.free_unless_seen_m(Bearing::AheadLeft))
             .min(ranges.free_unless_seen_m(Bearing::AheadRight));
@@ -113,6 +117,18 @@ mod tests {
             assert!(twist.forward_m_per_s > 0.1);
             assert!(twist.turn_rad_per_s * turn > 0.0 || twist.turn_rad_per_s == turn);
         }
+    }
+
+    #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(Cruise);
+        bench.param(Cruise::SPEED_M_PER_S, 0.4);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(Cruise::TWIST), Some(Twist::STILL));
+        bench.give(Cruise::RANGES, Ranges::FREE).step();
+        assert_eq!(bench.output(Cruise::TWIST).unwrap().forward_m_per_s, 0.4);
+        bench.take_away(Cruise::RANGES).step();
+        assert_eq!(bench.output(Cruise::TWIST), Some(Twist::STILL));
     }
 
     #[test]

@@ -28,7 +28,7 @@ const LOST_FACTOR: f32 = 2.5;
 const DIAGONAL_PART: f32 = 0.75;
 
 /// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not know what is ahead, to the right, or
-/// in between.
+/// in between. As long as it has no ranges, it stands and leaves its flags as they are.
 ///
 /// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it,
 /// or one of the two is not known; `lost` while there is no wall to the right.
@@ -41,7 +41,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         flags {
@@ -58,7 +58,10 @@ task! {
 
 impl Task for FollowWall {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let distance_m = io.param(Self::DISTANCE_M);
         let all_m = [
             ranges.ahead_m(),
@@ -138,6 +141,18 @@ mod tests {
             }
             assert!(!bench.flag(FollowWall::LOST) && !bench.flag(FollowWall::AHEAD));
         }
+    }
+
+    #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(FollowWall);
+        bench.param(FollowWall::SPEED_M_PER_S, 0.25);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
+        bench.give(FollowWall::RANGES, Ranges::FREE).step();
+        assert_ne!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
+        bench.take_away(FollowWall::RANGES).step();
+        assert_eq!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
     }
 
     #[test]

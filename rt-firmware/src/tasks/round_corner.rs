@@ -10,7 +10,7 @@ const DIAGONAL_M: f32 = 0.17;
 
 /// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there is a wall to the right again, nearer
 /// than `found_m`, or something in the way: less than `ahead_m` ahead, or close at 45° to the right. What is not known is in the way, and the
-/// robot stands then.
+/// robot stands then. As long as it has no ranges, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RoundCorner;
 
@@ -20,7 +20,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         params {
@@ -34,7 +34,10 @@ task! {
 
 impl Task for RoundCorner {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let all_m = [
             ranges.ahead_m(),
             ranges.ahead_right_m(),
@@ -88,6 +91,19 @@ mod tests {
             let twist = bench.output(RoundCorner::TWIST).unwrap();
             assert!((twist.turn_rad_per_s * 0.4 + twist.forward_m_per_s).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(RoundCorner);
+        bench
+            .param(RoundCorner::SPEED_M_PER_S, 0.2)
+            .param(RoundCorner::RADIUS_M, 0.4);
+        bench.give(RoundCorner::RANGES, Ranges::FREE).step();
+        assert_ne!(bench.output(RoundCorner::TWIST), Some(Twist::STILL));
+        bench.take_away(RoundCorner::RANGES);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(RoundCorner::TWIST), Some(Twist::STILL));
     }
 
     #[test]

@@ -73,7 +73,7 @@ task! {
         slot 3;
         wcet 600 us;
         data {
-            in pose: Pose optional;
+            in pose: Pose optional within 100 ms;
             out ranges: Ranges;
         }
         flags {
