@@ -67,23 +67,63 @@ const NOT_TAKEN: &[(&str, &str, &str)] = &[
     ),
     (
         "patrol",
-        "sonars: Listen -> Listen on pulse",
+        "position: Track -> Track on pulse",
+        "the task never finishes",
+    ),
+    (
+        "follow_wall",
+        "position: Track -> Track on pulse",
         "the task never finishes",
     ),
     (
         "patrol",
-        "position: Track -> Track on pulse",
-        "the task never finishes",
+        "sonars: Listen -> Broken on pulse",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "patrol",
+        "sonars: Broken -> Listen on pulse",
+        "no sonar breaks in these runs; others break them",
     ),
     (
         "follow_wall",
-        "sonars: Listen -> Listen on pulse",
-        "the task never finishes",
+        "sonars: Listen -> Broken on pulse",
+        "no sonar breaks in these runs; others break them",
     ),
     (
         "follow_wall",
-        "position: Track -> Track on pulse",
-        "the task never finishes",
+        "sonars: Broken -> Listen on pulse",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Approach -> Stranded on SonarFault",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Corner -> Stranded on SonarFault",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Follow -> Stranded on SonarFault",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Round -> Stranded on SonarFault",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Stranded -> Stranded on SonarFault",
+        "no sonar breaks in these runs; others break them",
+    ),
+    (
+        "follow_wall",
+        "motion: Stranded -> Approach on pulse",
+        "no sonar breaks in these runs; others break them",
     ),
 ];
 
