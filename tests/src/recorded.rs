@@ -220,6 +220,7 @@ fn made(missions: Vec<Planned>, world: &str, seed: u64, until_s: u64) -> Made {
         replay: None,
         record: Some(Box::new(recording.clone())),
         plant_fault: None,
+        sonar_breaks: Vec::new(),
         cut_link_us: None,
         link: LinkWay::Uart,
         noise: None,

@@ -320,8 +320,9 @@ const REFUSED: &[(&str, &str, &[&str])] = &[
     (
         "more states of a task than there are tasks",
         "task Stop slot 2 { out data twist: Twist; }
-         machine M { region r { task A: Stop; task B: Stop; task C: Stop; initial -> A; A -> B; B -> C; } }",
-        &["Stop", "3", "2"],
+         machine M { region r { task A: Stop; task B: Stop; task C: Stop; task D: Stop;
+         initial -> A; A -> B; B -> C; C -> D; } }",
+        &["Stop", "4", "3"],
     ),
 ];
 

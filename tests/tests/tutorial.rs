@@ -120,6 +120,7 @@ impl StepOfTutorial {
             replay: None,
             record: None,
             plant_fault: None,
+            sonar_breaks: Vec::new(),
             cut_link_us: None,
             link: LinkWay::Uart,
             noise: None,

@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
+use rt_firmware::body::SONARS;
 use thiserror::Error;
 
 use super::argument::{Time, TimeError};
@@ -16,7 +17,7 @@ use super::{file, robot, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::keys;
 use crate::link_client::ClientError;
-use crate::lockstep::plant_side::PlantFault;
+use crate::lockstep::plant_side::{PlantFault, SonarBreak};
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
 use crate::recording::file::MAX_FILE_BYTES;
 use crate::recording::player::Recording;
@@ -42,6 +43,7 @@ Examples:
   esm run missions/patrol.esm --until '20 s' --then '5 s missions/follow_wall.esm' --line-noise 0.01 --seed 7
   esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
   esm run missions/patrol.esm --estop '5 s' --until '10 s'
+  esm run missions/patrol.esm --break 'sonar 0 dead at 10 s' --until '20 s'
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
 pub struct RunArgs {
@@ -104,6 +106,11 @@ pub struct RunArgs {
     /// Presses the button of the robot's emergency stop at that robot time. It locks: it stays pressed to the end of the run
     #[arg(long, value_name = "TIME", conflicts_with = "freeze_plant_at")]
     pub estop: Option<Time>,
+
+    /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing) or `blind` (it sees something at its nose, always).
+    /// Sonar 0 looks ahead, the others follow to the left, 45° each. May be given several times
+    #[arg(long = "break", value_name = "'sonar N FAULT at TIME'")]
+    pub breaks: Vec<Break>,
 
     /// No faster than the wall clock, for a person watching
     #[arg(long)]
@@ -195,6 +202,59 @@ impl FromStr for Then {
                 file: file.into(),
             })
         }
+    }
+}
+
+/// A sonar that breaks during a run, as a person writes it: `sonar 0 dead at 20 s`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Break(pub SonarBreak);
+
+/// Why a text is no [`Break`].
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum BreakError {
+    /// Other words, or in another order.
+    #[error("write which sonar breaks how and when, as in 'sonar 0 dead at 20 s'")]
+    Form,
+    /// No sonar has that number.
+    #[error("there is no sonar `{word}`: write a number from 0 to {}", SONARS - 1)]
+    Sonar {
+        /// What stands for the number.
+        word: String,
+    },
+    /// No sonar breaks like that.
+    #[error("a sonar cannot be `{word}`: write `dead`, `deaf` or `blind`")]
+    Fault {
+        /// What stands for the fault.
+        word: String,
+    },
+    /// What stands for the time is none.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+}
+
+impl FromStr for Break {
+    type Err = BreakError;
+
+    fn from_str(text: &str) -> Result<Self, BreakError> {
+        let (what, time) = text.split_once(" at ").ok_or(BreakError::Form)?;
+        let words: Vec<&str> = what.split_whitespace().collect();
+        let ["sonar", sonar_word, fault_word] = words[..] else {
+            return Err(BreakError::Form);
+        };
+        let sonar = (sonar_word.parse().ok().filter(|sonar| *sonar < SONARS)).ok_or_else(|| {
+            BreakError::Sonar {
+                word: sonar_word.to_owned(),
+            }
+        })?;
+        let fault = (fault_word.parse()).map_err(|()| BreakError::Fault {
+            word: fault_word.to_owned(),
+        })?;
+        let at: Time = time.parse()?;
+        Ok(Break(SonarBreak {
+            sonar,
+            fault,
+            robot_us: at.us,
+        }))
     }
 }
 
@@ -328,6 +388,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
             (None, Some(at)) => Some(PlantFault::StopPressedFrom { robot_us: at.us }),
             (None, None) => None,
         },
+        sonar_breaks: args.breaks.iter().map(|broken| broken.0).collect(),
     })
 }
 
@@ -603,6 +664,33 @@ impl From<BoardError> for CommandError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plant::SonarFault;
+
+    #[test]
+    fn a_sonar_breaks_as_it_is_written() {
+        let broken = |sonar, fault, robot_us| {
+            Ok(Break(SonarBreak {
+                sonar,
+                fault,
+                robot_us,
+            }))
+        };
+        let word = |word: &str| word.to_owned();
+        for (text, expected) in [
+            ("sonar 0 dead at 20 s", broken(0, SonarFault::Dead, 20_000_000)),
+            (" sonar 7  deaf at 1500ms", broken(7, SonarFault::Deaf, 1_500_000)),
+            ("sonar 3 blind at 0 s", broken(3, SonarFault::Blind, 0)),
+            ("sonar 8 dead at 1 s", Err(BreakError::Sonar { word: word("8") })),
+            ("sonar -1 dead at 1 s", Err(BreakError::Sonar { word: word("-1") })),
+            ("sonar 0 mute at 1 s", Err(BreakError::Fault { word: word("mute") })),
+            ("sonar 0 dead at 1", Err(BreakError::Time(TimeError::NoUnit))),
+            ("sonar 0 dead", Err(BreakError::Form)),
+            ("wheel 0 dead at 1 s", Err(BreakError::Form)),
+            ("", Err(BreakError::Form)),
+        ] {
+            assert_eq!(text.parse(), expected, "{text:?}");
+        }
+    }
 
     #[test]
     fn a_change_of_mission_is_a_time_and_a_file() {

@@ -5,8 +5,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use rt_firmware::body::{Reply, Request};
 
 use super::pace::Pace;
-use crate::plant::Plant;
+use crate::plant::{Plant, SonarFault};
 use crate::plant::flash::Flash;
+
+/// A sonar that breaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SonarBreak {
+    /// Which one, counter-clockwise from the one that looks ahead.
+    pub sonar: usize,
+    /// What breaks in it.
+    pub fault: SonarFault,
+    /// From this robot time on, in microseconds.
+    pub robot_us: u64,
+}
 
 /// What happens to the robot's body that its world knows nothing of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +45,8 @@ pub struct PlantSide {
 struct Shared {
     plant: Plant,
     fault: Option<PlantFault>,
+    /// Sonars that are still to break.
+    breaks: Vec<SonarBreak>,
     last_reply: Reply,
     until_us: Option<u64>,
     /// Exchanges up to `until_us`.
@@ -49,6 +62,7 @@ impl PlantSide {
             shared: Arc::new(Mutex::new(Shared {
                 plant,
                 fault: None,
+                breaks: Vec::new(),
                 last_reply: Reply::default(),
                 until_us,
                 exchanges: 0,
@@ -73,6 +87,11 @@ impl PlantSide {
     /// Lets this happen to the plant.
     pub fn inject(&self, fault: PlantFault) {
         self.lock().fault = Some(fault);
+    }
+
+    /// Breaks these sonars, each at its time.
+    pub fn break_sonars(&self, breaks: Vec<SonarBreak>) {
+        self.lock().breaks = breaks;
     }
 
     /// Presses the button of the emergency stop from the next exchange on, or lets go of it.
@@ -103,6 +122,12 @@ impl PlantSide {
             && request.start_us >= robot_us
         {
             return shared.last_reply;
+        }
+        let (now, later): (Vec<_>, Vec<_>) = (shared.breaks.drain(..))
+            .partition(|sonar_break| request.start_us >= sonar_break.robot_us);
+        shared.breaks = later;
+        for SonarBreak { sonar, fault, .. } in now {
+            shared.plant.break_sonar(sonar, fault);
         }
         shared.last_reply = shared.plant.exchange(request);
         if let Some(PlantFault::StopPressedFrom { robot_us }) = shared.fault {

@@ -82,6 +82,8 @@ pub(super) struct Drive {
     clearance_m: f64,
     pub in_contact: bool,
     pub collisions: u32,
+    /// Speed of the centre at the hardest of them.
+    pub hardest_collision_m_per_s: f64,
     pub distance_m: f64,
 }
 
@@ -100,6 +102,7 @@ impl Drive {
             clearance_m: 0.0,
             in_contact: false,
             collisions: 0,
+            hardest_collision_m_per_s: 0.0,
             distance_m: 0.0,
         }
     }
@@ -161,6 +164,8 @@ impl Drive {
             if !self.in_contact {
                 self.in_contact = true;
                 self.collisions += 1;
+                let speed_m_per_s = way_m.abs() / STEP_S;
+                self.hardest_collision_m_per_s = self.hardest_collision_m_per_s.max(speed_m_per_s);
             }
         }
     }

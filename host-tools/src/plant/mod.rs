@@ -35,6 +35,7 @@ pub use parameters::{
     BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
     SLIP_WINDOW_MS, SonarParameters,
 };
+pub use sonar::{PATIENCE_US, SonarFault};
 pub use statistics::{PathSample, Statistics};
 
 use crate::world::World;
@@ -153,12 +154,19 @@ impl Plant {
         );
     }
 
+    /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping on.
+    pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
+        self.sonars.break_sonar(sonar, fault);
+    }
+
     /// What the body's outputs read now.
-    pub fn sensors(&mut self) -> Sensors {
+    pub fn sensors(&self) -> Sensors {
+        let (echo_us, echo_high) = self.sonars.echoes(self.now_us);
         Sensors {
             left_count: self.drive.encoder_count(&self.drive.left),
             right_count: self.drive.encoder_count(&self.drive.right),
-            echo_us: self.sonars.echo_us(self.now_us),
+            echo_us,
+            echo_high,
             adc_counts: self.adc_counts(),
             stop_is_low: false,
         }
@@ -239,6 +247,11 @@ impl Plant {
     /// How often the body ran into a wall.
     pub fn collisions(&self) -> u32 {
         self.drive.collisions
+    }
+
+    /// Speed of the body's centre at the hardest of its collisions, in metres per second; 0 without one.
+    pub fn hardest_collision_m_per_s(&self) -> f64 {
+        self.drive.hardest_collision_m_per_s
     }
 
     /// Path and rooms since the start.

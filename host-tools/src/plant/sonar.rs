@@ -1,6 +1,8 @@
-//! The ring of sonars: what a ping brings back, and when.
+//! The ring of sonars: what their echo pins do after a trigger, and what breaks.
 
 use core::f64::consts::TAU;
+use core::fmt;
+use core::str::FromStr;
 
 use rt_firmware::body::SONARS;
 
@@ -13,26 +15,72 @@ use super::parameters::SonarParameters;
 /// Speed of sound at 20 °C.
 const SOUND_M_PER_S: f64 = 343.2;
 
-/// How long a sonar listens, in microseconds: a little longer than an echo from the farthest range takes.
-const LISTEN_US: u64 = 24_000;
+/// Time from a trigger to the rising edge of the echo pin, in microseconds: eight periods of the burst of 40 kHz, and as much again
+/// to get ready.
+const BURST_US: u64 = 400;
+
+/// How long the echo pin stays high where nothing is heard, in microseconds: what the data sheet of the HC-SR04 says.
+pub const PATIENCE_US: u64 = 38_000;
+
+/// The longest echo that a sonar hears, in microseconds: from a little more than 4 m.
+const LONGEST_ECHO_US: u64 = 24_000;
+
+/// Echo time of a blind sonar, in microseconds: it hears its own burst, from 3 cm.
+const BLIND_ECHO_US: u64 = 175;
 
 /// Rays that stand for one beam.
 const RAYS: u8 = 7;
 
+/// What can break in a sonar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SonarFault {
+    /// Its echo pin stays low, whatever is asked.
+    Dead,
+    /// It sends, but its receiver hears nothing: it waits in vain, each time.
+    Deaf,
+    /// It hears its own burst, each time, and so sees something at its nose.
+    Blind,
+}
+
+impl SonarFault {
+    /// All of them, with their names.
+    pub const NAMES: [(Self, &'static str); 3] = [
+        (Self::Dead, "dead"),
+        (Self::Deaf, "deaf"),
+        (Self::Blind, "blind"),
+    ];
+}
+
+impl fmt::Display for SonarFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = Self::NAMES.iter().find(|(fault, _)| fault == self);
+        f.write_str(name.map_or("", |(_, name)| name))
+    }
+}
+
+impl FromStr for SonarFault {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let found = Self::NAMES.iter().find(|(_, name)| *name == text);
+        found.map(|(fault, _)| *fault).ok_or(())
+    }
+}
+
 /// One sonar.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sonar {
-    /// What its timer shows: the last finished ping's echo time, 0 for none.
-    shown_us: u16,
-    in_flight: Option<Ping>,
+    /// The pulse that answers its last trigger, if it does.
+    pulse: Option<Pulse>,
     pings: u64,
+    fault: Option<SonarFault>,
 }
 
-/// A ping that was sent and not yet answered.
+/// A pulse on an echo pin.
 #[derive(Clone, Copy, Debug)]
-struct Ping {
-    over_at_us: u64,
-    echo_us: u16,
+struct Pulse {
+    rises_at_us: u64,
+    falls_at_us: u64,
 }
 
 /// All sonars, counter-clockwise from the one that looks ahead, evenly spread.
@@ -50,7 +98,14 @@ impl SonarRing {
         }
     }
 
-    /// Sends a ping from each sonar whose bit is set in `triggers`. A sonar that still listens ignores it.
+    /// From the next trigger on this sonar has this fault. There is no other sonar to have it.
+    pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
+        if let Some(sonar) = self.sonars.get_mut(sonar) {
+            sonar.fault = Some(fault);
+        }
+    }
+
+    /// Sends a ping from each sonar whose bit is set in `triggers`. A sonar whose pulse is not over ignores it.
     pub fn trigger(
         &mut self,
         triggers: u8,
@@ -59,34 +114,42 @@ impl SonarRing {
         walls: &[Segment],
         noise: &Noise,
     ) {
-        self.finish_pings(now_us);
         let parameters = self.parameters;
         for (index, sonar) in (0..).zip(self.sonars.iter_mut()) {
-            if triggers & 1 << index == 0 || sonar.in_flight.is_some() {
+            let is_busy = (sonar.pulse).is_some_and(|pulse| pulse.falls_at_us > now_us);
+            if triggers & 1 << index == 0 || is_busy {
                 continue;
             }
-            let echo_us = parameters.echo_us(index, sonar.pings, pose, walls, noise);
+            let heard_us = parameters.echo_us(index, sonar.pings, pose, walls, noise);
             sonar.pings += 1;
-            sonar.in_flight = Some(Ping {
-                over_at_us: now_us + echo_us.map_or(LISTEN_US, u64::from),
-                echo_us: echo_us.unwrap_or(0),
+            let width_us = match sonar.fault {
+                None => Some(heard_us.unwrap_or(PATIENCE_US)),
+                Some(SonarFault::Deaf) => Some(PATIENCE_US),
+                Some(SonarFault::Blind) => Some(BLIND_ECHO_US),
+                Some(SonarFault::Dead) => None,
+            };
+            let rises_at_us = now_us + BURST_US;
+            sonar.pulse = width_us.map(|width_us| Pulse {
+                rises_at_us,
+                falls_at_us: rises_at_us + width_us,
             });
         }
     }
 
-    /// What the echo timers show at `now_us`, in microseconds; 0 for no echo.
-    pub fn echo_us(&mut self, now_us: u64) -> [u16; SONARS] {
-        self.finish_pings(now_us);
-        self.sonars.map(|sonar| sonar.shown_us)
-    }
-
-    fn finish_pings(&mut self, now_us: u64) {
-        for sonar in &mut self.sonars {
-            if let Some(ping) = sonar.in_flight.filter(|ping| ping.over_at_us <= now_us) {
-                sonar.shown_us = ping.echo_us;
-                sonar.in_flight = None;
-            }
-        }
+    /// What the timers at the echo pins show at `now_us`: how long each has been high since its last trigger, in microseconds, and a bit for each that is.
+    pub fn echoes(&self, now_us: u64) -> ([u16; SONARS], u8) {
+        let pulses = self.sonars.map(|sonar| sonar.pulse);
+        // A pulse is never as long as 16 bits can hold.
+        let width_us = |pulse: Pulse| {
+            let until_us = now_us.min(pulse.falls_at_us);
+            until_us.saturating_sub(pulse.rises_at_us) as u16
+        };
+        let is_high =
+            |pulse: Pulse| (pulse.rises_at_us..pulse.falls_at_us).contains(&now_us);
+        let high = (pulses.iter().rev()).fold(0, |bits, pulse| {
+            bits << 1 | u8::from(pulse.is_some_and(is_high))
+        });
+        (pulses.map(|pulse| pulse.map_or(0, width_us)), high)
     }
 }
 
@@ -99,7 +162,7 @@ impl SonarParameters {
         pose: BodyPose,
         walls: &[Segment],
         noise: &Noise,
-    ) -> Option<u16> {
+    ) -> Option<u64> {
         if noise.uniform(Source::Miss { sonar }, ping) < self.miss_probability {
             return None;
         }
@@ -107,9 +170,8 @@ impl SonarParameters {
         let true_range_m = self.range_m(pose.position, heading_rad, walls)?;
         let deviation_m = self.noise_m + self.noise_part * true_range_m;
         let range_m = true_range_m + deviation_m * noise.bell(Source::Range { sonar }, ping);
-        let echo_us = 2e6 * range_m.max(self.min_range_m) / SOUND_M_PER_S;
-        // Ranges end at a few metres, so the time fits in 16 bits; one that is beyond what is listened for is not heard.
-        (echo_us < LISTEN_US as f64).then_some(echo_us as u16)
+        let echo_us = (2e6 * range_m.max(self.min_range_m) / SOUND_M_PER_S) as u64;
+        (echo_us < LONGEST_ECHO_US).then_some(echo_us)
     }
 
     /// The nearest wall in the beam, in metres from the rim.

@@ -29,6 +29,9 @@ fn duties(left_duty: i16, right_duty: i16) -> Actuators {
     }
 }
 
+/// Until each sonar has answered, also where nothing is there.
+const ANSWERED_US: u64 = 40_000;
+
 const ALL_SONARS: Actuators = Actuators {
     left_duty: 0,
     right_duty: 0,
@@ -168,6 +171,8 @@ fn a_wall_stops_the_robot_and_counts_once() {
     let mut plant = plant(cell());
     drive(&mut plant, &[(10_000_000, duties(600, 600))], 20_000);
     assert_eq!(plant.collisions(), 1);
+    let speed_m_per_s = plant.hardest_collision_m_per_s();
+    assert!((0.2..0.7).contains(&speed_m_per_s), "{speed_m_per_s}");
     assert!((plant.distance_to_walls_m() - 0.12).abs() < 0.001);
     assert_eq!(plant.sensors().adc_counts[1], ADC_FULL_SCALE, "the bumper");
     let wheels_spin = plant.sensors().left_count;
@@ -190,14 +195,20 @@ fn an_echo_takes_as_long_as_sound_does() {
     let mut plant = plant(cell());
     plant.apply(&ALL_SONARS);
     // The wall ahead is 1.89 m from the rim: 11.0 ms there and back.
-    plant.advance_to(10_500);
-    assert_eq!(plant.sensors().echo_us, [0; SONARS], "still under way");
+    plant.advance_to(300);
+    assert_eq!(plant.sensors().echo_us, [0; SONARS], "the burst goes out");
+    assert_eq!(plant.sensors().echo_high, 0);
+    plant.advance_to(10_400);
+    let sensors = plant.sensors();
+    assert_eq!(sensors.echo_us, [10_000; SONARS], "still under way");
+    assert_eq!(sensors.echo_high, 0xFF);
     plant.advance_to(24_000);
     let sensors = plant.sensors();
     for sonar in [0, 2, 4, 6] {
         let echo_us = sensors.echo_us[sonar];
         assert!((10_700..=11_300).contains(&echo_us), "{sonar}: {echo_us}");
     }
+    assert_eq!(sensors.echo_high, 0);
 }
 
 #[test]
@@ -220,10 +231,11 @@ fn a_sonar_ignores_a_trigger_while_it_listens() {
 fn about_as_many_echoes_are_missed_as_the_parameter_says() {
     let mut plant = plant(cell());
     const PINGS: usize = 2_000;
-    let seen = drive(&mut plant, &[(25_000, ALL_SONARS); PINGS], 25_000);
+    let seen = drive(&mut plant, &[(ANSWERED_US, ALL_SONARS); PINGS], 25_000);
+    let patience_us = PATIENCE_US as u16;
     let missed = seen
         .iter()
-        .filter(|sensors| sensors.echo_us[0] == 0)
+        .filter(|sensors| sensors.echo_us[0] == patience_us)
         .count();
     assert!(
         (20..=60).contains(&missed),
@@ -234,9 +246,9 @@ fn about_as_many_echoes_are_missed_as_the_parameter_says() {
 #[test]
 fn ranges_scatter_about_the_truth() {
     let mut plant = plant(cell());
-    let seen = drive(&mut plant, &[(25_000, ALL_SONARS); 500], 25_000);
+    let seen = drive(&mut plant, &[(ANSWERED_US, ALL_SONARS); 500], 25_000);
     let echoes: Vec<f64> = (seen.iter().map(|sensors| f64::from(sensors.echo_us[0])))
-        .filter(|echo_us| *echo_us > 0.0)
+        .filter(|echo_us| *echo_us < PATIENCE_US as f64)
         .collect();
     let mean_us = echoes.iter().sum::<f64>() / echoes.len() as f64;
     let range_m = mean_us * 343.2 / 2e6;
@@ -246,6 +258,35 @@ fn ranges_scatter_about_the_truth() {
             .iter()
             .any(|echo_us| (echo_us - mean_us).abs() > 20.0)
     );
+}
+
+#[test]
+fn a_sonar_that_sees_nothing_says_so_and_a_broken_one_says_what_it_can() {
+    let open = "world open\nstart 2,2 0\nwall 3,0 3,4";
+    let patience_us = PATIENCE_US as u16;
+    // A wall 0.89 m ahead, nothing behind.
+    for (fault, ahead_us, behind_us) in [
+        (None, 5_000..=5_400, patience_us..=patience_us),
+        (Some(SonarFault::Dead), 0..=0, 0..=0),
+        (
+            Some(SonarFault::Deaf),
+            patience_us..=patience_us,
+            patience_us..=patience_us,
+        ),
+        (Some(SonarFault::Blind), 100..=300, 100..=300),
+    ] {
+        let mut plant = plant(World::parse(open).unwrap());
+        drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000);
+        for sonar in [0, 4] {
+            fault.into_iter().for_each(|fault| plant.break_sonar(sonar, fault));
+        }
+        // What it showed before is gone with the trigger.
+        let sensors = &drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000)[0];
+        assert!(ahead_us.contains(&sensors.echo_us[0]), "{fault:?} {sensors:?}");
+        assert!(behind_us.contains(&sensors.echo_us[4]), "{fault:?} {sensors:?}");
+        assert_eq!(sensors.echo_high, 0);
+    }
+    plant(cell()).break_sonar(SONARS, SonarFault::Dead);
 }
 
 #[test]

@@ -22,7 +22,7 @@ use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
 use crate::lockstep::line::STANDSTILL_LIMIT;
 use crate::lockstep::pace::{Hold, Pace};
-use crate::lockstep::plant_side::{PlantFault, PlantSide};
+use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak};
 use crate::plant::flash::Flash;
 use crate::plant::{BodyParameters, Plant, PlantError};
 use crate::recording::file::Head;
@@ -83,6 +83,8 @@ pub struct Plan {
     pub record: Option<Box<dyn Write>>,
     /// What happens to the plant.
     pub plant_fault: Option<PlantFault>,
+    /// Sonars that break while it runs.
+    pub sonar_breaks: Vec<SonarBreak>,
     /// The flash beside it; without, one that has no mission and lets none of the firmware's own run.
     pub flash: Option<Flash>,
     /// Signs, if the robot has a key, which a flash may hold.
@@ -292,6 +294,7 @@ impl<W: Write> Driver<W> {
         if let Some(fault) = plan.plant_fault {
             plant.inject(fault);
         }
+        plant.break_sonars(plan.sonar_breaks);
         let board_name = plan.board.name();
         let log = plan.board.log_reader();
         let (board, line) =
@@ -784,6 +787,8 @@ impl<W: Write> Driver<W> {
             wall_time_s: wall_time.map(|wall| wall.as_secs_f64()),
             distance_m: plant.distance_m(),
             collisions: plant.collisions(),
+            hardest_collision_m_per_s: (plant.collisions() > 0)
+                .then(|| plant.hardest_collision_m_per_s()),
             rooms_entered: plant.statistics().rooms_entered().to_vec(),
             macro_steps: told.counts.macro_steps,
             transitions: told.counts.transitions,

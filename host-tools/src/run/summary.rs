@@ -24,6 +24,9 @@ pub struct Summary {
     pub distance_m: f64,
     /// How often the robot ran into a wall.
     pub collisions: u32,
+    /// Speed at the hardest of them, in metres per second; `None` without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hardest_collision_m_per_s: Option<f64>,
     /// Rooms that it came into, in the order of the first time.
     pub rooms_entered: Vec<String>,
     /// Macro steps that the trace holds.
@@ -99,7 +102,9 @@ impl fmt::Display for Summary {
             ),
         )?;
         row("distance", format!("{:.2} m", self.distance_m))?;
-        row("collisions", self.collisions.to_string())?;
+        let hardest = (self.hardest_collision_m_per_s)
+            .map_or_else(String::new, |speed| format!(", the hardest at {speed:.2} m/s"));
+        row("collisions", format!("{}{hardest}", self.collisions))?;
         let rooms = match self.rooms_entered.as_slice() {
             [] => "none".to_owned(),
             rooms => format!("{} ({})", rooms.len(), rooms.join(", ")),

@@ -161,6 +161,7 @@ fn plan(missions: Vec<(u64, Mission)>, replay: Option<Entered>) -> Plan {
         replay,
         record: None,
         plant_fault: None,
+        sonar_breaks: Vec::new(),
         cut_link_us: None,
     }
 }

@@ -9,9 +9,13 @@
 //! |---|---|---|---|---|
 //! | sequence | 4 | | sequence of the request | 4 |
 //! | nominal start of this occurrence, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
-//! | nominal end of the occurrence before, in µs | 8 | | echo times in µs, 0 = no echo | 8 × 2 |
-//! | left, right duty (signed) | 2 + 2 | | ADC counts | 7 × 2 |
-//! | sonar trigger bits, auxiliary output bits | 1 + 1 | | inputs that are low: bit 0 the emergency stop's | 1 |
+//! | nominal end of the occurrence before, in µs | 8 | | how long each echo pin was high, in µs | 8 × 2 |
+//! | left, right duty (signed) | 2 + 2 | | echo pins that are high still | 1 |
+//! | sonar trigger bits, auxiliary output bits | 1 + 1 | | ADC counts | 7 × 2 |
+//! | | | | inputs that are low: bit 0 the emergency stop's | 1 |
+//!
+//! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it is, and then what it was. So 0
+//! says that a sonar does not answer, and never that nothing is there: see [`Sonar`](crate::drivers::Sonar).
 
 use core::array;
 
@@ -21,7 +25,7 @@ use super::pins::{Actuators, DEADMAN_US, PinImage, Sensors};
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
-pub const REPLY_BYTES: usize = 39;
+pub const REPLY_BYTES: usize = 40;
 
 /// The input of the emergency stop's button, among those that a reply tells of.
 const STOP_IS_LOW: u8 = 1 << 0;
@@ -94,6 +98,7 @@ impl Reply {
             left_count,
             right_count,
             echo_us,
+            echo_high,
             adc_counts,
             stop_is_low,
         } = self.sensors;
@@ -103,6 +108,7 @@ impl Reply {
                 .chain(left_count.to_le_bytes())
                 .chain(right_count.to_le_bytes())
                 .chain(echo_us.into_iter().flat_map(u16::to_le_bytes))
+                .chain([echo_high])
                 .chain(adc_counts.into_iter().flat_map(u16::to_le_bytes))
                 .chain([low_inputs]),
         )
@@ -117,6 +123,7 @@ impl Reply {
                 left_count: u16::from_le_bytes(fields.take()),
                 right_count: u16::from_le_bytes(fields.take()),
                 echo_us: array::from_fn(|_| u16::from_le_bytes(fields.take())),
+                echo_high: u8::from_le_bytes(fields.take()),
                 adc_counts: array::from_fn(|_| u16::from_le_bytes(fields.take())),
                 stop_is_low: u8::from_le_bytes(fields.take()) & STOP_IS_LOW != 0,
             },

@@ -3,7 +3,6 @@
 //! Every pin is an atomic of its own that is only loaded and stored, so that the image works on cores without
 //! compare-and-swap and needs no critical section. One side writes a pin, the other reads it.
 
-#[cfg(test)]
 use core::array;
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
@@ -11,7 +10,7 @@ use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
-use crate::drivers::{AnalogIn, EchoTimer, EncoderCounter};
+use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
 /// Number of sonars in the ring.
 pub const SONARS: usize = 8;
@@ -62,8 +61,10 @@ pub struct Sensors {
     pub left_count: u16,
     /// Count of the right wheel's encoder; wraps.
     pub right_count: u16,
-    /// Time from trigger to echo of each sonar's last finished ping, in microseconds; 0 if there was no echo.
+    /// How long the echo pin of each sonar has been high since its last trigger, in microseconds; 0 while it has not been.
     pub echo_us: [u16; SONARS],
+    /// Bit *i* is set while the echo pin of sonar *i* is high: its time still grows.
+    pub echo_high: u8,
     /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
     pub adc_counts: [u16; ANALOG_CHANNELS],
     /// Whether the emergency stop's button pulls its input low: it is pressed. Otherwise a resistor holds it high.
@@ -116,6 +117,7 @@ pub struct PinImage {
     left_count: AtomicU16,
     right_count: AtomicU16,
     echo_us: [AtomicU16; SONARS],
+    echo_high: [AtomicBool; SONARS],
     adc_counts: [AtomicU16; ANALOG_CHANNELS],
     stop_is_low: AtomicBool,
 }
@@ -138,6 +140,7 @@ impl PinImage {
             left_count: AtomicU16::new(0),
             right_count: AtomicU16::new(0),
             echo_us: [const { AtomicU16::new(0) }; SONARS],
+            echo_high: [const { AtomicBool::new(false) }; SONARS],
             adc_counts: [const { AtomicU16::new(0) }; ANALOG_CHANNELS],
             stop_is_low: AtomicBool::new(false),
         }
@@ -166,10 +169,10 @@ impl PinImage {
                 .sonar_triggers
                 .each_ref()
                 .map(|latch| TriggerPin { latch }),
-            echo_timers: self
-                .echo_us
-                .each_ref()
-                .map(|echo_us| EchoCapture { echo_us }),
+            echo_timers: array::from_fn(|sonar| EchoCapture {
+                echo_us: &self.echo_us[sonar],
+                high: &self.echo_high[sonar],
+            }),
             analog: self
                 .adc_counts
                 .each_ref()
@@ -225,6 +228,9 @@ impl PinImage {
         self.left_count.store(sensors.left_count, Relaxed);
         self.right_count.store(sensors.right_count, Relaxed);
         store_all(&self.echo_us, &sensors.echo_us);
+        for (sonar, high) in self.echo_high.iter().enumerate() {
+            high.store(sensors.echo_high >> sonar & 1 != 0, Relaxed);
+        }
         store_all(&self.adc_counts, &sensors.adc_counts);
         self.stop_is_low.store(sensors.stop_is_low, Relaxed);
     }
@@ -235,6 +241,7 @@ impl PinImage {
             left_count: self.left_count.load(Relaxed),
             right_count: self.right_count.load(Relaxed),
             echo_us: self.echo_us.each_ref().map(|echo_us| echo_us.load(Relaxed)),
+            echo_high: bits(&self.echo_high),
             adc_counts: self
                 .adc_counts
                 .each_ref()
@@ -407,13 +414,15 @@ impl EncoderCounter for EncoderCount<'_> {
 #[derive(Debug)]
 pub struct EchoCapture<'a> {
     echo_us: &'a AtomicU16,
+    high: &'a AtomicBool,
 }
 
 impl EchoTimer for EchoCapture<'_> {
-    fn echo_us(&mut self) -> Option<u16> {
-        match self.echo_us.load(Relaxed) {
-            0 => None,
-            echo_us => Some(echo_us),
+    fn pulse(&mut self) -> EchoPulse {
+        match (self.echo_us.load(Relaxed), self.high.load(Relaxed)) {
+            (0, false) => EchoPulse::None,
+            (us, true) => EchoPulse::High { us },
+            (us, false) => EchoPulse::Over { us },
         }
     }
 }
@@ -441,6 +450,7 @@ pub(super) fn distinct_sensors() -> Sensors {
         left_count: 0x0102,
         right_count: 0xFEFD,
         echo_us: array::from_fn(|i| 1_000 + i as u16),
+        echo_high: 0b0101_0110,
         adc_counts: array::from_fn(|i| 2_000 + i as u16),
         stop_is_low: true,
     }
@@ -502,8 +512,14 @@ mod tests {
         assert_eq!(parts.left_encoder.count(), sensors.left_count);
         assert_eq!(parts.right_encoder.count(), sensors.right_count);
         assert_eq!(
-            parts.echo_timers.each_mut().map(|echo| echo.echo_us()),
-            sensors.echo_us.map(Some)
+            parts.echo_timers.each_mut().map(|echo| echo.pulse()),
+            array::from_fn(|sonar| {
+                let us = sensors.echo_us[sonar];
+                match sensors.echo_high >> sonar & 1 {
+                    0 => EchoPulse::Over { us },
+                    _ => EchoPulse::High { us },
+                }
+            })
         );
         assert_eq!(
             parts.analog.each_mut().map(|channel| channel.counts()),
@@ -512,7 +528,7 @@ mod tests {
         assert_eq!(pins.sensors(), sensors);
         assert_eq!(pins.stop_button().is_low(), Ok(true));
         pins.set_sensors(&Sensors::default());
-        assert_eq!(parts.echo_timers[0].echo_us(), None);
+        assert_eq!(parts.echo_timers[0].pulse(), EchoPulse::None);
         assert_eq!(pins.stop_button().is_high(), Ok(true));
     }
 }

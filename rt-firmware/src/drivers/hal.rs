@@ -8,11 +8,29 @@ pub trait EncoderCounter {
     fn count(&mut self) -> u16;
 }
 
-/// The timer between a sonar's trigger and its echo.
+/// What the timer at a sonar's echo pin has seen since the last trigger.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EchoPulse {
+    /// The pin has not gone high. So it is with a sonar that is dead or not there, and with one whose pin hangs at a level.
+    None,
+    /// The pin has gone high and still is, for so many microseconds so far.
+    High {
+        /// So far; stays at the greatest that it can hold.
+        us: u16,
+    },
+    /// The pin has gone high and low again.
+    Over {
+        /// How long it was high, in microseconds; the greatest that it can hold stands for more, too.
+        us: u16,
+    },
+}
+
+/// The timer at a sonar's echo pin: a trigger clears it, the pin's rising edge starts it, its falling edge stops it.
+///
+/// It says what the pin did, and judges nothing: what a pulse means is the [driver](super::Sonar)'s to say.
 pub trait EchoTimer {
-    /// Time from trigger to echo of the last finished ping, in microseconds; `None` if no echo came back. A ping in flight
-    /// changes nothing until its echo comes or its time is over.
-    fn echo_us(&mut self) -> Option<u16>;
+    /// What the pin has done since the last trigger.
+    fn pulse(&mut self) -> EchoPulse;
 }
 
 /// One input of an analogue-to-digital converter that converts by itself, over and over.

@@ -1,40 +1,96 @@
-//! A sonar: a pin that triggers a ping, a timer that catches its echo.
+//! A sonar: a pin that triggers a ping, a timer at its echo pin.
+//!
+//! A sonar of the common kind (HC-SR04, SRF04) answers each trigger with one pulse on its echo pin, also where
+//! nothing is in range: it raises the pin when its burst is out, and lowers it when the echo comes, or when it has waited
+//! long enough. The data sheets give 38 ms for an HC-SR04, 36 ms for an SRF04; an echo from 4 m takes 23.3 ms.
+//! So there are three answers, and none of them is silence:
+//!
+//! | echo pin after a trigger | means |
+//! |---|---|
+//! | high for up to [`LONGEST_ECHO_US`] | an echo, from as far as sound goes in half of that |
+//! | high for longer | the sonar has listened and heard nothing |
+//! | not high at all | no sonar: dead, unplugged, or its pin hangs |
+//!
+//! Sonars on a bus say the same in other words: an SRF08 has 0 as its first echo where it heard nothing, and does not
+//! acknowledge its address where it is not there. A driver for one gives its answers as [`Answer`], too.
+//!
+//! A sonar whose receiver is broken says that nothing is in range, over and over. From one sonar alone that cannot be told
+//! from an empty hall.
 
 use embedded_hal::digital::OutputPin;
 
-use super::EchoTimer;
+use super::{EchoPulse, EchoTimer};
 
 /// Half the speed of sound at 20 °C, in metres for each microsecond of echo time: sound goes there and back.
 const METRES_PER_ECHO_US: f32 = 343.2 / 2.0 / 1e6;
+
+/// A pulse longer than this is no echo but the end of the sonar's patience, in microseconds. The longest echo that the
+/// HC-SR04's data sheet knows is 25 ms, which is 4.3 m; the shortest patience of its kind is 30 ms (SRF05).
+pub const LONGEST_ECHO_US: u16 = 25_000;
+
+/// What a sonar says to a ping.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Answer {
+    /// Something is there, so many metres from the sonar.
+    Echo {
+        /// Its distance in metres.
+        range_m: f32,
+    },
+    /// The sonar has listened, and heard nothing.
+    NothingInRange,
+    /// The sonar says nothing, or is not done.
+    None,
+}
 
 /// A sonar.
 #[derive(Debug)]
 pub struct Sonar<T, E> {
     trigger: T,
     echo: E,
+    /// The last ping was not sent: what the timer shows is older.
+    unsent: bool,
 }
 
 impl<T: OutputPin, E: EchoTimer> Sonar<T, E> {
     /// The sonar on these pins.
     pub fn new(trigger: T, echo: E) -> Self {
-        Self { trigger, echo }
+        Self {
+            trigger,
+            echo,
+            unsent: true,
+        }
     }
 
-    /// Sends a ping. Its range can be read when sound had the time to come back: 24 ms from 4 m.
+    /// Sends a ping. Its answer can be had when the sonar had the time to hear what it can: [`LONGEST_ECHO_US`] and half
+    /// a millisecond for its burst. The pin stays high for longer where nothing is there, and a trigger means nothing
+    /// to a sonar until it is low again.
     pub fn ping(&mut self) -> Result<(), T::Error> {
+        self.unsent = true;
         self.trigger.set_high()?;
-        self.trigger.set_low()
+        self.trigger.set_low()?;
+        self.unsent = false;
+        Ok(())
     }
 
-    /// Range of the last finished ping in metres, from the sonar; `None` if no echo came back.
-    pub fn range_m(&mut self) -> Option<f32> {
-        let echo_us = self.echo.echo_us()?;
-        Some(f32::from(echo_us) * METRES_PER_ECHO_US)
+    /// What it says to the last ping. A ping that could not be sent has no answer.
+    pub fn answer(&mut self) -> Answer {
+        match self.echo.pulse() {
+            _ if self.unsent => Answer::None,
+            EchoPulse::High { us } | EchoPulse::Over { us } if us > LONGEST_ECHO_US => {
+                Answer::NothingInRange
+            }
+            EchoPulse::Over { us } => Answer::Echo {
+                range_m: f32::from(us) * METRES_PER_ECHO_US,
+            },
+            EchoPulse::High { .. } | EchoPulse::None => Answer::None,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use embedded_hal::digital;
+
     use super::*;
     use crate::body::{PinImage, Sensors};
 
@@ -49,21 +105,81 @@ mod tests {
     }
 
     #[test]
-    fn echo_times_become_ranges() {
+    fn silence_is_no_answer_and_a_long_pulse_is_one() {
         let pins = PinImage::new();
         let parts = pins.parts();
         let [trigger, ..] = parts.sonar_triggers;
         let [echo, ..] = parts.echo_timers;
         let mut sonar = Sonar::new(trigger, echo);
-        for (echo_us, expected_m) in [(0, None), (5_828, Some(1.0)), (23_310, Some(4.0))] {
+        let metres = |range_m| Answer::Echo { range_m };
+        // The width of the pulse; whether the pin is high still.
+        for (width_us, high, expected) in [
+            (0, false, Answer::None),
+            (5_828, false, metres(1.0)),
+            (23_310, false, metres(4.0)),
+            (25_000, false, metres(4.29)),
+            (25_001, false, Answer::NothingInRange),
+            (38_000, false, Answer::NothingInRange),
+            (u16::MAX, false, Answer::NothingInRange),
+            // Asked while it listens: it may hear something yet, or it has listened for long enough.
+            (5_828, true, Answer::None),
+            (30_000, true, Answer::NothingInRange),
+        ] {
+            sonar.ping().unwrap();
             let mut sensors = Sensors::default();
-            sensors.echo_us[0] = echo_us;
+            sensors.echo_us[0] = width_us;
+            sensors.echo_high = u8::from(high);
             pins.set_sensors(&sensors);
-            let range_m = sonar.range_m();
-            assert_eq!(range_m.is_some(), expected_m.is_some(), "{echo_us}");
-            if let (Some(range_m), Some(expected_m)) = (range_m, expected_m) {
-                assert!((range_m - expected_m).abs() < 1e-3, "{echo_us}: {range_m}");
+            let answer = sonar.answer();
+            match (answer, expected) {
+                (Answer::Echo { range_m }, Answer::Echo { range_m: expected }) => {
+                    assert!((range_m - expected).abs() < 1e-2, "{width_us}: {range_m}");
+                }
+                _ => assert_eq!(answer, expected, "{width_us} {high}"),
             }
         }
+    }
+
+    /// A trigger pin that does not answer.
+    struct Broken;
+
+    #[derive(Debug)]
+    struct NoPin;
+
+    impl digital::Error for NoPin {
+        fn kind(&self) -> digital::ErrorKind {
+            digital::ErrorKind::Other
+        }
+    }
+
+    impl digital::ErrorType for Broken {
+        type Error = NoPin;
+    }
+
+    impl OutputPin for Broken {
+        fn set_low(&mut self) -> Result<(), NoPin> {
+            Err(NoPin)
+        }
+
+        fn set_high(&mut self) -> Result<(), NoPin> {
+            Err(NoPin)
+        }
+    }
+
+    /// A timer that shows an echo, whatever the trigger does.
+    struct Shows;
+
+    impl EchoTimer for Shows {
+        fn pulse(&mut self) -> EchoPulse {
+            EchoPulse::Over { us: 5_828 }
+        }
+    }
+
+    #[test]
+    fn the_echo_before_is_no_answer_to_a_ping_that_was_not_sent() {
+        let mut sonar = Sonar::new(Broken, Shows);
+        assert_eq!(sonar.answer(), Answer::None, "before the first ping");
+        assert!(sonar.ping().is_err());
+        assert_eq!(sonar.answer(), Answer::None);
     }
 }

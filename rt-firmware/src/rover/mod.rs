@@ -34,7 +34,7 @@ use crate::drivers::{
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
     LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
     SonarRing, Stop, Turn, WheelSpeed,
 };
@@ -181,7 +181,11 @@ where
     /// Drivers on the parts, and the tasks on the drivers.
     pub fn into_tasks(self) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
         HardwareTasks {
-            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers),
+            sonar_ring: SonarRing::new(
+                self.sonar_triggers,
+                self.echo_timers,
+                Bearing::ALL,
+            ),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),
@@ -221,7 +225,7 @@ registry! {
         turn: Turn[4],
         follow_wall: FollowWall[1],
         round_corner: RoundCorner[1],
-        stop: Stop[2],
+        stop: Stop[3],
         logger: Logger[1],
         line_sensor: LineSensor<A>[1],
         line_monitor: LineMonitor[4],
@@ -265,7 +269,7 @@ where
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
             slot_monitor: Bank::new([SlotMonitor::default()]),
             link_monitor: Bank::new([LinkMonitor::default()]),
-            battery_guard: Bank::new([BatteryGuard]),
+            battery_guard: Bank::new([BatteryGuard::default()]),
         }
     }
 }

@@ -8,7 +8,8 @@ use crate::task::{Step, Task};
 /// It backs no closer than this to what is behind, in metres.
 const BEHIND_M: f32 = 0.12;
 
-/// Backs up straight and finishes after `distance_m`, or earlier where something is behind.
+/// Backs up straight and finishes after `distance_m`, or earlier where something is behind, or a sonar does not know
+/// whether it is free there. As long as it has no ranges or no pose, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Back {
     start: Option<Pose>,
@@ -20,8 +21,8 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
-            in pose: Pose;
+            in ranges: Ranges optional within 200 ms;
+            in pose: Pose optional within 100 ms;
             out twist: Twist;
         }
         params {
@@ -37,12 +38,16 @@ impl Task for Back {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let pose = *io.read(Self::POSE);
+        let (Some(ranges), Some(pose)) = (io.try_read(Self::RANGES), io.try_read(Self::POSE)) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
+        let pose = *pose;
         let start = *self.start.get_or_insert(pose);
         let (x_m, y_m) = (pose.x_m - start.x_m, pose.y_m - start.y_m);
         let distance_m = io.param(Self::DISTANCE_M);
         let arrived = x_m * x_m + y_m * y_m >= distance_m * distance_m;
-        if arrived || io.read(Self::RANGES).behind_m() < BEHIND_M {
+        if arrived || ranges.behind_m() < BEHIND_M {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Finished;
         }
@@ -61,7 +66,7 @@ mod tests {
 
     #[test]
     fn it_stops_at_its_distance_or_before_a_wall() {
-        for (behind_m, expected_steps) in [(4.0, 11), (0.1, 1)] {
+        for (behind_m, expected_steps) in [(4.0, 11), (0.1, 1), (0.0, 1)] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[4] = behind_m;
             let mut bench = TaskBench::new(Back::default());
@@ -80,6 +85,24 @@ mod tests {
             });
             assert_eq!(finished_after, Some(expected_steps), "{behind_m}");
             assert_eq!(bench.output(Back::TWIST), Some(Twist::STILL));
+        }
+    }
+
+    #[test]
+    fn it_stands_without_ranges_or_pose() {
+        for has_pose in [true, false] {
+            let mut bench = TaskBench::new(Back::default());
+            bench.param(Back::SPEED_M_PER_S, 0.15);
+            bench.param(Back::DISTANCE_M, 0.2);
+            bench.give(Back::RANGES, Ranges::FREE).give(Back::POSE, Pose::START);
+            bench.step();
+            if has_pose {
+                bench.take_away(Back::RANGES);
+            } else {
+                bench.take_away(Back::POSE);
+            }
+            assert_eq!(bench.step(), Some(Step::Run), "{has_pose}");
+            assert_eq!(bench.output(Back::TWIST), Some(Twist::STILL), "{has_pose}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! Drives ahead, towards free space.
 
-use super::values::{Ranges, Twist};
+use super::values::{Bearing, Ranges, Twist};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
@@ -20,9 +20,11 @@ const SLOWEST_PART: f32 = 0.4;
 /// What stands at 45° may be closer than what stands ahead, by this factor.
 const DIAGONAL_PART: f32 = 0.6;
 
-/// Drives ahead and steers gently towards the side with more space.
+/// Drives ahead and steers gently towards the side with more space. It stands where it does not know whether the way ahead is free.
+/// As long as it has no picture, or an old one, it stands and leaves its flags as they are.
 ///
-/// `near` is set while something is nearer than `near_m` ahead, `left_freer` while there is more space on the left.
+/// `near` is set while something is nearer than `near_m` ahead, or the way there is not known; `left_freer` while there is more space
+/// on the left. A robot needs a sonar that looks ahead; it can do without the others that are asked here.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cruise;
 
@@ -32,7 +34,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         flags {
@@ -48,14 +50,22 @@ task! {
 
 impl Task for Cruise {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let near_m = io.param(Self::NEAR_M);
-        let diagonal_m = ranges.ahead_left_m().min(ranges.ahead_right_m());
+        let diagonal_m = (ranges.free_unless_seen_m(Bearing::AheadLeft))
+            .min(ranges.free_unless_seen_m(Bearing::AheadRight));
         let free_m = ranges.ahead_m().min(diagonal_m / DIAGONAL_PART);
         let brake = ((free_m - near_m) / BRAKING_WAY_M).clamp(SLOWEST_PART, 1.0);
-        *io.write(Self::TWIST) = Twist {
-            forward_m_per_s: io.param(Self::SPEED_M_PER_S) * brake,
-            turn_rad_per_s: STEERING_RAD_PER_S_M * left_surplus_m(ranges),
+        *io.write(Self::TWIST) = if free_m > 0.0 {
+            Twist {
+                forward_m_per_s: io.param(Self::SPEED_M_PER_S) * brake,
+                turn_rad_per_s: STEERING_RAD_PER_S_M * left_surplus_m(ranges),
+            }
+        } else {
+            Twist::STILL
         };
         io.set(Self::NEAR, free_m < near_m);
         io.set(Self::LEFT_FREER, left_surplus_m(ranges) > 0.0);
@@ -65,9 +75,9 @@ impl Task for Cruise {
 
 /// How much more space there is on the left than on the right, in metres.
 fn left_surplus_m(ranges: &Ranges) -> f32 {
-    let near = |range_m: f32| range_m.min(STEERING_HORIZON_M);
-    let ahead = near(ranges.ahead_left_m()) - near(ranges.ahead_right_m());
-    let beside = near(ranges.left_m()) - near(ranges.right_m());
+    let near = |bearing| ranges.free_unless_seen_m(bearing).min(STEERING_HORIZON_M);
+    let ahead = near(Bearing::AheadLeft) - near(Bearing::AheadRight);
+    let beside = near(Bearing::Left) - near(Bearing::Right);
     ahead + beside / 2.0
 }
 
@@ -106,6 +116,56 @@ mod tests {
             assert_eq!(twist.forward_m_per_s > 0.2, fast, "{ranges_m:?} {twist:?}");
             assert!(twist.forward_m_per_s > 0.1);
             assert!(twist.turn_rad_per_s * turn > 0.0 || twist.turn_rad_per_s == turn);
+        }
+    }
+
+    #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(Cruise);
+        bench.param(Cruise::SPEED_M_PER_S, 0.4);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(Cruise::TWIST), Some(Twist::STILL));
+        bench.give(Cruise::RANGES, Ranges::FREE).step();
+        assert_eq!(bench.output(Cruise::TWIST).unwrap().forward_m_per_s, 0.4);
+        bench.take_away(Cruise::RANGES).step();
+        assert_eq!(bench.output(Cruise::TWIST), Some(Twist::STILL));
+    }
+
+    #[test]
+    fn it_stands_where_the_way_ahead_is_not_known() {
+        // The sonar that does not know; whether the robot stands.
+        for (sonar, stands) in [(0, true), (1, true), (7, true), (2, false), (4, false), (6, false)] {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[sonar] = 0.0;
+            let mut bench = TaskBench::new(Cruise);
+            bench
+                .param(Cruise::SPEED_M_PER_S, 0.4)
+                .param(Cruise::NEAR_M, 0.35);
+            bench.give(Cruise::RANGES, ranges).step();
+            let twist = bench.output(Cruise::TWIST).unwrap();
+            assert_eq!(twist == Twist::STILL, stands, "{sonar}: {twist:?}");
+            assert_eq!(bench.flag(Cruise::NEAR), stands, "{sonar}");
+        }
+    }
+
+    #[test]
+    fn a_robot_with_two_sonars_drives_where_the_one_ahead_sees_space() {
+        for (ahead_m, near) in [(4.0, false), (0.3, true), (0.0, true)] {
+            let mut ranges = Ranges {
+                sonars: 2,
+                ..Ranges::FREE
+            };
+            ranges.bearings[1] = Bearing::Behind;
+            ranges.range_m[0] = ahead_m;
+            let mut bench = TaskBench::new(Cruise);
+            bench
+                .param(Cruise::SPEED_M_PER_S, 0.4)
+                .param(Cruise::NEAR_M, 0.35);
+            bench.give(Cruise::RANGES, ranges).step();
+            let twist = bench.output(Cruise::TWIST).unwrap();
+            assert_eq!(bench.flag(Cruise::NEAR), near, "{ahead_m}");
+            assert_eq!(twist.turn_rad_per_s, 0.0, "nobody looks to the sides");
+            assert_eq!(twist.forward_m_per_s > 0.0, ahead_m > 0.0, "{ahead_m}");
         }
     }
 }

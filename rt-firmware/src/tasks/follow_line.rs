@@ -8,9 +8,10 @@ use crate::task::{Step, Task};
 /// Micrometres in a metre.
 const UM_PER_M: f32 = 1e6;
 
-/// Drives along the line under the sensors, and straight on where there is none.
+/// Drives along the line under the sensors, and straight on where there is none. As long as it does not know where the line is, it stands and
+/// leaves its flags as they are.
 ///
-/// Exactly one of `seen` and `lost` is set from its first step on. `left` is set while the line is to the left, or, if it is lost, where it went
+/// Exactly one of `seen` and `lost` is set from the first step on in which it knows. `left` is set while the line is to the left, or, if it is lost, where it went
 /// out of sight to the left.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowLine;
@@ -21,7 +22,7 @@ task! {
         wcet 200 us;
         exclusive motion;
         data {
-            in line: Line;
+            in line: Line optional within 100 ms;
             out twist: Twist;
         }
         flags {
@@ -38,7 +39,10 @@ task! {
 
 impl Task for FollowLine {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let line: Line = *io.read(Self::LINE);
+        let Some(line) = io.try_read(Self::LINE).copied() else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let seen = line.is_seen();
         let left_m = if seen {
             f32::from(line.left_um) / UM_PER_M
@@ -60,6 +64,19 @@ impl Task for FollowLine {
 mod tests {
     use super::*;
     use crate::TaskBench;
+
+    #[test]
+    fn it_stands_without_a_word_of_the_line() {
+        let mut bench = TaskBench::new(FollowLine);
+        bench.param(FollowLine::SPEED_M_PER_S, 0.2);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(FollowLine::TWIST), Some(Twist::STILL));
+        assert!(!bench.flag(FollowLine::SEEN) && !bench.flag(FollowLine::LOST));
+        bench.give(FollowLine::LINE, Line::default()).step();
+        assert_ne!(bench.output(FollowLine::TWIST), Some(Twist::STILL));
+        bench.take_away(FollowLine::LINE).step();
+        assert_eq!(bench.output(FollowLine::TWIST), Some(Twist::STILL));
+    }
 
     #[test]
     fn it_steers_towards_the_line_and_goes_straight_on_without_one() {

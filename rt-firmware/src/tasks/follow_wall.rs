@@ -27,10 +27,11 @@ const LOST_FACTOR: f32 = 2.5;
 /// is farther there than the distance itself.
 const DIAGONAL_PART: f32 = 0.75;
 
-/// Drives along a wall to its right, `distance_m` from rim to wall.
+/// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not know what is ahead, to the right, or
+/// in between. As long as it has no ranges, it stands and leaves its flags as they are.
 ///
-/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it; `lost`
-/// while there is no wall to the right.
+/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it,
+/// or one of the two is not known; `lost` while there is no wall to the right.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowWall;
 
@@ -40,7 +41,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         flags {
@@ -57,14 +58,27 @@ task! {
 
 impl Task for FollowWall {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
         let distance_m = io.param(Self::DISTANCE_M);
+        let all_m = [
+            ranges.ahead_m(),
+            ranges.ahead_right_m(),
+            ranges.right_m(),
+        ];
+        let known = all_m.iter().all(|range_m| *range_m > 0.0);
         let too_far_m =
             (ranges.right_m() - distance_m).clamp(-DISTANCE_ERROR_LIMIT_M, DISTANCE_ERROR_LIMIT_M);
-        *io.write(Self::TWIST) = Twist {
-            forward_m_per_s: io.param(Self::SPEED_M_PER_S),
-            turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
-                - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+        *io.write(Self::TWIST) = if known {
+            Twist {
+                forward_m_per_s: io.param(Self::SPEED_M_PER_S),
+                turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
+                    - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+            }
+        } else {
+            Twist::STILL
         };
         let scrapes = ranges.ahead_right_m() < DIAGONAL_PART * distance_m;
         io.set(
@@ -130,6 +144,18 @@ mod tests {
     }
 
     #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(FollowWall);
+        bench.param(FollowWall::SPEED_M_PER_S, 0.25);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
+        bench.give(FollowWall::RANGES, Ranges::FREE).step();
+        assert_ne!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
+        bench.take_away(FollowWall::RANGES).step();
+        assert_eq!(bench.output(FollowWall::TWIST), Some(Twist::STILL));
+    }
+
+    #[test]
     fn it_tells_what_it_cannot_follow() {
         for (ahead_m, ahead_right_m, right_m, ahead, lost) in [
             (4.0, 0.3, 0.2, false, false),
@@ -137,6 +163,9 @@ mod tests {
             (4.0, 0.1, 0.2, true, false),
             (4.0, 0.3, 0.6, false, true),
             (0.2, 0.3, 4.0, true, true),
+            (0.0, 0.3, 0.2, true, false),
+            (4.0, 0.0, 0.2, true, false),
+            (4.0, 0.3, 0.0, false, false),
         ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[0] = ahead_m;
@@ -149,6 +178,9 @@ mod tests {
             bench.give(FollowWall::RANGES, ranges).step();
             assert_eq!(bench.flag(FollowWall::AHEAD), ahead, "{ahead_m} {right_m}");
             assert_eq!(bench.flag(FollowWall::LOST), lost, "{ahead_m} {right_m}");
+            let known = [ahead_m, ahead_right_m, right_m].iter().all(|range_m| *range_m > 0.0);
+            let stands = bench.output(FollowWall::TWIST) == Some(Twist::STILL);
+            assert_eq!(stands, !known, "{ahead_m} {ahead_right_m} {right_m}");
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sets `seen` while there is a line under the sensors, `crossing` while another one goes across it.
+/// Sets `seen` while there is a line under the sensors, `crossing` while another one goes across it; neither while it does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LineMonitor;
 
@@ -14,7 +14,7 @@ task! {
         slot 2;
         wcet 100 us;
         data {
-            in line: Line;
+            in line: Line optional within 100 ms;
         }
         flags {
             out seen;
@@ -25,9 +25,9 @@ task! {
 
 impl Task for LineMonitor {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let line = io.read(Self::LINE);
-        io.set(Self::SEEN, line.is_seen());
-        io.set(Self::CROSSING, line.is_crossing());
+        let line = io.try_read(Self::LINE);
+        io.set(Self::SEEN, line.is_some_and(Line::is_seen));
+        io.set(Self::CROSSING, line.is_some_and(Line::is_crossing));
         Step::Run
     }
 }
@@ -58,5 +58,7 @@ mod tests {
                 "{dark_sensors}"
             );
         }
+        bench.take_away(LineMonitor::LINE).step();
+        assert!(!bench.flag(LineMonitor::SEEN) && !bench.flag(LineMonitor::CROSSING));
     }
 }

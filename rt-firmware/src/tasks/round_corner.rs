@@ -9,7 +9,8 @@ use crate::task::{Step, Task};
 const DIAGONAL_M: f32 = 0.17;
 
 /// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there is a wall to the right again, nearer
-/// than `found_m`, or something in the way: less than `ahead_m` ahead, or close at 45° to the right.
+/// than `found_m`, or something in the way: less than `ahead_m` ahead, or close at 45° to the right. What is not known is in the way, and the
+/// robot stands then. As long as it has no ranges, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RoundCorner;
 
@@ -19,7 +20,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in ranges: Ranges;
+            in ranges: Ranges optional within 200 ms;
             out twist: Twist;
         }
         params {
@@ -33,7 +34,19 @@ task! {
 
 impl Task for RoundCorner {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let ranges = io.read(Self::RANGES);
+        let Some(ranges) = io.try_read(Self::RANGES) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
+        let all_m = [
+            ranges.ahead_m(),
+            ranges.ahead_right_m(),
+            ranges.right_m(),
+        ];
+        if all_m.iter().any(|range_m| *range_m <= 0.0) {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Finished;
+        }
         let speed_m_per_s = io.param(Self::SPEED_M_PER_S);
         *io.write(Self::TWIST) = Twist {
             forward_m_per_s: speed_m_per_s,
@@ -77,6 +90,34 @@ mod tests {
             assert_eq!(bench.step(), Some(expected), "{ahead_m} {right_m}");
             let twist = bench.output(RoundCorner::TWIST).unwrap();
             assert!((twist.turn_rad_per_s * 0.4 + twist.forward_m_per_s).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn it_stands_without_ranges() {
+        let mut bench = TaskBench::new(RoundCorner);
+        bench
+            .param(RoundCorner::SPEED_M_PER_S, 0.2)
+            .param(RoundCorner::RADIUS_M, 0.4);
+        bench.give(RoundCorner::RANGES, Ranges::FREE).step();
+        assert_ne!(bench.output(RoundCorner::TWIST), Some(Twist::STILL));
+        bench.take_away(RoundCorner::RANGES);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(RoundCorner::TWIST), Some(Twist::STILL));
+    }
+
+    #[test]
+    fn what_is_not_known_is_in_the_way() {
+        for sonar in [0, 6, 7] {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[sonar] = 0.0;
+            let mut bench = TaskBench::new(RoundCorner);
+            bench
+                .param(RoundCorner::SPEED_M_PER_S, 0.2)
+                .param(RoundCorner::RADIUS_M, 0.4);
+            bench.give(RoundCorner::RANGES, ranges);
+            assert_eq!(bench.step(), Some(Step::Finished), "{sonar}");
+            assert_eq!(bench.output(RoundCorner::TWIST), Some(Twist::STILL));
         }
     }
 }

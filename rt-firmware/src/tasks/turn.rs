@@ -15,7 +15,8 @@ const APPROACH_PER_S: f32 = 3.0;
 /// … but at least this, or friction would end the turn early.
 const SLOWEST_RAD_PER_S: f32 = 0.25;
 
-/// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right.
+/// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right. As long as it has no
+/// pose, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Turn {
     /// Heading at the last step, none before the first.
@@ -29,7 +30,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            in pose: Pose;
+            in pose: Pose optional within 100 ms;
             out twist: Twist;
         }
         flags {
@@ -48,7 +49,11 @@ impl Task for Turn {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let heading_rad = io.read(Self::POSE).heading_rad;
+        let Some(pose) = io.try_read(Self::POSE) else {
+            *io.write(Self::TWIST) = Twist::STILL;
+            return Step::Run;
+        };
+        let heading_rad = pose.heading_rad;
         let last_heading_rad = self.last_heading_rad.replace(heading_rad);
         self.turned_rad += wrapped_rad(heading_rad - last_heading_rad.unwrap_or(heading_rad));
         let direction = if io.flag(Self::LEFT) { 1.0 } else { -1.0 };
@@ -97,6 +102,20 @@ mod tests {
             heading_rad = wrapped_rad(heading_rad + step_rad);
         }
         panic!("never finished");
+    }
+
+    #[test]
+    fn it_stands_without_a_pose() {
+        let mut bench = TaskBench::new(Turn::default());
+        bench
+            .param(Turn::ANGLE_RAD, 1.0)
+            .param(Turn::RATE_RAD_PER_S, 1.5);
+        assert_eq!(bench.step(), Some(Step::Run));
+        assert_eq!(bench.output(Turn::TWIST), Some(Twist::STILL));
+        bench.give(Turn::POSE, Pose::START).step();
+        assert_ne!(bench.output(Turn::TWIST), Some(Twist::STILL));
+        bench.take_away(Turn::POSE).step();
+        assert_eq!(bench.output(Turn::TWIST), Some(Twist::STILL));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What travels over the nets between the shipped tasks, and the robot's measures that several of them need.
 
-use crate::body::{LINE_SENSORS, SONARS};
+use crate::body::LINE_SENSORS;
 use crate::task::PortType;
 
 pub use crate::odometry::Pose;
@@ -55,63 +55,191 @@ impl PortType for WheelSpeeds {
     fields! { left_m_per_s: f32, right_m_per_s: f32 }
 }
 
-/// Free way around the robot, from its rim.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ranges {
-    /// Range of each sonar in metres, counter-clockwise from the one that looks ahead; [`Ranges::FAR_M`] where nothing is seen.
-    pub range_m: [f32; SONARS],
+/// Where a sonar looks, in steps of an eighth of a turn, counter-clockwise from straight ahead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Bearing {
+    /// Straight ahead.
+    Ahead,
+    /// 45° to the left.
+    AheadLeft,
+    /// To the left.
+    Left,
+    /// 135° to the left.
+    BehindLeft,
+    /// Straight behind.
+    Behind,
+    /// 135° to the right.
+    BehindRight,
+    /// To the right.
+    Right,
+    /// 45° to the right.
+    AheadRight,
 }
 
+impl Bearing {
+    /// Eighths in a turn.
+    pub const COUNT: usize = 8;
+
+    /// All of them, counter-clockwise from straight ahead.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Ahead,
+        Self::AheadLeft,
+        Self::Left,
+        Self::BehindLeft,
+        Self::Behind,
+        Self::BehindRight,
+        Self::Right,
+        Self::AheadRight,
+    ];
+
+    /// How many eighths of a turn lie between the two, on the shorter side.
+    pub const fn eighths_to(self, other: Self) -> u8 {
+        let way = (self as u8).abs_diff(other as u8);
+        let round = Self::COUNT as u8 - way;
+        if way < round { way } else { round }
+    }
+}
+
+/// What one sonar says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Where it looks.
+    pub bearing: Bearing,
+    /// Free way in metres; none if it is not known.
+    pub range_m: Option<f32>,
+    /// Time since the ping that this range is from, in milliseconds; [`Ranges::NEVER_MS`] if there was none.
+    pub age_ms: u16,
+    /// It answers no ping.
+    pub dead: bool,
+    /// It answers, but hears nothing where other sonars do.
+    pub deaf: bool,
+}
+
+/// Free way around the robot, from its rim, as each of its sonars sees it.
+///
+/// A range that is not known is 0 here: who reads a number and forgets to ask whether it is known takes
+/// what is unknown for a wall. [`Ranges::FAR_M`] is only where a sonar said that nothing is in its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ranges {
+    /// How many sonars the robot has. What stands behind that many in the rows means nothing.
+    pub sonars: u8,
+    /// Range of each sonar in metres; 0 where it is not known.
+    pub range_m: [f32; MAX_SONARS],
+    /// Age of each range in milliseconds, from its ping on; [`Ranges::NEVER_MS`] where there is none.
+    pub age_ms: [u16; MAX_SONARS],
+    /// Bit *i* is set while sonar *i* answers no ping.
+    pub dead: u8,
+    /// Bit *i* is set while sonar *i* answers, but hears nothing where other sonars do.
+    pub deaf: u8,
+    /// Where each sonar looks. It never changes while a robot runs, so it is not shown among the values.
+    pub bearings: [Bearing; MAX_SONARS],
+}
+
+/// The most sonars that a robot may have: as many as bits in [`Ranges::dead`].
+pub const MAX_SONARS: usize = 8;
+
 impl Ranges {
-    /// What stands for "nothing there", in metres: the farthest that a sonar hears.
+    /// The farthest that a sonar hears, in metres. It is the range where one said that nothing is in it.
     pub const FAR_M: f32 = 4.0;
 
-    /// Nothing anywhere.
-    pub const FREE: Self = Self {
-        range_m: [Self::FAR_M; SONARS],
+    /// Age of a range that was never measured.
+    pub const NEVER_MS: u16 = u16::MAX;
+
+    /// Nothing is known, for there is no sonar.
+    pub const NONE: Self = Self {
+        sonars: 0,
+        range_m: [0.0; MAX_SONARS],
+        age_ms: [Self::NEVER_MS; MAX_SONARS],
+        dead: 0,
+        deaf: 0,
+        bearings: Bearing::ALL,
     };
 
-    /// Straight ahead, in metres.
-    pub const fn ahead_m(&self) -> f32 {
-        self.range_m[0]
+    /// What eight sonars see, one to each side, where nothing is in range of any.
+    pub const FREE: Self = Self {
+        sonars: MAX_SONARS as u8,
+        range_m: [Self::FAR_M; MAX_SONARS],
+        age_ms: [0; MAX_SONARS],
+        ..Self::NONE
+    };
+
+    /// What each sonar says.
+    pub fn readings(&self) -> impl Iterator<Item = Reading> {
+        let rows = self.bearings.iter().zip(self.range_m).zip(self.age_ms);
+        (rows.enumerate().take(self.sonars.into())).map(|(sonar, ((bearing, range_m), age_ms))| {
+            Reading {
+                bearing: *bearing,
+                range_m: (range_m > 0.0).then_some(range_m),
+                age_ms,
+                dead: self.dead >> sonar & 1 != 0,
+                deaf: self.deaf >> sonar & 1 != 0,
+            }
+        })
     }
 
-    /// 45° to the left, in metres.
-    pub const fn ahead_left_m(&self) -> f32 {
-        self.range_m[1]
+    /// The shortest of the ranges of the sonars that look there, 0 where one of them is not known; none where no sonar looks there.
+    fn towards_m(&self, bearing: Bearing) -> Option<f32> {
+        let sonars = usize::from(self.sonars);
+        (self.bearings.iter().zip(self.range_m).take(sonars))
+            .filter(|(looks, _)| **looks == bearing)
+            .map(|(_, range_m)| range_m)
+            .reduce(f32::min)
     }
 
-    /// To the left, in metres.
-    pub const fn left_m(&self) -> f32 {
-        self.range_m[2]
+    /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and where none looks there.
+    pub fn free_m(&self, bearing: Bearing) -> f32 {
+        self.towards_m(bearing).unwrap_or(0.0)
     }
 
-    /// Straight behind, in metres.
-    pub const fn behind_m(&self) -> f32 {
-        self.range_m[4]
+    /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a robot can do without one.
+    /// A sonar that is there and does not know is still no free way.
+    pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
+        self.towards_m(bearing).unwrap_or(Self::FAR_M)
     }
 
-    /// To the right, in metres.
-    pub const fn right_m(&self) -> f32 {
-        self.range_m[6]
+    /// Straight ahead, in metres; 0 if it is not known.
+    pub fn ahead_m(&self) -> f32 {
+        self.free_m(Bearing::Ahead)
     }
 
-    /// 45° to the right, in metres.
-    pub const fn ahead_right_m(&self) -> f32 {
-        self.range_m[7]
+    /// 45° to the left, in metres; 0 if it is not known.
+    pub fn ahead_left_m(&self) -> f32 {
+        self.free_m(Bearing::AheadLeft)
     }
 
-    /// The nearest of all, in metres.
+    /// To the left, in metres; 0 if it is not known.
+    pub fn left_m(&self) -> f32 {
+        self.free_m(Bearing::Left)
+    }
+
+    /// Straight behind, in metres; 0 if it is not known.
+    pub fn behind_m(&self) -> f32 {
+        self.free_m(Bearing::Behind)
+    }
+
+    /// To the right, in metres; 0 if it is not known.
+    pub fn right_m(&self) -> f32 {
+        self.free_m(Bearing::Right)
+    }
+
+    /// 45° to the right, in metres; 0 if it is not known.
+    pub fn ahead_right_m(&self) -> f32 {
+        self.free_m(Bearing::AheadRight)
+    }
+
+    /// The nearest of all, in metres; 0 if one of them is not known, and for a robot without sonars.
     pub fn nearest_m(&self) -> f32 {
-        self.range_m.into_iter().fold(Self::FAR_M, f32::min)
+        let ranges_m = self.range_m.into_iter().take(self.sonars.into());
+        ranges_m.reduce(f32::min).unwrap_or(0.0)
     }
 }
 
 impl PortType for Ranges {
     const NAME: &'static str = "Ranges";
-    const INIT: Self = Self::FREE;
+    const INIT: Self = Self::NONE;
 
-    fields! { range_m: [f32; 8] }
+    fields! { sonars: u8, range_m: [f32; 8], age_ms: [u16; 8], dead: u8, deaf: u8 }
 }
 
 /// State of the battery.
@@ -171,4 +299,66 @@ pub struct Chassis {
     pub full_speed_m_per_s: f32,
     /// Share of full power that friction takes before a wheel turns at all.
     pub friction_power: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// The law that all who read ranges stand on.
+    #[test]
+    fn what_is_not_known_is_never_far() {
+        for (sonar, bearing) in Bearing::ALL.into_iter().enumerate() {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[sonar] = 0.0;
+            assert_eq!(ranges.free_m(bearing), 0.0, "{bearing:?}");
+            assert_eq!(ranges.free_unless_seen_m(bearing), 0.0, "{bearing:?}");
+            assert_eq!(ranges.nearest_m(), 0.0, "{bearing:?}");
+            let unknown: Vec<Bearing> = (ranges.readings())
+                .filter(|reading| reading.range_m.is_none())
+                .map(|reading| reading.bearing)
+                .collect();
+            assert_eq!(unknown, [bearing]);
+            // A second sonar that looks there too and sees nothing changes nothing.
+            ranges.bearings[(sonar + 1) % MAX_SONARS] = bearing;
+            assert_eq!(ranges.free_m(bearing), 0.0, "{bearing:?}");
+        }
+        assert_eq!(Ranges::NONE.nearest_m(), 0.0);
+        assert_eq!(Ranges::NONE.ahead_m(), 0.0);
+    }
+
+    #[test]
+    fn a_robot_has_as_many_readings_as_sonars() {
+        let mut ranges = Ranges {
+            sonars: 2,
+            ..Ranges::FREE
+        };
+        ranges.bearings[1] = Bearing::Behind;
+        ranges.range_m[1] = 0.5;
+        let seen: Vec<(Bearing, Option<f32>)> = (ranges.readings())
+            .map(|reading| (reading.bearing, reading.range_m))
+            .collect();
+        let expected = [(Bearing::Ahead, Some(4.0)), (Bearing::Behind, Some(0.5))];
+        assert_eq!(seen, expected);
+        assert_eq!((ranges.nearest_m(), ranges.behind_m()), (0.5, 0.5));
+        // Nobody looks to the left: who needs it gets none, who can do without it is not kept from driving.
+        assert_eq!(ranges.left_m(), 0.0);
+        assert_eq!(ranges.free_unless_seen_m(Bearing::Left), Ranges::FAR_M);
+    }
+
+    #[test]
+    fn bearings_are_as_far_apart_as_on_the_shorter_side() {
+        for (from, to, eighths) in [
+            (Bearing::Ahead, Bearing::Ahead, 0),
+            (Bearing::Ahead, Bearing::AheadRight, 1),
+            (Bearing::AheadRight, Bearing::AheadLeft, 2),
+            (Bearing::Left, Bearing::Right, 4),
+            (Bearing::BehindRight, Bearing::Left, 3),
+        ] {
+            assert_eq!(from.eighths_to(to), eighths, "{from:?} {to:?}");
+            assert_eq!(to.eighths_to(from), eighths, "{from:?} {to:?}");
+        }
+    }
 }

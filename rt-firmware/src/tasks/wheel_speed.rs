@@ -33,6 +33,9 @@ const BLOCKED_AFTER_US: u32 = 800_000;
 /// Keeps both wheels at the speeds that a twist asks for: a feed-forward that knows the motors roughly, and a PI controller for the
 /// rest (load, battery, unequal motors). Goals change no faster than the wheels can grip.
 ///
+/// Where nobody has asked for a twist for a while the wheels brake, as fast as they can grip. Where nobody knows how fast they roll, the
+/// motors are off.
+///
 /// `blocked` is set while a wheel does not turn although it is driven, or a motor driver reports a failure.
 #[derive(Debug)]
 pub struct WheelSpeed<LP, LD, RP, RD> {
@@ -49,8 +52,8 @@ task! {
         slot 2;
         wcet 500 us;
         data {
-            in twist: Twist;
-            in speeds: WheelSpeeds;
+            in twist: Twist optional within 100 ms;
+            in speeds: WheelSpeeds optional within 100 ms;
         }
         flags {
             out blocked;
@@ -88,6 +91,12 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
     fn rest(&mut self) {
         self.goal_m_per_s = 0.0;
         self.integral_power = 0.0;
+    }
+
+    fn stop(&mut self) {
+        self.rest();
+        // A driver that fails to stop its motor is told as blocked as soon as the wheel is to turn.
+        let _ = self.motor.drive(0.0);
     }
 
     /// Drives the wheel towards `asked_m_per_s`. Returns whether it follows.
@@ -152,8 +161,12 @@ where
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let twist = io.read(Self::TWIST);
-        let speeds = io.read(Self::SPEEDS);
+        let Some(speeds) = io.try_read(Self::SPEEDS) else {
+            self.left.stop();
+            self.right.stop();
+            return Step::Run;
+        };
+        let twist = io.try_read(Self::TWIST).unwrap_or(&Twist::STILL);
         let period_s = io.period_us() as f32 / 1e6;
         let around = Surroundings {
             chassis: &self.chassis,
@@ -286,6 +299,31 @@ mod tests {
         });
         // 60 ms until the goal is fast enough to tell, then 800 ms.
         assert_eq!(steps_until_blocked, Some(42));
+    }
+
+    #[test]
+    fn wheels_brake_where_nobody_asks_for_a_twist_and_stop_where_nobody_knows_their_speed() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        let twist = Twist {
+            forward_m_per_s: 0.3,
+            turn_rad_per_s: 0.0,
+        };
+        let duty = |pins: &PinImage| pins.take_actuators().left_duty;
+        for without_twist in [true, false] {
+            bench.give(Task::TWIST, twist);
+            let speeds = wheels_after(&mut bench, &pins, 100);
+            assert!(speeds.left_m_per_s > 0.25, "{speeds:?}");
+            if without_twist {
+                bench.take_away(Task::TWIST);
+                let speeds = wheels_after(&mut bench, &pins, 30);
+                assert!(speeds.left_m_per_s < 0.01, "{speeds:?}");
+                assert_eq!(duty(&pins), 0);
+            } else {
+                bench.take_away(Task::SPEEDS).step();
+                assert_eq!(duty(&pins), 0);
+            }
+        }
     }
 
     #[test]
