@@ -36,12 +36,30 @@ struct Subject {
 }
 
 const SUBJECTS: [Subject; 6] = [
-    Subject { mission: "missions/patrol.esm", world: "office" },
-    Subject { mission: "missions/follow_wall.esm", world: "corridor" },
-    Subject { mission: "missions/watch_timing.esm", world: "office" },
-    Subject { mission: "missions/on_a_lead.esm", world: "corridor" },
-    Subject { mission: "missions/tutorial/5_obstacle.esm", world: "track" },
-    Subject { mission: "missions/tutorial/6_everything.esm", world: "track" },
+    Subject {
+        mission: "missions/patrol.esm",
+        world: "office",
+    },
+    Subject {
+        mission: "missions/follow_wall.esm",
+        world: "corridor",
+    },
+    Subject {
+        mission: "missions/watch_timing.esm",
+        world: "office",
+    },
+    Subject {
+        mission: "missions/on_a_lead.esm",
+        world: "corridor",
+    },
+    Subject {
+        mission: "missions/tutorial/5_obstacle.esm",
+        world: "track",
+    },
+    Subject {
+        mission: "missions/tutorial/6_everything.esm",
+        world: "track",
+    },
 ];
 
 /// How a run ended.
@@ -125,7 +143,9 @@ fn broken(sonar: usize, fault: SonarFault) -> SonarBreak {
 }
 
 fn says_fault(trace: &str) -> bool {
-    let lines = trace.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let lines = trace
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
     lines
         .filter(|line| line["kind"] == "transition")
         .any(|line| line["to"] == "sonars/Broken")
@@ -157,7 +177,10 @@ fn all_sonars(subject: &Subject, fault: SonarFault) {
     let breaks = (0..SONARS).map(|sonar| broken(sonar, fault)).collect();
     let ended = subject.driven(breaks);
     let what = format!("{}, all sonars {fault}", subject.mission);
-    println!("{what}: {} collisions, {:.3} m/s", ended.collisions, ended.hardest_m_per_s);
+    println!(
+        "{what}: {} collisions, {:.3} m/s",
+        ended.collisions, ended.hardest_m_per_s
+    );
     assert_eq!(ended.collisions, 0, "{what}");
 }
 

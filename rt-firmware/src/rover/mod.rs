@@ -34,9 +34,9 @@ use crate::drivers::{
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
-    LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
-    SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Count, Cruise, DriveDistance, FollowLine,
+    FollowWall, LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor,
+    RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -181,11 +181,7 @@ where
     /// Drivers on the parts, and the tasks on the drivers.
     pub fn into_tasks(self) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
         HardwareTasks {
-            sonar_ring: SonarRing::new(
-                self.sonar_triggers,
-                self.echo_timers,
-                Bearing::ALL,
-            ),
+            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, Bearing::ALL),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),
@@ -223,6 +219,8 @@ registry! {
         cruise: Cruise[2],
         back: Back[3],
         turn: Turn[4],
+        drive_distance: DriveDistance[4],
+        count: Count[4],
         follow_wall: FollowWall[1],
         round_corner: RoundCorner[1],
         stop: Stop[3],
@@ -260,6 +258,8 @@ where
             cruise: Bank::new(array::from_fn(|_| Cruise)),
             back: Bank::new(array::from_fn(|_| Back::default())),
             turn: Bank::new(array::from_fn(|_| Turn::default())),
+            drive_distance: Bank::new(array::from_fn(|_| DriveDistance::default())),
+            count: Bank::new(array::from_fn(|_| Count::default())),
             follow_wall: Bank::new([FollowWall]),
             round_corner: Bank::new([RoundCorner]),
             stop: Bank::new(array::from_fn(|_| Stop)),

@@ -5,14 +5,17 @@
 //! | [`SonarRing`] | measures the ranges around the robot | sonars |
 //! | [`Odometry`] | works out pose and wheel speeds | encoders |
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
+//! | [`DriveOpenLoop`] | drives the motors where there are no encoders, in place of `WheelSpeed` | motors |
 //! | [`BatteryMonitor`] | watches the battery | battery input |
 //! | [`ProximityMonitor`] | watches whether something comes too close | |
 //! | [`Cruise`] | drives ahead, towards free space | |
 //! | [`Back`] | backs up | |
+//! | [`DriveDistance`] | drives a distance straight ahead or backwards | |
 //! | [`Turn`] | turns on the spot by an angle | |
 //! | [`FollowWall`] | keeps a wall to the right at a distance | |
 //! | [`RoundCorner`] | drives around the end of a wall to the right | |
 //! | [`Stop`] | stands still | |
+//! | [`Count`] | counts how often its state was entered | |
 //! | [`LineSensor`] | measures where a line on the floor is | reflectance sensors |
 //! | [`LineMonitor`] | watches for a line and for crossings | |
 //! | [`FollowLine`] | drives along a line | |
@@ -40,9 +43,13 @@
 mod back;
 mod battery_guard;
 mod battery_monitor;
+mod count;
 mod cruise;
+mod drive_distance;
+mod drive_open_loop;
 mod follow_line;
 mod follow_wall;
+mod laws;
 mod line_monitor;
 mod line_sensor;
 mod link_monitor;
@@ -60,9 +67,13 @@ mod wheel_speed;
 pub use back::Back;
 pub use battery_guard::BatteryGuard;
 pub use battery_monitor::BatteryMonitor;
+pub use count::Count;
 pub use cruise::Cruise;
+pub use drive_distance::DriveDistance;
+pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
+pub use laws::{Approach, OnTrack, Track};
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
 pub use link_monitor::LinkMonitor;

@@ -1,5 +1,6 @@
 //! Turns on the spot.
 
+use super::laws::Approach;
 use super::values::{Pose, Twist};
 use crate::odometry::wrapped_rad;
 use crate::ports::Io;
@@ -9,11 +10,11 @@ use crate::task::{Step, Task};
 /// Close enough to the angle, in radians.
 const TOLERANCE_RAD: f32 = 0.03;
 
-/// Turning speed for each radian that is still to go, in rad/s …
-const APPROACH_PER_S: f32 = 3.0;
-
-/// … but at least this, or friction would end the turn early.
-const SLOWEST_RAD_PER_S: f32 = 0.25;
+/// It slows down over the last radians, and never so far that friction would end the turn early.
+const APPROACH: Approach = Approach {
+    per_s: 3.0,
+    slowest_per_s: 0.25,
+};
 
 /// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right. As long as it has no
 /// pose, it stands.
@@ -62,9 +63,7 @@ impl Task for Turn {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Finished;
         }
-        let rate_rad_per_s = (left_rad * APPROACH_PER_S)
-            .max(SLOWEST_RAD_PER_S)
-            .min(io.param(Self::RATE_RAD_PER_S));
+        let rate_rad_per_s = APPROACH.speed(left_rad, io.param(Self::RATE_RAD_PER_S));
         *io.write(Self::TWIST) = Twist {
             forward_m_per_s: 0.0,
             turn_rad_per_s: direction * rate_rad_per_s,

@@ -18,9 +18,6 @@ const INTEGRAL_POWER_PER_M: f32 = 4.0;
 /// The integral never asks for more power than this, or a blocked wheel would jump when it comes free.
 const INTEGRAL_LIMIT: f32 = 0.5;
 
-/// A goal slower than this is standing still, in m/s.
-const STANDING_M_PER_S: f32 = 0.005;
-
 /// Slower than this part of its goal a wheel counts as blocked …
 const BLOCKED_PART: f32 = 0.2;
 
@@ -104,7 +101,7 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
         let change_m_per_s = asked_m_per_s - self.goal_m_per_s;
         let most_m_per_s = around.most_change_m_per_s;
         self.goal_m_per_s += change_m_per_s.clamp(-most_m_per_s, most_m_per_s);
-        let power = if self.goal_m_per_s.abs() < STANDING_M_PER_S {
+        let power = if self.goal_m_per_s.abs() < Chassis::STANDING_M_PER_S {
             self.integral_power = 0.0;
             0.0
         } else {
@@ -122,11 +119,7 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
         self.integral_power = (self.integral_power
             + INTEGRAL_POWER_PER_M * lack_m_per_s * around.period_s)
             .clamp(-INTEGRAL_LIMIT, INTEGRAL_LIMIT);
-        let rolling_power =
-            self.goal_m_per_s / chassis.full_speed_m_per_s * (1.0 - chassis.friction_power);
-        let friction_power = chassis.friction_power.copysign(self.goal_m_per_s);
-        rolling_power
-            + friction_power
+        chassis.rolling_power(self.goal_m_per_s)
             + PROPORTIONAL_POWER_S_PER_M * lack_m_per_s
             + self.integral_power
     }
@@ -173,13 +166,10 @@ where
             most_change_m_per_s: io.param(Self::ACCELERATION_M_PER_S2) * period_s,
             period_s,
         };
-        let turn_m_per_s = twist.turn_rad_per_s * self.chassis.wheel_base_m / 2.0;
-        let left_m_per_s = twist.forward_m_per_s - turn_m_per_s;
-        let right_m_per_s = twist.forward_m_per_s + turn_m_per_s;
-        let left_follows = self
-            .left
-            .control(left_m_per_s, speeds.left_m_per_s, &around);
-        let right_follows = (self.right).control(right_m_per_s, speeds.right_m_per_s, &around);
+        let asked = self.chassis.wheel_speeds(twist);
+        let left_follows = (self.left).control(asked.left_m_per_s, speeds.left_m_per_s, &around);
+        let right_follows =
+            (self.right).control(asked.right_m_per_s, speeds.right_m_per_s, &around);
         self.blocked_for_us = if left_follows && right_follows {
             0
         } else {

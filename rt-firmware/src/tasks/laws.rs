@@ -1,0 +1,173 @@
+//! Laws that several tasks move by.
+
+use super::values::{Chassis, Pose, Twist, WheelSpeeds};
+use crate::odometry::{sine_and_cosine, wrapped_rad};
+
+/// How fast to go towards a goal that is so far away: slower as it comes near, never slower than what
+/// friction lets move, never faster than wanted. All are for one dimension, in metres or in radians.
+#[derive(Clone, Copy, Debug)]
+pub struct Approach {
+    /// Speed for each unit that is still to go, per second.
+    pub per_s: f32,
+    /// The slowest speed.
+    pub slowest_per_s: f32,
+}
+
+impl Approach {
+    /// The speed for the way that is left, `most_per_s` at most.
+    pub fn speed(self, left: f32, most_per_s: f32) -> f32 {
+        (left * self.per_s).max(self.slowest_per_s).min(most_per_s)
+    }
+}
+
+/// A straight line on the floor: from a pose on, the way that it looked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Track {
+    start: Pose,
+    sine: f32,
+    cosine: f32,
+}
+
+/// Where a robot is, seen from a [`Track`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnTrack {
+    /// How far along the line, in metres; negative behind its start.
+    pub along_m: f32,
+    /// How far to the left of it, in metres.
+    pub left_m: f32,
+    /// How far the robot looks to the left of the line's direction, in radians, -π to π.
+    pub turned_rad: f32,
+}
+
+impl Track {
+    /// The line from here on.
+    pub fn from_pose(start: Pose) -> Self {
+        let (sine, cosine) = sine_and_cosine(start.heading_rad);
+        Self {
+            start,
+            sine,
+            cosine,
+        }
+    }
+
+    /// Where this pose is.
+    pub fn locate(&self, pose: &Pose) -> OnTrack {
+        let (x_m, y_m) = (pose.x_m - self.start.x_m, pose.y_m - self.start.y_m);
+        OnTrack {
+            along_m: x_m * self.cosine + y_m * self.sine,
+            left_m: y_m * self.cosine - x_m * self.sine,
+            turned_rad: wrapped_rad(pose.heading_rad - self.start.heading_rad),
+        }
+    }
+}
+
+impl OnTrack {
+    /// Turning speed for each radian off the direction, per second.
+    const TURN_PER_S: f32 = 2.0;
+    /// How far off the direction to look for each metre beside the line, in radians.
+    const RAD_PER_M: f32 = 3.0;
+    /// No farther off the direction than this, in radians.
+    const MOST_RAD: f32 = 0.5;
+
+    /// The turning speed in rad/s that brings a robot back onto the line and keeps it there, while it drives forwards or
+    /// backwards along it.
+    pub fn back_on_rad_per_s(&self, is_backwards: bool) -> f32 {
+        let towards = (-self.left_m * Self::RAD_PER_M).clamp(-Self::MOST_RAD, Self::MOST_RAD);
+        let wanted_rad = if is_backwards { -towards } else { towards };
+        (wanted_rad - self.turned_rad) * Self::TURN_PER_S
+    }
+}
+
+impl Chassis {
+    /// A wheel that is to be slower than this stands, in metres per second.
+    pub const STANDING_M_PER_S: f32 = 0.005;
+
+    /// The speeds of the wheels that move the robot like this.
+    pub fn wheel_speeds(&self, twist: &Twist) -> WheelSpeeds {
+        let turn_m_per_s = twist.turn_rad_per_s * self.wheel_base_m / 2.0;
+        WheelSpeeds {
+            left_m_per_s: twist.forward_m_per_s - turn_m_per_s,
+            right_m_per_s: twist.forward_m_per_s + turn_m_per_s,
+        }
+    }
+
+    /// The share of full power, from -1 to 1, that a wheel needs for this speed in metres per second: on a flat floor, with a
+    /// fresh battery. A controller does the rest, where there is one.
+    pub fn rolling_power(&self, speed_m_per_s: f32) -> f32 {
+        speed_m_per_s / self.full_speed_m_per_s * (1.0 - self.friction_power)
+            + self.friction_power.copysign(speed_m_per_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::FRAC_PI_2;
+
+    use super::*;
+
+    #[test]
+    fn an_approach_is_fast_far_away_and_slow_near_by() {
+        let approach = Approach {
+            per_s: 2.0,
+            slowest_per_s: 0.05,
+        };
+        for (left, speed) in [
+            (10.0, 0.3),
+            (0.15, 0.3),
+            (0.1, 0.2),
+            (0.01, 0.05),
+            (-1.0, 0.05),
+        ] {
+            assert!((approach.speed(left, 0.3) - speed).abs() < 1e-6, "{left}");
+        }
+        // A mission may want less than what is slowest.
+        assert_eq!(approach.speed(1.0, 0.0), 0.0);
+    }
+
+    #[test]
+    fn a_pose_is_seen_from_a_line() {
+        let line = Track::from_pose(Pose {
+            x_m: 1.0,
+            y_m: 2.0,
+            heading_rad: FRAC_PI_2,
+        });
+        let seen = line.locate(&Pose {
+            x_m: 0.5,
+            y_m: 5.0,
+            heading_rad: 3.0 * FRAC_PI_2 / 2.0,
+        });
+        let expected = [3.0, 0.5, FRAC_PI_2 / 2.0];
+        for (value, expected) in [seen.along_m, seen.left_m, seen.turned_rad]
+            .iter()
+            .zip(expected)
+        {
+            assert!((value - expected).abs() < 1e-5, "{seen:?}");
+        }
+    }
+
+    #[test]
+    fn a_robot_beside_a_line_gets_back_onto_it_forwards_and_backwards() {
+        for is_backwards in [false, true] {
+            for (left_m, turned_rad) in [(0.2, 0.0), (-0.2, 0.4), (0.0, -1.0), (0.5, 1.0)] {
+                let line = Track::from_pose(Pose::START);
+                let mut pose = Pose {
+                    x_m: 0.0,
+                    y_m: left_m,
+                    heading_rad: turned_rad,
+                };
+                // 20 s at 0.2 m/s, in steps of 20 ms.
+                for _ in 0..1_000 {
+                    let turn_rad = line.locate(&pose).back_on_rad_per_s(is_backwards) * 0.02;
+                    let way_m = if is_backwards { -0.004 } else { 0.004 };
+                    let half_base_m = turn_rad * 0.1;
+                    pose = pose.rolled(way_m - half_base_m, way_m + half_base_m, 0.2);
+                }
+                let seen = line.locate(&pose);
+                assert!(
+                    seen.left_m.abs() < 0.005 && seen.turned_rad.abs() < 0.02,
+                    "{is_backwards} {left_m} {turned_rad}: {seen:?}"
+                );
+            }
+        }
+    }
+}
