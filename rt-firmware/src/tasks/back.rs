@@ -16,17 +16,24 @@ pub struct Back {
 }
 
 task! {
+    /// Backs up straight for `distance_m` and finishes, or earlier where something is behind, or it is not
+    /// known whether something is. Without ranges or a pose it stands.
     impl Back {
         slot 2;
         wcet 300 us;
         exclusive motion;
         data {
+            /// What is around the robot.
             in ranges: Ranges optional within 200 ms;
+            /// Where the robot is.
             in pose: Pose optional within 100 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         params {
+            /// How fast, in metres per second.
             speed_m_per_s: f32 = 0.15, 0.0..=0.3;
+            /// How far, in metres.
             distance_m: f32 = 0.15, 0.0..=1.0;
         }
     }

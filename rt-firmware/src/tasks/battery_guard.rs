@@ -17,13 +17,18 @@ pub struct BatteryGuard {
 }
 
 task! {
+    /// Switches the motors off, whatever the mission does, while the battery is below `stop_v`, or its voltage
+    /// has not been known for a second. `esm start` ends that.
     impl BatteryGuard {
         slot 3;
         wcet 100 us;
+        endless;
         data {
+            /// The battery, at any load.
             in battery: Battery optional within 200 ms;
         }
         params {
+            /// The least voltage to drive with, in volts.
             stop_v: f32 = 6.0, 0.0..=20.0;
         }
     }

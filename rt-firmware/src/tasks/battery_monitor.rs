@@ -17,16 +17,21 @@ pub struct BatteryMonitor<A> {
 }
 
 task! {
+    /// Measures the battery.
     impl[A: AnalogIn + Send] BatteryMonitor<A> {
         slot 3;
         wcet 200 us;
+        endless;
         data {
+            /// Its voltage, smoothed.
             out battery: Battery;
         }
         flags {
+            /// It is below `low_v`.
             out low;
         }
         params {
+            /// The voltage below which `low` is set, in volts.
             low_v: f32 = 6.6, 0.0..=20.0;
         }
     }

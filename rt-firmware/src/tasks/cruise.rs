@@ -29,20 +29,29 @@ const DIAGONAL_PART: f32 = 0.6;
 pub struct Cruise;
 
 task! {
+    /// Drives ahead and steers gently towards the side with more space. It slows down before an obstacle, and
+    /// stands where the way ahead is not known, or the ranges are old.
     impl Cruise {
         slot 2;
         wcet 300 us;
         exclusive motion;
+        endless;
         data {
+            /// What is around the robot.
             in ranges: Ranges optional within 200 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         flags {
+            /// Something is nearer than `near_m` ahead, or nobody knows.
             out near;
+            /// There is more space on the left than on the right.
             out left_freer;
         }
         params {
+            /// How fast at most, in metres per second.
             speed_m_per_s: f32 = 0.3, 0.0..=0.5;
+            /// How near is near, in metres from the rim.
             near_m: f32 = 0.35, 0.1..=2.0;
         }
     }

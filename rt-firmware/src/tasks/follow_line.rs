@@ -17,21 +17,31 @@ const UM_PER_M: f32 = 1e6;
 pub struct FollowLine;
 
 task! {
+    /// Drives along a dark line on the floor, and straight on where there is none. Where it does not know, it
+    /// stands.
     impl FollowLine {
         slot 2;
         wcet 200 us;
         exclusive motion;
+        endless;
         data {
+            /// Where the line is.
             in line: Line optional within 100 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         flags {
+            /// There is a line.
             out seen;
+            /// There is none. One of `seen` and `lost` is set, as soon as it knows.
             out lost;
+            /// The line is to the left, or went out of sight there.
             out left;
         }
         params {
+            /// How fast, in metres per second.
             speed_m_per_s: f32 = 0.2, 0.0..=0.4;
+            /// How sharply it steers: rad/s for each metre off the line.
             gain_rad_per_s_m: f32 = 100.0, 0.0..=400.0;
         }
     }

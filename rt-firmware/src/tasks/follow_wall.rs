@@ -36,21 +36,30 @@ const DIAGONAL_PART: f32 = 0.75;
 pub struct FollowWall;
 
 task! {
+    /// Drives along a wall to its right. It stands where it does not know what is ahead or to the right.
     impl FollowWall {
         slot 2;
         wcet 300 us;
         exclusive motion;
+        endless;
         data {
+            /// What is around the robot.
             in ranges: Ranges optional within 200 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         flags {
+            /// Something is in the way, or nobody knows.
             out ahead;
+            /// There is no wall to the right.
             out lost;
         }
         params {
+            /// How fast at most, in metres per second.
             speed_m_per_s: f32 = 0.25, 0.0..=0.5;
+            /// How far from the wall to drive, in metres from the rim.
             distance_m: f32 = 0.22, 0.1..=1.0;
+            /// How near ahead is in the way, in metres from the rim.
             ahead_m: f32 = 0.28, 0.1..=1.0;
         }
     }

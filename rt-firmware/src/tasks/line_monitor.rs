@@ -10,14 +10,19 @@ use crate::task::{Step, Task};
 pub struct LineMonitor;
 
 task! {
+    /// Watches for a line on the floor and for crossings.
     impl LineMonitor {
         slot 2;
         wcet 100 us;
+        endless;
         data {
+            /// Where the line is.
             in line: Line optional within 100 ms;
         }
         flags {
+            /// There is a line under the sensors.
             out seen;
+            /// Another line goes across it.
             out crossing;
         }
     }

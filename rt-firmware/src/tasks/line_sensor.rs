@@ -23,10 +23,13 @@ pub struct LineSensor<A> {
 }
 
 task! {
+    /// Measures where a dark line on the floor is.
     impl[A: AnalogIn + Send] LineSensor<A> {
         slot 2;
         wcet 200 us;
+        endless;
         data {
+            /// Where it is.
             out line: Line;
         }
     }

@@ -9,7 +9,7 @@ use crate::task::{Step, Task};
 /// set for a period of its slot, and the link is silent still, the runtime switches the motors off by itself, whatever the mission does: safe state, until the
 /// host says start.
 ///
-/// Any request that arrives whole counts, whoever sent it. What the robot sends does not.
+/// Any request that arrives whole counts; where the robot has a key, only its owner's. What the robot sends does not.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkMonitor {
     /// The machine has been told that the time is up.
@@ -17,17 +17,26 @@ pub struct LinkMonitor {
 }
 
 task! {
+    /// Watches whether the host still calls. Each request that arrives whole counts. Where the robot has a key,
+    /// only those of its owner count. After `stop` the motors go off by themselves, until `esm start`.
     impl LinkMonitor {
         slot 3;
         wcet 100 us;
+        endless;
         flags {
+            /// There was no request for `warn_ms`.
             out warn;
+            /// There was none for `slow_ms`.
             out slow;
+            /// There was none for `stop_ms`.
             out stop;
         }
         params {
+            /// In milliseconds.
             warn_ms: u32 = 500, 50..=60000;
+            /// In milliseconds.
             slow_ms: u32 = 1000, 50..=60000;
+            /// In milliseconds.
             stop_ms: u32 = 2000, 50..=60000;
         }
     }

@@ -11,10 +11,13 @@ use crate::task::{Step, Task};
 pub struct Logger;
 
 task! {
+    /// Writes pose and battery to the log, and finishes. It runs in the time that slots leave.
     impl Logger {
         slot 0;
         data {
+            /// Where the robot is.
             in pose: Pose;
+            /// The battery.
             in battery: Battery;
         }
     }

@@ -16,11 +16,15 @@ pub struct Odometry<L, R> {
 }
 
 task! {
+    /// Works out from the encoders where the robot is, counted from where it was switched on.
     impl[L: EncoderCounter + Send, R: EncoderCounter + Send] Odometry<L, R> {
         slot 2;
         wcet 1 ms;
+        endless;
         data {
+            /// Where it is.
             out pose: Pose;
+            /// How fast its wheels roll.
             out speeds: WheelSpeeds;
         }
     }

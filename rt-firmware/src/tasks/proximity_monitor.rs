@@ -11,16 +11,21 @@ use crate::task::{Step, Task};
 pub struct ProximityMonitor;
 
 task! {
+    /// Watches whether something comes close, on any side.
     impl ProximityMonitor {
         slot 3;
         wcet 200 us;
+        endless;
         data {
+            /// What is around the robot.
             in ranges: Ranges optional within 200 ms;
         }
         flags {
+            /// Something is nearer than `close_m`, or nobody knows.
             out close;
         }
         params {
+            /// How near is close, in metres from the rim.
             close_m: f32 = 0.1, 0.0..=1.0;
         }
     }

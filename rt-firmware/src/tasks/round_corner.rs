@@ -15,18 +15,26 @@ const DIAGONAL_M: f32 = 0.17;
 pub struct RoundCorner;
 
 task! {
+    /// Drives an arc to the right, around the end of a wall, and finishes at the next wall to the right, or where
+    /// something is in the way. Without ranges it stands.
     impl RoundCorner {
         slot 2;
         wcet 300 us;
         exclusive motion;
         data {
+            /// What is around the robot.
             in ranges: Ranges optional within 200 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         params {
+            /// How fast, in metres per second.
             speed_m_per_s: f32 = 0.2, 0.0..=0.5;
+            /// Radius of the arc, in metres.
             radius_m: f32 = 0.36, 0.15..=2.0;
+            /// How near a wall to the right must be, in metres from the rim.
             found_m: f32 = 0.32, 0.1..=1.0;
+            /// How near ahead is in the way, in metres from the rim.
             ahead_m: f32 = 0.28, 0.1..=1.0;
         }
     }

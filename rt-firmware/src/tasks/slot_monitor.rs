@@ -20,14 +20,19 @@ struct Counted {
 }
 
 task! {
+    /// Watches whether all slots keep their times.
     impl SlotMonitor {
         slot 3;
         wcet 100 us;
+        endless;
         flags {
+            /// A slot has lasted too long since the state was entered.
             out overrun;
+            /// A slot has not started within its period since the state was entered.
             out missed;
         }
         params {
+            /// So many overruns of one slot in a row are allowed. One more, and the motors go off.
             limit: u32 = 10, 0..=1000;
         }
     }

@@ -69,14 +69,20 @@ pub struct SonarRing<T, E, const N: usize = MAX_SONARS> {
 }
 
 task! {
+    /// Measures with sonars what is around the robot. Those that would hear each other ping in turn, so the
+    /// slot's period is at least 40 ms. What is not known is never far.
     impl[T: OutputPin + Send, E: EchoTimer + Send, const N: usize] SonarRing<T, E, N> {
         slot 3;
         wcet 600 us;
+        endless;
         data {
+            /// Where the robot is. With it, a sonar that hears nothing is found out while the robot turns.
             in pose: Pose optional within 100 ms;
+            /// The range of each sonar, how old it is, and whether it is known.
             out ranges: Ranges;
         }
         flags {
+            /// A sonar does not answer, or hears nothing where others do.
             out faulty;
         }
     }

@@ -10,11 +10,14 @@ use crate::task::{Step, Task};
 pub struct Stop;
 
 task! {
+    /// Asks for no movement.
     impl Stop {
         slot 2;
         wcet 100 us;
         exclusive motion;
+        endless;
         data {
+            /// How it wants to move: not at all.
             out twist: Twist;
         }
     }

@@ -26,19 +26,26 @@ pub struct Turn {
 }
 
 task! {
+    /// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right. Without a
+    /// pose it stands.
     impl Turn {
         slot 2;
         wcet 300 us;
         exclusive motion;
         data {
+            /// Where the robot is.
             in pose: Pose optional within 100 ms;
+            /// How it wants to move.
             out twist: Twist;
         }
         flags {
+            /// Set on the way in: to the left.
             in left;
         }
         params {
+            /// By how much, in radians.
             angle_rad: f32 = 1.1, 0.0..=6.2;
+            /// How fast at most, in radians per second.
             rate_rad_per_s: f32 = 1.2, 0.3..=3.0;
         }
     }

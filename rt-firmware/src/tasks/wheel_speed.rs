@@ -43,19 +43,26 @@ pub struct WheelSpeed<LP, LD, RP, RD> {
 }
 
 task! {
+    /// Keeps both wheels at the speeds that a twist asks for. Where nobody has said how to move for 100 ms, they
+    /// brake. Where nobody knows how fast they roll, the motors are off.
     impl[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send
     ] WheelSpeed<LP, LD, RP, RD> {
         slot 2;
         wcet 500 us;
+        endless;
         data {
+            /// How to move.
             in twist: Twist optional within 100 ms;
+            /// How fast the wheels roll.
             in speeds: WheelSpeeds optional within 100 ms;
         }
         flags {
+            /// A wheel does not turn although it is driven, or a motor driver has failed.
             out blocked;
         }
         params {
+            /// How fast the wheels may change their speed, in m/s for each second.
             acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
         }
     }
