@@ -129,7 +129,8 @@ pub struct Reading {
     pub machine: Option<String>,
     /// Paths of the current local states, depth first; by numbers where the mission has no names.
     pub active: Vec<String>,
-    /// Whether the mission runs and all its final states are reached, so that nothing happens any more.
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
     pub finished: bool,
     /// The slots of the mission.
     pub slots: Vec<SlotReading>,
@@ -200,7 +201,8 @@ impl Reader {
         }
     }
 
-    /// Whether the mission of this hash, which runs, has reached all its final states. False where another one runs
+    /// Whether the mission of this hash, which runs, has reached all its final states. False where
+    /// another one runs
     /// by now.
     ///
     /// # Errors

@@ -1,4 +1,5 @@
-//! What commands tell a person of a robot is so: what is stopped does not run, and what has finished does not run on.
+//! What commands tell a person of a robot is so: what is stopped does not run, and what has
+//! finished does not run on.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -119,8 +120,12 @@ fn the_summary_of_a_run_says_when_its_mission_finished() {
     );
     let told = run(&short, "100 ms").out;
     assert!(!told.contains("finished"), "{told}");
-    let told = esm(&["run", &short, "--board", "host", "--until", "1 s", "--json"]);
-    assert_eq!(told.good().json()["finished_s"], 0.25);
+    let out = folder.path().to_str().unwrap();
+    let run = ["run", &short, "--board", "host", "--until", "1 s"];
+    esm(&[&run[..], &["--out", out]].concat()).good();
+    let summary = std::fs::read(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["finished_s"], 0.25);
 }
 
 #[test]
@@ -157,7 +162,7 @@ fn a_log_says_how_many_lines_are_lost_where_they_were() {
     let text = format!(
         "use {rover:?};\n\
          interpreter slot 1; slot 1 period 2 ms duration 200 us;\n\
-         slot 2 period 20 ms duration 2 ms; slot 3 period 40 ms duration 2 ms;\n\
+         slot 2 period 20 ms duration 1500 us; slot 3 period 40 ms duration 1 ms;\n\
          machine Chatter {{\n\
          region w {{ task Where: Odometry; initial -> Where; Where -> Where on *; }}\n\
          region b {{ task Measure: BatteryMonitor; initial -> Measure; Measure -> Measure on *; }}\n\
@@ -186,7 +191,8 @@ fn a_log_says_how_many_lines_are_lost_where_they_were() {
     let lines = told.lines().nth(loss).unwrap();
     let count: u32 = lines.split(' ').next().unwrap().parse().unwrap();
     assert!(count > 100, "{lines}");
-    assert!(told.lines().all(|line| is_line(line) || is_loss(line)));
+    // On a busy machine the line loses some, too.
+    assert!((told.lines()).all(|line| is_line(line) || line.contains("lost")));
 
     let waited = robot.status()["t_us"].as_u64().unwrap() + 20_000_000;
     robot.status_when("many lines more", |status| {

@@ -96,7 +96,8 @@ impl Ring {
         let dropped = self.dropped_frames.load(Ordering::Acquire);
         if dropped != self.told_frames.load(Ordering::Relaxed) {
             let whole = self.loss.load(Ordering::Relaxed).wrapping_sub(head);
-            // A place that was passed already lies behind: a frame was dropped while one before it was told.
+            // A place that was passed already lies behind: a frame was dropped while one before it
+            // was told.
             if whole == 0 || usize::from(whole) > RING_BYTES {
                 // Only the consumer writes this count.
                 self.told_frames.store(dropped, Ordering::Relaxed);

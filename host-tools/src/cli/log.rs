@@ -39,7 +39,8 @@ const RETURN_WAIT: Duration = Duration::from_secs(40);
 
 /// Shows what the firmware logs, decoded, as it comes
 ///
-/// Runs until Ctrl-C. Lines that are missing are counted and told where they were: `12 lines lost`. `esm stop` from elsewhere takes the port over for the time that it needs, which
+/// Runs until Ctrl-C. Lines that are missing are counted and told where they were: `12 lines lost`.
+/// `esm stop` from elsewhere takes the port over for the time that it needs, which
 /// is said; the log goes on after it, a recording ends with it. Where a line begins with a time, it is in seconds of
 /// the board's clock, since it was switched on.
 ///
@@ -113,7 +114,8 @@ struct Told {
     mode: &'static str,
     /// Why the robot is in its safe state, if it is.
     safe_reason: Option<&'static str>,
-    /// Whether the mission runs and all its final states are reached; none where the line let that not be read.
+    /// Whether the mission runs and all its final states are reached; none where the line let that
+    /// not be read.
     finished: Option<bool>,
     /// Hash of the mission.
     mission: Option<String>,
@@ -397,7 +399,8 @@ impl Listener {
         Ok(console.flush()?)
     }
 
-    /// Whether the mission that the news are of has finished. None where the line is too bad to read that.
+    /// Whether the mission that the news are of has finished. None where the line is too bad to
+    /// read that.
     fn finished(&mut self, news: &News) -> Result<Option<bool>, CommandError> {
         let (Mode::Running, Some(mission)) = (news.mode, news.mission) else {
             return Ok(Some(false));

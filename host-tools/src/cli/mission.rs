@@ -65,7 +65,8 @@ pub enum Audience {
     Program,
 }
 
-/// Tells all diagnostics. For a person without what is unused in other files than the one asked for: `esm check` counts that.
+/// Tells all diagnostics. For a person without what is unused in other files than the one asked
+/// for: `esm check` counts that.
 ///
 /// # Errors
 /// If standard output cannot be written to.

@@ -93,7 +93,8 @@ impl RobotArgs {
         Ok((robot, info))
     }
 
-    /// As [`RobotArgs::connect`], for the command that gives a robot what it is to do: it says, too, if anyone may.
+    /// As [`RobotArgs::connect`], for the command that gives a robot what it is to do: it says,
+    /// too, if anyone may.
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
@@ -253,7 +254,8 @@ fn warn(access: Access, console: &mut Console) {
     }
 }
 
-/// What is to be said of a robot that does as anyone says: where it gets a mission, and not with each command.
+/// What is to be said of a robot that does as anyone says: where it gets a mission, and not with
+/// each command.
 fn no_owner(access: Access) -> Option<&'static str> {
     match access {
         Access::Unsupported => {

@@ -64,7 +64,8 @@ pub struct ScheduleArgs {
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = percent)]
     pub snap: Option<u32>,
 
-    /// How long the search may last, in seconds on the wall clock [default: 5 s of processor time, so that a busy machine finds what an idle one does]
+    /// How long the search may last, in seconds on the wall clock [default: 5 s of processor time,
+    /// so that a busy machine finds what an idle one does]
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub limit: Option<Duration>,
 }

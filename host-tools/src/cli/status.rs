@@ -48,7 +48,8 @@ pub struct StatusReport {
     pub built_without: Vec<&'static str>,
     /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
-    /// Whether the mission runs and all its final states are reached, so that nothing happens any more.
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
     pub finished: bool,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,

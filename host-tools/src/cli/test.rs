@@ -254,7 +254,8 @@ fn compiled(path: &Path) -> Compiled {
     Ok((blob, Arc::new(directory)))
 }
 
-/// Runs a scenario. Gives what came of it, the interpreter's period in microseconds, and the scenario's text.
+/// Runs a scenario. Gives what came of it, the interpreter's period in microseconds, and the
+/// scenario's text.
 fn run(
     scenario: &Path,
     blob: &Verified<Vec<u8>>,

@@ -528,7 +528,8 @@ impl fmt::Display for Standing {
     }
 }
 
-/// Whether the robot has the mission, for all that is known, and keeps it or waits for a word on it.
+/// Whether the robot has the mission, for all that is known, and keeps it or waits for a word on
+/// it.
 fn stays_for_now(outcome: Option<Outcome>) -> bool {
     matches!(
         outcome,

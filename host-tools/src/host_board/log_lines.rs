@@ -12,9 +12,11 @@ const LIMIT_BYTES: usize = 64 * 1024;
 #[derive(Default)]
 struct Kept {
     bytes: VecDeque<u8>,
-    /// Where lines found no room: behind so many of the bytes that are kept, and how many lines. The first comes first.
+    /// Where lines found no room: behind so many of the bytes that are kept, and how many lines.
+    /// The first comes first.
     losses: VecDeque<(usize, u32)>,
-    /// Lines that found no room before the bytes that were taken last, or where all that is kept begins.
+    /// Lines that found no room before the bytes that were taken last, or where all that is kept
+    /// begins.
     dropped: u32,
 }
 

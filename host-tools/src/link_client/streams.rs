@@ -35,7 +35,8 @@ pub enum StreamEvent {
         /// Number of the request that asked for them.
         number: u8,
     },
-    /// So many lines of the log are missing here, for which the robot had no room. Those before and behind are whole.
+    /// So many lines of the log are missing here, for which the robot had no room. Those before and
+    /// behind are whole.
     LinesLost(u32),
     /// Something did not come: the robot had no room for it, or the line lost it. A trace or recording with such a gap is not whole.
     Gap {

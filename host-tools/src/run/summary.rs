@@ -42,7 +42,8 @@ pub struct Summary {
     pub deepest_stack_bytes: Option<u32>,
     /// What ended the last mission, if it faulted.
     pub fault: Option<String>,
-    /// Robot time at which the last mission had reached all its final states, in seconds, if it has.
+    /// Robot time at which the last mission had reached all its final states, in seconds, if it
+    /// has.
     pub finished_s: Option<f64>,
     /// The missions, in the order in which they ran.
     pub missions: Vec<MissionSummary>,

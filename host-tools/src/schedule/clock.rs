@@ -7,7 +7,8 @@ use crate::work_time;
 /// How long a search may last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// So much time of work by its thread, so that it finds on a loaded machine what it finds on an idle one.
+    /// So much time of work by its thread, so that it finds on a loaded machine what it finds on an
+    /// idle one.
     Work(Duration),
     /// So much time on the wall clock, for a person who waits.
     Wall(Duration),

@@ -96,7 +96,8 @@ pub enum Outcome {
     Undecided,
 }
 
-/// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches that the limit cuts off.
+/// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches
+/// that the limit cuts off.
 pub fn solve(slots: &[SlotSpec], limit: impl Into<Limit>) -> Outcome {
     solve_within(slots, &mut clock::Clock::new(limit))
 }

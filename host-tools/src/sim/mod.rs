@@ -83,7 +83,8 @@ pub enum Happening {
     Failed(usize),
 }
 
-/// How many macro steps in which something happened a time line has at most, and how many happenings of each: what a
+/// How many macro steps in which something happened a time line has at most, and how many
+/// happenings of each: what a
 /// person reads at a glance.
 const TIMELINE_STEPS: usize = 4;
 const HAPPENINGS_A_STEP: usize = 6;
@@ -200,7 +201,8 @@ impl fmt::Display for Failure {
     }
 }
 
-/// A time line as a person reads it: one line for each moment, with the scenario's own words where it has any, and the
+/// A time line as a person reads it: one line for each moment, with the scenario's own words where
+/// it has any, and the
 /// failed line marked.
 pub fn timeline_text(timeline: &[Moment], scenario: &str) -> String {
     use std::fmt::Write;
@@ -301,7 +303,8 @@ struct Simulation<'m, B, W> {
     writer: TraceWriter<W>,
     /// Macro step's start, region instance and index of the last transitions.
     recent: VecDeque<(u64, usize, usize)>,
-    /// The last macro steps in which something happened, one more than are told of: what was current after that is what
+    /// The last macro steps in which something happened, one more than are told of: what was
+    /// current after that is what
     /// the others begin with.
     busy: VecDeque<Busy>,
     outcome: Outcome,

@@ -456,7 +456,8 @@ impl Directory {
         })
     }
 
-    /// Whether every region of the machine itself has reached its final state, so that nothing happens any more.
+    /// Whether every region of the machine itself has reached its final state, so that nothing
+    /// happens any more.
     /// `current` answers with a state's index in the blob.
     pub fn has_finished(&self, mut current: impl FnMut(usize) -> usize) -> bool {
         let mut regions = self.regions_of(None).peekable();

@@ -19,7 +19,8 @@ pub struct TopReport {
     pub firmware: String,
     /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
-    /// Whether the mission runs and all its final states are reached, so that nothing happens any more.
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
     pub finished: bool,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
