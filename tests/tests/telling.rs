@@ -334,7 +334,7 @@ fn how_much_longer_slots_may_last_is_never_nought_percent() {
     ] {
         std::fs::write(&path, format!("interpreter slot 1; {slots}")).unwrap();
         let told = esm(&["schedule", path.to_str().unwrap()]).good().out;
-        let line = format!("with these starts {alone}; {together}\n");
+        let line = format!("with these starts {alone};\n{together}\n");
         assert!(told.contains(&line), "{told}");
     }
 }

@@ -210,13 +210,16 @@ impl fmt::Display for Shown {
 }
 
 fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError> {
-    let path = keys::path(args.robot.key.as_deref())?;
-    let (mut robot, info) = args.robot.connect_quietly()?;
-    let key = match info.access {
-        // The owner's key is elsewhere, and a new one is none that the robot knows.
-        Access::Locked | Access::Recovering => SigningKey::read(&path)?,
-        _ => SigningKey::read(&path).map_err(how_to_make)?,
+    let key = match SigningKey::read(&keys::path(args.robot.key.as_deref())?) {
+        Err(missing @ KeyError::Missing { .. }) => Err(missing),
+        read => Ok(read?),
     };
+    let (mut robot, info) = args.robot.connect_quietly()?;
+    let key = key.map_err(|missing| match info.access {
+        // The owner's key is elsewhere, and a new one is none that the robot knows.
+        Access::Locked | Access::Recovering => missing.into(),
+        _ => how_to_make(missing),
+    })?;
     match (info.access, &args.present) {
         (Access::Open | Access::Damaged, _) => {}
         (Access::Locked, Some(present)) => {

@@ -283,7 +283,8 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
         } else {
             "all at once may not, not even by 0.1 % each".to_owned()
         };
-        writeln!(out, "with these starts {alone}; {together}")?;
+        // Two lines: what a person reads is a hundred columns wide.
+        writeln!(out, "with these starts {alone};\n{together}")?;
     }
     let hyperperiod = report
         .hyperperiod_us
