@@ -35,7 +35,7 @@ const MAX_FILE_BYTES: u64 = 4096;
 pub enum KeyError {
     /// There is no such file.
     #[error(
-        "there is no key at {0}; `esm key new -o {0}` makes it, `--key FILE` and ESM_KEY name another",
+        "there is no key at {}; `--key FILE` and ESM_KEY name another",
         path.display()
     )]
     Missing {

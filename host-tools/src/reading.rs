@@ -4,7 +4,7 @@
 //! (its tables and names) is read once.
 
 use esm_core::{Refusal, Verified};
-use rt_firmware::link::message::{LinkError, Status, TaskCounters};
+use rt_firmware::link::message::{LinkError, Mode, Status, TaskCounters};
 use serde::Serialize;
 use thiserror::Error;
 
@@ -123,10 +123,15 @@ impl From<LinkCounts> for LineReport {
 pub struct Reading {
     /// How it is.
     pub status: Status,
+    /// Robot time: microseconds since the robot started, by its own clock.
+    pub robot_us: u64,
     /// Name of the machine that it runs, made up where the mission has no names.
     pub machine: Option<String>,
     /// Paths of the current local states, depth first; by numbers where the mission has no names.
     pub active: Vec<String>,
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
+    pub finished: bool,
     /// The slots of the mission.
     pub slots: Vec<SlotReading>,
     /// The task states of the mission, in the order in which they run.
@@ -137,11 +142,13 @@ pub struct Reading {
 
 impl Reading {
     /// A reading of a robot that has no mission.
-    pub fn without_mission(status: Status) -> Self {
+    pub fn without_mission(status: Status, robot_us: u64) -> Self {
         Reading {
             status,
+            robot_us,
             machine: None,
             active: Vec::new(),
+            finished: false,
             slots: Vec::new(),
             tasks: Vec::new(),
             line: LineReport::default(),
@@ -184,11 +191,45 @@ impl Reader {
                 Err(error) if error.is_other_mission() && attempt < ATTEMPTS => {}
                 Ok(Some(reading)) => return Ok(reading),
                 // A robot that changes its mission faster than it answers has none to tell of.
-                Ok(None) => return Ok(Reading::without_mission(robot.status()?)),
+                Ok(None) => {
+                    let status = robot.status()?;
+                    return Ok(Reading::without_mission(status, robot.robot_us()?));
+                }
                 Err(error) => return Err(error),
             }
             attempt += 1;
         }
+    }
+
+    /// Whether the mission of this hash, which runs, has reached all its final states. False where
+    /// another one runs
+    /// by now.
+    ///
+    /// # Errors
+    /// [`ReadError`]
+    pub fn has_finished<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        mission: u32,
+    ) -> Result<bool, ReadError> {
+        match self.ask_whether_finished(robot, mission) {
+            Err(error) if error.is_other_mission() => Ok(false),
+            asked => asked,
+        }
+    }
+
+    fn ask_whether_finished<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        mission: u32,
+    ) -> Result<bool, ReadError> {
+        let known = self.know(robot, mission)?;
+        let (Some(directory), true) = (&self.directory, known.mission == mission) else {
+            return Ok(false);
+        };
+        let current = robot.current_states()?.states;
+        let current = |region: usize| current.get(region).copied().map_or(0, usize::from);
+        Ok(directory.has_finished(current))
     }
 
     /// A reading, or none where the mission changed meanwhile.
@@ -200,7 +241,7 @@ impl Reader {
         let before = robot.status()?;
         let clock = robot.clock().clone();
         let began = clock.now();
-        let mut reading = Reading::without_mission(before);
+        let mut reading = Reading::without_mission(before, robot.robot_us()?);
         if let Some(mission) = before.mission {
             let known = self.know(robot, mission)?;
             let mut asked = Vec::new();
@@ -236,8 +277,10 @@ impl Reader {
                     .active(current)
                     .filter_map(|state| Some(directory.state(state)?.path.clone()))
                     .collect();
+                reading.finished = directory.has_finished(current);
             }
             reading.status = robot.status()?;
+            reading.finished &= reading.status.mode == Mode::Running;
             if known.mission != mission || reading.status.mission != before.mission {
                 return Ok(None);
             }

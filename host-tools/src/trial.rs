@@ -29,8 +29,8 @@ const STANDSTILL_LIMIT: Duration = Duration::from_secs(10);
 pub enum Outcome {
     /// It ran well and is confirmed.
     Confirmed,
-    /// The robot is stopped, so that there was nothing to see; it is confirmed all the same.
-    ConfirmedUnseen,
+    /// The robot is stopped, so that the mission did not run; it is confirmed all the same.
+    ConfirmedStopped,
     /// The robot went back to the mission before, or to none.
     FellBack(FallBack),
     /// The robot went to its safe state for something that is not the mission's doing. The trial goes on.
@@ -148,7 +148,7 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
         let stopped = status.mode.is_latched();
         if stopped || (status.t_us >= HEALTHY_US && status.steps >= HEALTHY_STEPS) {
             match robot.confirm(trial.mission) {
-                Ok(()) if stopped => return Ok(Outcome::ConfirmedUnseen),
+                Ok(()) if stopped => return Ok(Outcome::ConfirmedStopped),
                 Ok(()) => return Ok(Outcome::Confirmed),
                 // It failed in this moment: the next status says how.
                 Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => {}

@@ -181,11 +181,16 @@ fn the_diagrams_of_the_book_are_what_draw_draws() {
     let mission = fenced(&read("docs/src/semantics.md"), "esm").concat();
     std::fs::write(&example, mission).unwrap();
     for (mission, more, picture) in [
-        (example.as_str(), None, "example.svg"),
+        (example.as_str(), &[][..], "example.svg"),
         (
             "missions/tutorial/4_search.esm",
-            Some("--no-data"),
+            &["--no-data"],
             "search.svg",
+        ),
+        (
+            "missions/tutorial/4_search.esm",
+            &["--no-data", "--depth", "0", "--legend"],
+            "legend.svg",
         ),
     ] {
         let mut arguments = vec!["draw", mission, "-o", &drawn];

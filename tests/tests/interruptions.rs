@@ -544,7 +544,7 @@ fn ctrl_c_ends_an_upload_and_the_robot_drives_on_with_what_it_had() {
         may_end_with(Blow::Interrupted, output.status.code()),
         "{output:?}"
     );
-    let told = format!("interrupted; the robot drives with {:08x}", old.hash());
+    let told = format!("interrupted; the robot goes on with {:08x}", old.hash());
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains(&told), "{output:?}");
     let status = connect(&robot.port()).status().unwrap();

@@ -97,39 +97,44 @@ impl StepOfTutorial {
 
     /// The plant after its run on the host board, and the trace.
     fn driven(&self) -> (Plant, String) {
-        let folder = tempfile::tempdir().unwrap();
-        let blob = folder.path().join("step.blob");
-        esm(&["build", &self.file(), "-o", blob.to_str().unwrap()]).good();
-        let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
-        let plan = Plan {
-            flash: None,
-            key: None,
-            board: Board::Host {
-                robot: host_board::rover,
-            },
-            world: World::load(&root().join("missions/worlds/track.world")).unwrap(),
-            seed: 1, // the default of `esm run`
-            until_us: Some(self.until_s * 1_000_000),
-            realtime: false,
-            missions: vec![Planned {
-                warm: false,
-                at_us: 0,
-                mission: Mission::new(&blob, verified).unwrap(),
-                handover: Handover::default(),
-            }],
-            replay: None,
-            record: None,
-            plant_fault: None,
-            sonar_breaks: Vec::new(),
-            cut_link_us: None,
-            link: LinkWay::Uart,
-            noise: None,
-        };
-        let interrupt = Interrupt::take_over().unwrap();
-        let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
-        assert!(run.summary.fault.is_none(), "{}", self.name);
-        (run.plant, String::from_utf8(run.told.out).unwrap())
+        driven(&self.file(), self.until_s)
     }
+}
+
+/// The plant after a run of a mission on the host board, and the trace.
+fn driven(file: &str, until_s: u64) -> (Plant, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let blob = folder.path().join("step.blob");
+    esm(&["build", file, "-o", blob.to_str().unwrap()]).good();
+    let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
+    let plan = Plan {
+        flash: None,
+        key: None,
+        board: Board::Host {
+            robot: host_board::rover,
+        },
+        world: World::load(&root().join("missions/worlds/track.world")).unwrap(),
+        seed: 1, // the default of `esm run`
+        until_us: Some(until_s * 1_000_000),
+        realtime: false,
+        missions: vec![Planned {
+            warm: false,
+            at_us: 0,
+            mission: Mission::new(&blob, verified).unwrap(),
+            handover: Handover::default(),
+        }],
+        replay: None,
+        record: None,
+        plant_fault: None,
+        sonar_breaks: Vec::new(),
+        cut_link_us: None,
+        link: LinkWay::Uart,
+        noise: None,
+    };
+    let interrupt = Interrupt::take_over().unwrap();
+    let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
+    assert!(run.summary.fault.is_none(), "{file}");
+    (run.plant, String::from_utf8(run.told.out).unwrap())
 }
 
 #[test]
@@ -158,11 +163,7 @@ fn each_step_stays_near_the_line_for_its_distance_and_stops_before_the_box() {
         let (plant, trace) = step.driven();
         let what = step.name;
         for (t_ms, from, to) in step.told {
-            let told = format!(r#""t_us":{},"event":"#, t_ms * 1_000);
-            let states = format!(r#""from":"{from}","to":"{to}""#);
-            let taken = trace
-                .lines()
-                .any(|line| line.contains(&told) && line.contains(&states));
+            let taken = has_taken(&trace, *t_ms, from, to);
             assert!(taken, "{what}: {from} -> {to} at {t_ms} ms");
         }
         assert_eq!(plant.collisions(), 0, "{what}");
@@ -180,6 +181,110 @@ fn each_step_stays_near_the_line_for_its_distance_and_stops_before_the_box() {
             );
         }
         assert_eq!(stops_before_the_box(path), step.stops, "{what}");
+    }
+}
+
+/// Whether a trace has a transition at this time.
+fn has_taken(trace: &str, t_ms: u64, from: &str, to: &str) -> bool {
+    let told = format!(r#""t_us":{},"event":"#, t_ms * 1_000);
+    let states = format!(r#""from":"{from}","to":"{to}""#);
+    let mut lines = trace.lines();
+    lines.any(|line| line.contains(&told) && line.contains(&states))
+}
+
+const SOLUTIONS: &str = "missions/tutorial/solutions";
+
+/// The transitions of a trace, a line each.
+fn transitions(trace: &str) -> Vec<&str> {
+    let lines = trace.lines();
+    lines
+        .filter(|line| line.contains(r#""kind":"transition""#))
+        .collect()
+}
+
+#[test]
+fn the_solutions_do_what_the_book_says_of_them() {
+    let done = esm(&["test", SOLUTIONS]).good();
+    assert!(
+        done.out.contains("3 scenarios of 3 missions: 3 ok"),
+        "{done:#?}"
+    );
+    let chapter = std::fs::read_to_string(root().join("docs/src/tutorial.md")).unwrap();
+    let solution = |name: &str| {
+        let file = format!("{SOLUTIONS}/{name}.esm");
+        assert!(chapter.contains(&format!("(../../{file})")), "{file}");
+        let loaded = lang::load(&root().join(&file)).unwrap();
+        assert!(loaded.model.is_some(), "{}", loaded.render(false));
+        file
+    };
+    // Each runs against the wall behind the first sharp corner, at whichever speed.
+    for (file, until_s) in [(STEPS[0].file(), 30), (solution("1_line"), 60)] {
+        let (plant, _) = driven(&file, until_s);
+        let way_m = plant.distance_m();
+        assert!(
+            plant.collisions() == 1 && (3.4..3.6).contains(&way_m),
+            "{file}: {way_m}"
+        );
+    }
+    // It turns at the gap and drives back: to the left of it, on the line that leads there.
+    let (plant, trace) = driven(&STEPS[1].file(), 30);
+    assert!(has_taken(&trace, 21_080, "motion/Follow", "motion/Search"));
+    let path = plant.statistics().path();
+    let end = path.last().unwrap().pose;
+    assert!(
+        end.position.x_m < 2.7 && end.heading_rad.cos() < -0.9,
+        "{end:?}"
+    );
+
+    let until_s = STEPS[2].until_s;
+    let (_, before) = STEPS[2].driven();
+    let (_, after) = driven(&solution("3_gap"), until_s);
+    let (before, after) = (transitions(&before), transitions(&after));
+    let first = before
+        .iter()
+        .zip(&after)
+        .find(|(before, after)| before != after);
+    let (before, after) = first.unwrap();
+    for (line, t_ms) in [(before, 16_320), (after, 16_020)] {
+        assert!(
+            has_taken(line, t_ms, "motion/Ahead", "motion/TurnRight"),
+            "{line}"
+        );
+    }
+    let (_, before) = STEPS[3].driven();
+    let (_, after) = driven(&solution("4_search"), STEPS[3].until_s);
+    assert_eq!(transitions(&before), transitions(&after));
+
+    let (plant, trace) = driven(&solution("5_obstacle"), STEPS[4].until_s);
+    assert!(has_taken(&trace, 56_500, "motion/Drive", "motion/Halted"));
+    assert!(has_taken(&trace, 57_540, "motion/Halted", "motion/About"));
+    assert_eq!(plant.collisions(), 0);
+}
+
+/// What the book quotes of `esm check` is what it says.
+#[test]
+fn the_book_quotes_the_errors_as_they_are() {
+    let chapter = std::fs::read_to_string(root().join("docs/src/tutorial.md")).unwrap();
+    let text = std::fs::read_to_string(root().join(STEPS[0].file())).unwrap();
+    let rover = root().join("missions/rover.esm");
+    let text = text.replace("../rover.esm", rover.to_str().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("line.esm");
+    let mistakes = [
+        (
+            "path Look.line -> Follow.line;",
+            "error[E008]: task state `Follow` needs data on port `line`, and no path leads there",
+        ),
+        (
+            &format!("use {rover:?};"),
+            "error[E002]: unknown task `LineSensor`",
+        ),
+    ];
+    for (left_out, quoted) in mistakes {
+        assert!(text.contains(left_out), "{left_out}");
+        std::fs::write(&path, text.replace(left_out, "")).unwrap();
+        let told = esm(&["check", path.to_str().unwrap()]).ended(1).err;
+        assert!(told.contains(quoted) && chapter.contains(quoted), "{told}");
     }
 }
 

@@ -29,6 +29,10 @@ struct Ring {
     /// Set when the frame that is being written found no room.
     overflowed: AtomicU8,
     dropped_frames: AtomicU32,
+    /// Of those, how many stood before what was read last.
+    told_frames: AtomicU32,
+    /// Where the first of the others was to begin.
+    loss: AtomicU16,
 }
 
 impl Ring {
@@ -40,6 +44,8 @@ impl Ring {
             writing: AtomicU16::new(0),
             overflowed: AtomicU8::new(0),
             dropped_frames: AtomicU32::new(0),
+            told_frames: AtomicU32::new(0),
+            loss: AtomicU16::new(0),
         }
     }
 
@@ -74,15 +80,31 @@ impl Ring {
         } else {
             // Only the producer writes the count, so load and store suffice.
             let dropped = self.dropped_frames.load(Ordering::Relaxed);
+            if dropped == self.told_frames.load(Ordering::Relaxed) {
+                self.loss
+                    .store(self.tail.load(Ordering::Relaxed), Ordering::Relaxed);
+            }
             self.dropped_frames
-                .store(dropped.saturating_add(1), Ordering::Relaxed);
+                .store(dropped.wrapping_add(1), Ordering::Release);
         }
     }
 
-    /// Moves bytes of whole frames into `buffer`; returns how many.
+    /// Moves bytes of whole frames into `buffer`, up to where frames are missing; returns how many.
     fn read(&self, buffer: &mut [u8]) -> usize {
         let head = self.head.load(Ordering::Relaxed);
-        let ready = self.tail.load(Ordering::Acquire).wrapping_sub(head);
+        let mut ready = self.tail.load(Ordering::Acquire).wrapping_sub(head);
+        let dropped = self.dropped_frames.load(Ordering::Acquire);
+        if dropped != self.told_frames.load(Ordering::Relaxed) {
+            let whole = self.loss.load(Ordering::Relaxed).wrapping_sub(head);
+            // A place that was passed already lies behind: a frame was dropped while one before it
+            // was told.
+            if whole == 0 || usize::from(whole) > RING_BYTES {
+                // Only the consumer writes this count.
+                self.told_frames.store(dropped, Ordering::Relaxed);
+            } else {
+                ready = ready.min(whole);
+            }
+        }
         let mut read: u16 = 0;
         for (place, _) in buffer.iter_mut().zip(0..ready) {
             *place = self.byte(head.wrapping_add(read)).load(Ordering::Relaxed);
@@ -197,8 +219,8 @@ pub fn read(buffer: &mut [u8]) -> usize {
     OTHERS.ring.read(buffer)
 }
 
-/// Frames that found no room since the start.
+/// Frames that found no room since the start and stood before what was read last.
 pub fn dropped_frames() -> u32 {
-    let dropped = |channel: &Channel| channel.ring.dropped_frames.load(Ordering::Relaxed);
-    dropped(&SLOTS).saturating_add(dropped(&OTHERS))
+    let dropped = |channel: &Channel| channel.ring.told_frames.load(Ordering::Relaxed);
+    dropped(&SLOTS).wrapping_add(dropped(&OTHERS))
 }

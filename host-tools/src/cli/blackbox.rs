@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use rt_firmware::black_box::Event;
+use rt_firmware::black_box::{Event, Record};
 use rt_firmware::features::Feature;
 use rt_firmware::link::message::LinkError;
 
@@ -16,7 +16,7 @@ use super::robot::{Robot, RobotArgs};
 use super::stage;
 use crate::black_box::entries;
 use crate::link_client::ClientError;
-use crate::run::mission::Mission;
+use crate::run::mission::{Mission, hash_text};
 use crate::trace::directory::Directory;
 
 /// Shows what happened last on a robot, from a recorder that survives a reset: states, faults, overruns, missions, resets
@@ -49,8 +49,10 @@ pub struct BlackBoxArgs {
 /// What kept it from ending well.
 pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), CommandError> {
     let mut missions = BTreeMap::new();
+    let mut given = Vec::new();
     for file in &args.mission {
         let mission = stage::mission(file, console)?.mission;
+        given.push((file, mission.hash));
         missions.insert(mission.hash, mission.directory);
     }
     let (mut robot, _) = args.robot.connect(console)?;
@@ -67,6 +69,9 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
     {
         missions.insert(hash, directory);
     }
+    if !args.json && !records.is_empty() {
+        console.note("times are robot time, from the first macro step after each start");
+    }
     for entry in entries(&records, &missions) {
         if args.json {
             console.json_line(&entry)?;
@@ -77,7 +82,44 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
     if records.is_empty() {
         console.note("the robot has written nothing down");
     }
+    for told in unnamed(&records, &missions) {
+        console.note(&told);
+    }
+    for (file, hash) in given.into_iter().filter(|(_, hash)| !is_wanted(*hash)) {
+        console.note(&format!(
+            "{} is mission {} as it is now, and of that nothing is written down",
+            file.display(),
+            hash_text(hash)
+        ));
+    }
     Ok(())
+}
+
+/// What is said of records that are told by numbers, for want of the mission that they are of.
+fn unnamed(records: &[Record], missions: &BTreeMap<u32, Arc<Directory>>) -> Vec<String> {
+    let mut missing: Vec<Option<u32>> = Vec::new();
+    let mut running = None;
+    for record in records {
+        match record.event {
+            Event::Mission { hash } => running = Some(hash),
+            Event::Started(_) => running = None,
+            Event::Transition { .. } | Event::Overrun { .. } => {
+                let is_known = running.is_some_and(|hash| missions.contains_key(&hash));
+                if !is_known && !missing.contains(&running) {
+                    missing.push(running);
+                }
+            }
+            _ => {}
+        }
+    }
+    let told = missing.into_iter().map(|mission| match mission {
+        Some(hash) => format!(
+            "mission {} is not on the robot any more, so that its states are told by numbers: `--mission FILE` takes its source as it was, or its blob",
+            hash_text(hash)
+        ),
+        None => "what is told by numbers before the first start of a mission is of one whose start is not written down any more".to_owned(),
+    });
+    told.collect()
 }
 
 /// The names of the mission that runs; none where it has none, or is another one by now.

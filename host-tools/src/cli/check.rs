@@ -63,10 +63,14 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     } else {
         Audience::Person
     };
+    let mut folded = 0;
     if args.all && !args.json {
         mission::tell_all(&checked, console);
     } else {
         mission::tell(&checked, audience, console)?;
+        if !args.json {
+            folded = mission::tell_unused(&checked, console);
+        }
     }
     let of_severity = |severity| {
         checked
@@ -77,12 +81,6 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     };
     let (errors, warnings) = (of_severity(Severity::Error), of_severity(Severity::Warning));
     if !args.json {
-        let folded: usize = if args.all {
-            0
-        } else {
-            let unused = checked.render_folded(false).unused;
-            unused.iter().map(|(_, count)| count).sum()
-        };
         let warnings = warnings.saturating_sub(folded as u64);
         let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
         writeln!(

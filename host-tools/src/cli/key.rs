@@ -139,7 +139,7 @@ fn make(args: &NewArgs, console: &mut Console) -> Result<(), CommandError> {
 fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
     let shown = match &args.port {
         None => {
-            let key = SigningKey::read(&keys::path(args.key.as_deref())?)?;
+            let key = SigningKey::read(&keys::path(args.key.as_deref())?).map_err(how_to_make)?;
             Shown::of_key(&key.public())
         }
         Some(_) if robot::is_named(args.key.as_deref()) => {
@@ -210,8 +210,16 @@ impl fmt::Display for Shown {
 }
 
 fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError> {
-    let key = SigningKey::read(&keys::path(args.robot.key.as_deref())?)?;
+    let key = match SigningKey::read(&keys::path(args.robot.key.as_deref())?) {
+        Err(missing @ KeyError::Missing { .. }) => Err(missing),
+        read => Ok(read?),
+    };
     let (mut robot, info) = args.robot.connect_quietly()?;
+    let key = key.map_err(|missing| match info.access {
+        // The owner's key is elsewhere, and a new one is none that the robot knows.
+        Access::Locked | Access::Recovering => missing.into(),
+        _ => how_to_make(missing),
+    })?;
     match (info.access, &args.present) {
         (Access::Open | Access::Damaged, _) => {}
         (Access::Locked, Some(present)) => {
@@ -255,6 +263,17 @@ fn install(args: &InstallArgs, console: &mut Console) -> Result<(), CommandError
         key.public()
     )?;
     Ok(())
+}
+
+/// An error of a key that is to be shown, or given to a robot that has none, with what makes one.
+fn how_to_make(error: KeyError) -> CommandError {
+    match &error {
+        KeyError::Missing { path } => {
+            let path = path.display();
+            CommandError::World(anyhow!("{error}; `esm key new -o {path}` makes it"))
+        }
+        _ => error.into(),
+    }
 }
 
 fn remove(args: &RemoveArgs, console: &mut Console) -> Result<(), CommandError> {

@@ -9,18 +9,21 @@ use clap::Args;
 use rt_firmware::features::Feature;
 use rt_firmware::link::message::{Channel, Mode};
 use rt_firmware::link::news::{Cause, News};
+use serde::Serialize;
 
 use super::argument::Time;
-use super::console::Console;
+use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::recorder::Recorder;
 use super::robot::{self, Robot, RobotArgs, is_taken_over};
+use super::status::mode_words;
 use super::{file, stage};
 use crate::host_board;
 use crate::keys;
 use crate::link_client::error::without;
 use crate::link_client::log_lines::LogReader;
 use crate::link_client::{ClientError, StreamEvent, Streams};
+use crate::reading::{ReadError, Reader};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
 use crate::run::story;
@@ -36,7 +39,8 @@ const RETURN_WAIT: Duration = Duration::from_secs(40);
 
 /// Shows what the firmware logs, decoded, as it comes
 ///
-/// Runs until Ctrl-C. Lines that the robot could not keep are counted and said. `esm stop` from elsewhere takes the port over for the time that it needs, which
+/// Runs until Ctrl-C. Lines that are missing are counted and told where they were: `12 lines lost`.
+/// `esm stop` from elsewhere takes the port over for the time that it needs, which
 /// is said; the log goes on after it, a recording ends with it. Where a line begins with a time, it is in seconds of
 /// the board's clock, since it was switched on.
 ///
@@ -47,8 +51,12 @@ const RETURN_WAIT: Duration = Duration::from_secs(40);
 Examples:
   esm log --port /dev/ttyUSB0
   esm log --port /dev/ttyUSB0 --news '1 s'
+  esm log --port /dev/ttyUSB0 --json | jq -c 'select(.what == \"lost\")'
   esm log --port /dev/ttyUSB0 --record drive.rec
-  esm log --port unix:/tmp/robot --firmware target/firmware/lm3s6965/rover.elf")]
+  esm log --port unix:/tmp/robot --firmware target/firmware/lm3s6965/rover.elf
+
+With --json one object a line. `what` is `line` (with clock, level, text), `lost` (with lines that the robot had no room for, pieces that the line
+lost, and lines that cannot be read) or `news` (with cause, mode, finished, mission, t_us and the counters).")]
 pub struct LogArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
@@ -65,6 +73,68 @@ pub struct LogArgs {
     /// Keeps what enters the interpreter, too, to be run again with `esm replay`
     #[arg(long, value_name = "REC")]
     pub record: Option<PathBuf>,
+
+    /// One JSON object a line, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a robot said, in the form of its JSON.
+#[derive(Serialize)]
+#[serde(tag = "what", rename_all = "snake_case")]
+enum Said<'l> {
+    /// A line of its log.
+    Line {
+        /// Time of the board's clock, since it was switched on, where the line has one.
+        clock: Option<&'l str>,
+        /// How grave it is, where it says so.
+        level: Option<String>,
+        /// Its words.
+        text: &'l str,
+    },
+    /// What is missing between the line before and the one behind.
+    Lost {
+        /// Lines that the robot had no room for.
+        lines: u32,
+        /// Pieces of the log that the line to the robot lost, with unknown lines in them.
+        pieces: u32,
+        /// Lines that came and cannot be read.
+        unreadable: u64,
+    },
+    /// How the robot is.
+    News(Told),
+}
+
+/// News of a robot, in the form of their JSON.
+#[derive(Serialize)]
+struct Told {
+    /// Why they came: `now`, `news`, `mission`, `trial` or `mode`.
+    cause: &'static str,
+    /// As `esm status` names it.
+    mode: &'static str,
+    /// Why the robot is in its safe state, if it is.
+    safe_reason: Option<&'static str>,
+    /// Whether the mission runs and all its final states are reached; none where the line let that
+    /// not be read.
+    finished: Option<bool>,
+    /// Hash of the mission.
+    mission: Option<String>,
+    /// Whether it is on trial.
+    on_trial: bool,
+    /// Mission time, in microseconds.
+    t_us: u64,
+    /// Macro steps of the mission.
+    steps: u64,
+    /// Occurrences executed since the mission started.
+    slots_executed: u32,
+    /// Occurrences missed since the robot started.
+    slots_missed: u32,
+    /// Executions that took too long since the robot started.
+    overruns: u32,
+    /// Longest start delay since the mission started, in nanoseconds.
+    longest_dispatch_delay_ns: u32,
+    /// Frames from this host that came spoiled.
+    spoiled_frames: u32,
 }
 
 /// Runs the command.
@@ -97,6 +167,8 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         robot,
         log,
         recording,
+        reader: Reader::default(),
+        json: args.json,
     };
     loop {
         // What is asked of the robot meanwhile need not come to its end if the person has seen enough, and there is no end otherwise.
@@ -168,6 +240,10 @@ struct Listener {
     robot: Robot,
     log: LogReader,
     recording: Option<Recorder>,
+    /// Reads whether the mission that runs has finished.
+    reader: Reader,
+    /// Whether a program listens.
+    json: bool,
 }
 
 impl Listener {
@@ -197,7 +273,13 @@ impl Listener {
         interrupt: Interrupt,
         console: &mut Console,
     ) -> Result<Option<Self>, CommandError> {
-        let Listener { robot, mut log, .. } = self;
+        let Listener {
+            robot,
+            mut log,
+            reader,
+            json,
+            ..
+        } = self;
         // The port is closed before it is opened again.
         drop(robot);
         console.note("`esm stop` has taken the port over; the log goes on when it is done");
@@ -223,6 +305,8 @@ impl Listener {
                         robot,
                         log,
                         recording: None,
+                        reader,
+                        json,
                     }));
                 }
                 Err(_) if interrupt.is_requested() => return Ok(None),
@@ -236,19 +320,37 @@ impl Listener {
         match event {
             StreamEvent::Log(bytes) => {
                 for line in self.log.lines(bytes) {
-                    writeln!(console.out(), "{line}")?;
+                    if self.json {
+                        console.json_line(&Said::Line {
+                            clock: line.timestamp.as_deref(),
+                            level: line.level.map(|level| level.to_string()),
+                            text: &line.text,
+                        })?;
+                    } else {
+                        writeln!(console.out(), "{line}")?;
+                    }
+                }
+                let unreadable = self.log.take_unreadable();
+                if unreadable > 0 {
+                    self.lost(0, 0, unreadable, console)?;
                 }
                 console.flush()?;
             }
+            StreamEvent::LinesLost(lines) => self.lost(*lines, 0, 0, console)?,
             StreamEvent::Gap {
                 channel: Channel::Log,
                 missing,
             } => {
                 self.log.gap();
-                console.note(&format!("({missing} lines or pieces did not come)"));
+                self.lost(0, *missing, 0, console)?;
             }
             StreamEvent::News(news) => {
-                writeln!(console.out(), "{}", told(news))?;
+                let finished = self.finished(news)?;
+                if self.json {
+                    console.json_line(&Said::News(Told::of(news, finished)))?;
+                } else {
+                    writeln!(console.out(), "{}", told(news, finished))?;
+                }
                 console.flush()?;
             }
             StreamEvent::Gap { .. }
@@ -258,6 +360,58 @@ impl Listener {
             | StreamEvent::ValuesEnded { .. } => {}
         }
         Ok(())
+    }
+
+    /// Tells what is missing here.
+    fn lost(
+        &self,
+        lines: u32,
+        pieces: u32,
+        unreadable: u64,
+        console: &mut Console,
+    ) -> Result<(), CommandError> {
+        if self.json {
+            console.json_line(&Said::Lost {
+                lines,
+                pieces,
+                unreadable,
+            })?;
+            return Ok(console.flush()?);
+        }
+        let mut parts = Vec::new();
+        if lines > 0 {
+            let lines = counted(lines.into(), "line");
+            parts.push(format!("{lines} lost: the robot had no room for more"));
+        }
+        if pieces > 0 {
+            let pieces = counted(pieces.into(), "piece");
+            parts.push(format!(
+                "lines lost: {pieces} did not come through the line"
+            ));
+        }
+        if unreadable > 0 {
+            let lines = counted(unreadable, "line");
+            parts.push(format!(
+                "{lines} lost: spoiled, or of another firmware than the file that was named"
+            ));
+        }
+        writeln!(console.out(), "{}", parts.join("; "))?;
+        Ok(console.flush()?)
+    }
+
+    /// Whether the mission that the news are of has finished. None where the line is too bad to
+    /// read that.
+    fn finished(&mut self, news: &News) -> Result<Option<bool>, CommandError> {
+        let (Mode::Running, Some(mission)) = (news.mode, news.mission) else {
+            return Ok(Some(false));
+        };
+        match self.reader.has_finished(&mut self.robot, mission) {
+            Err(ReadError::Client(ClientError::NoReply {
+                spoiled_frames: 1..,
+                ..
+            })) => Ok(None),
+            asked => Ok(Some(asked?)),
+        }
     }
 
     /// Ends streams and recording, whatever has ended the listening.
@@ -280,13 +434,17 @@ impl Listener {
 }
 
 /// News as a line.
-fn told(news: &News) -> String {
+fn told(news: &News, finished: Option<bool>) -> String {
     let mission = news.mission.map(hash_text);
     let mission = mission.as_deref().unwrap_or("no mission");
     let trial = if news.on_trial { ", on trial" } else { "" };
     let mode = match news.mode {
         Mode::Empty => "no mission".to_owned(),
-        Mode::Running => format!("{mission} runs{trial}"),
+        Mode::Running => match finished {
+            Some(true) => format!("{mission} has finished{trial}"),
+            Some(false) => format!("{mission} runs{trial}"),
+            None => format!("{mission} runs or has finished{trial}"),
+        },
         Mode::Stopped => format!("stopped, its mission is {mission}{trial}"),
         Mode::EmergencyStopped => {
             format!("emergency stop, latched, its mission is {mission}{trial}")
@@ -301,15 +459,9 @@ fn told(news: &News) -> String {
         ),
         _ => String::new(),
     };
-    let cause = match news.cause {
-        Cause::Begun => "now",
-        Cause::Period => "news",
-        Cause::Mission => "mission",
-        Cause::Trial => "trial",
-        Cause::Mode => "mode",
-    };
+    let cause = cause_words(news.cause);
     format!(
-        "{cause}: {mode}{gave_up}; at {:.3} s: {} steps, {} slots executed, {} missed, {} overruns, {:.1} µs at most late; {} frames from here spoiled",
+        "{cause}: {mode}{gave_up}; mission time {:.3} s: {} steps, {} slots executed, {} missed, {} overruns, {:.1} µs at most late; {} frames from here spoiled",
         news.t_us as f64 / 1e6,
         news.steps,
         news.executed,
@@ -318,6 +470,38 @@ fn told(news: &News) -> String {
         f64::from(news.max_delay_ns) / 1e3,
         news.spoiled_frames
     )
+}
+
+/// Why news came, in a word.
+fn cause_words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Begun => "now",
+        Cause::Period => "news",
+        Cause::Mission => "mission",
+        Cause::Trial => "trial",
+        Cause::Mode => "mode",
+    }
+}
+
+impl Told {
+    fn of(news: &News, finished: Option<bool>) -> Self {
+        let (mode, safe_reason) = mode_words(news.mode);
+        Told {
+            cause: cause_words(news.cause),
+            mode,
+            safe_reason,
+            finished,
+            mission: news.mission.map(hash_text),
+            on_trial: news.on_trial,
+            t_us: news.t_us,
+            steps: news.steps,
+            slots_executed: news.executed,
+            slots_missed: news.missed,
+            overruns: news.overruns,
+            longest_dispatch_delay_ns: news.max_delay_ns,
+            spoiled_frames: news.spoiled_frames,
+        }
+    }
 }
 
 /// What decodes the log of that board: the host board's is plain text, another's needs its firmware's file.

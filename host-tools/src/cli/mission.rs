@@ -65,7 +65,8 @@ pub enum Audience {
     Program,
 }
 
-/// Tells all diagnostics. For a person, what is unused in other files than the one asked for is only counted.
+/// Tells all diagnostics. For a person without what is unused in other files than the one asked
+/// for: `esm check` counts that.
 ///
 /// # Errors
 /// If standard output cannot be written to.
@@ -81,20 +82,25 @@ pub fn tell(
         }
         Audience::Person => {
             let Folded {
-                text,
-                first_code,
-                unused,
+                text, first_code, ..
             } = checked.render_folded(console.colour_error());
             tell_person(&text, first_code, console);
-            for (path, count) in unused {
-                let declarations = counted(count as u64, "declaration");
-                console.note(&format!(
-                    "{path}: {declarations} not used by this mission (W107; `esm check --all` shows them)"
-                ));
-            }
             Ok(())
         }
     }
+}
+
+/// Tells a person how much is unused in other files than the one asked for. Gives how much that is.
+pub fn tell_unused(checked: &Checked, console: &mut Console) -> usize {
+    let mut all = 0;
+    for (path, count) in checked.render_folded(false).unused {
+        let declarations = counted(count as u64, "declaration");
+        console.note(&format!(
+            "{path}: {declarations} not used by this mission (W107; `esm check --all` shows them)"
+        ));
+        all += count;
+    }
+    all
 }
 
 /// Tells a person all diagnostics, those of libraries included.

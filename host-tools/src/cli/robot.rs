@@ -93,6 +93,22 @@ impl RobotArgs {
         Ok((robot, info))
     }
 
+    /// As [`RobotArgs::connect`], for the command that gives a robot what it is to do: it says,
+    /// too, if anyone may.
+    ///
+    /// # Errors
+    /// What is wrong with the port, or with the robot behind it.
+    pub fn connect_to_upload(
+        &self,
+        console: &mut Console,
+    ) -> Result<(Robot, RobotInfo), CommandError> {
+        let (robot, info) = self.connect(console)?;
+        if let Some(warning) = no_owner(info.access) {
+            console.note(warning);
+        }
+        Ok((robot, info))
+    }
+
     /// Opens the line, which is taken over from whoever has it, and lets a stop be the first that the robot hears, whatever else is the matter with it.
     ///
     /// # Errors
@@ -238,14 +254,22 @@ fn warn(access: Access, console: &mut Console) {
     }
 }
 
-/// What is to be said of a robot that does as anyone says.
-fn warning(access: Access) -> Option<&'static str> {
+/// What is to be said of a robot that does as anyone says: where it gets a mission, and not with
+/// each command.
+fn no_owner(access: Access) -> Option<&'static str> {
     match access {
         Access::Unsupported => {
             Some("this robot takes commands from anyone: its firmware has no room for a key")
         }
         Access::Open => Some("this robot takes commands from anyone: `esm key install`"),
-        Access::Locked => None,
+        Access::Locked | Access::Recovering | Access::Damaged | Access::Unreadable => None,
+    }
+}
+
+/// What is to be said of a robot that takes no commands any more.
+fn warning(access: Access) -> Option<&'static str> {
+    match access {
+        Access::Unsupported | Access::Open | Access::Locked => None,
         Access::Recovering => Some(
             "this robot takes no commands but `esm stop`: its memory is damaged; `esm key install` by its owner begins it anew",
         ),
@@ -292,7 +316,7 @@ pub fn is_taken_over(error: &CommandError) -> bool {
 /// What a robot does, for a person whose command has ended early.
 pub fn what_runs(status: &Status) -> String {
     match (status.mode, status.mission) {
-        (Mode::Running, Some(mission)) => format!("the robot drives with {}", hash_text(mission)),
+        (Mode::Running, Some(mission)) => format!("the robot goes on with {}", hash_text(mission)),
         (Mode::Stopped, Some(mission)) => {
             format!(
                 "the robot is stopped, its mission is {}",

@@ -20,7 +20,7 @@ use super::mission::{self, Audience};
 use crate::lang::analysis::sharing::{self, SlotTasks};
 use crate::model::{Model, SlotRef, StateKind};
 use crate::pictures::SlotPicture;
-use crate::schedule::{self, Outcome, Report, SlotReport, SnapReport};
+use crate::schedule::{self, Limit, Outcome, Report, SlotReport, SnapReport};
 use crate::timetable::Timetable;
 use crate::trace_events;
 
@@ -64,9 +64,10 @@ pub struct ScheduleArgs {
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = percent)]
     pub snap: Option<u32>,
 
-    /// How long the search may take, in seconds of processor time
-    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
-    pub limit: Duration,
+    /// How long the search may last, in seconds on the wall clock [default: 5 s of processor time,
+    /// so that a busy machine finds what an idle one does]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub limit: Option<Duration>,
 }
 
 /// Runs the command.
@@ -95,9 +96,12 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         });
     let task_names = task_names(checked.model.as_ref());
     let searching = console.spinner("searching for a schedule");
-    let outcome = match checked.solve_slots(args.limit) {
+    let limit = args
+        .limit
+        .map_or(Limit::Work(mission::LAY_OUT_LIMIT), Limit::Wall);
+    let outcome = match checked.solve_slots(limit) {
         // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
-        None => Some(schedule::solve(checked.slots(), args.limit)).filter(is_infeasible),
+        None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),
         answer => answer,
     };
     searching.finish_and_clear();
@@ -269,10 +273,18 @@ fn table(report: &Report, console: &mut Console) -> Result<(), CommandError> {
     if let Some(factor) = report.growth_factor {
         // Rounded down: what is shown must fit.
         let percent = libm::floor((factor - 1.0) * 1_000.0) / 10.0;
-        writeln!(
-            out,
-            "one slot alone may last longer by what stands under `may grow`; all together may by {percent:.1} %"
-        )?;
+        let alone = if report.slots.iter().all(|slot| slot.growth_us == 0) {
+            "no slot may last longer, not even one alone"
+        } else {
+            "one slot alone may last longer by what stands under `may grow`"
+        };
+        let together = if percent > 0.0 {
+            format!("all at once by {percent:.1} % each")
+        } else {
+            "all at once may not, not even by 0.1 % each".to_owned()
+        };
+        // Two lines: what a person reads is a hundred columns wide.
+        writeln!(out, "with these starts {alone};\n{together}")?;
     }
     let hyperperiod = report
         .hyperperiod_us

@@ -73,8 +73,9 @@ pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError
             "{}:{line}:{col}: {failure}",
             args.scenario.display()
         ));
-        for taken in &failure.before {
-            console.note(&format!("    before: {taken}"));
+        let timeline = sim::timeline_text(&failure.timeline, &text);
+        for moment in timeline.lines() {
+            console.note(moment);
         }
     }
     tell_outcome(&outcome, args, console)

@@ -9,6 +9,8 @@ use rt_firmware::link::message::{LinkError, Mode};
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
+use super::status::RUN_ANEW;
+use crate::reading::Reader;
 
 /// Lets a robot that was stopped move again: its mission starts anew
 #[derive(Debug, Args)]
@@ -43,9 +45,15 @@ pub fn execute(args: &StartArgs, console: &mut Console) -> Result<(), CommandErr
     let before = robot.status()?;
     robot.start()?;
     let told = match (before.mode, before.mission) {
-        (Mode::Running, Some(_)) => "the mission runs already, and goes on as it was",
-        (_, Some(_)) => "started: the mission runs from its beginning",
-        (_, None) => "started: the robot has no mission yet, `esm upload` brings one",
+        (Mode::Running, Some(mission)) => {
+            if Reader::default().has_finished(&mut robot, mission)? {
+                format!("the mission has finished already, and nothing is begun: {RUN_ANEW}")
+            } else {
+                "the mission runs already, and goes on as it was".to_owned()
+            }
+        }
+        (_, Some(_)) => "started: the mission runs from its beginning".to_owned(),
+        (_, None) => "started: the robot has no mission yet, `esm upload` brings one".to_owned(),
     };
     writeln!(console.out(), "{told}")?;
     Ok(())

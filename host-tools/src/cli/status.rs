@@ -48,6 +48,9 @@ pub struct StatusReport {
     pub built_without: Vec<&'static str>,
     /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
+    pub finished: bool,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
     /// Whether the button of the emergency stop is pressed; looked at while a stop is latched.
@@ -72,8 +75,10 @@ pub struct StatusReport {
     pub active: Vec<String>,
     /// Macro steps since the mission started.
     pub steps: u64,
-    /// Time since the mission started, in microseconds.
+    /// Mission time: since the mission started, in microseconds.
     pub t_us: u64,
+    /// Robot time: since the robot started, in microseconds.
+    pub robot_us: u64,
     /// Slot occurrences executed since the mission started.
     pub slots_executed: u32,
     /// Slot occurrences missed since the robot started.
@@ -373,6 +378,12 @@ pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandEr
     }
 }
 
+/// What is said of a mission that runs and has reached all its final states.
+pub(super) const FINISHED: &str = "finished, all final states are reached";
+
+/// What lets such a mission run once more.
+pub(super) const RUN_ANEW: &str = "`esm stop`, then `esm start` runs it from its beginning";
+
 /// The mode in a word, and why the robot is in its safe state, if it is.
 pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
     match mode {
@@ -394,6 +405,7 @@ impl StatusReport {
             firmware: info.firmware,
             built_without: Vec::new(),
             mode,
+            finished: reading.finished,
             safe_reason,
             stop_pressed: status.stop_pressed,
             mission: status.mission.map(hash_text),
@@ -407,6 +419,7 @@ impl StatusReport {
             active: reading.active,
             steps: status.steps,
             t_us: status.t_us,
+            robot_us: reading.robot_us,
             slots_executed: status.executed,
             slots_missed: status.missed,
             overruns: status.overruns,
@@ -439,9 +452,12 @@ impl fmt::Display for StatusReport {
                 "emergency stop, latched: motors off until `esm start --release`".to_owned()
             }
             None if self.mode == "stopped" => "stopped: motors off until `esm start`".to_owned(),
+            None if self.finished => format!("{FINISHED}: {RUN_ANEW}"),
             None => self.mode.to_owned(),
         };
         row("mode", mode)?;
+        let robot_s = self.robot_us as f64 / 1e6;
+        row("robot time", format!("{robot_s:.1} s since it started"))?;
         row(
             "last reset",
             format!("{}{}", self.last_reset, self.last_words),
@@ -454,7 +470,10 @@ impl fmt::Display for StatusReport {
             };
             row(
                 "mission",
-                format!("{named}, for {seconds:.1} s, {} macro steps", self.steps),
+                format!(
+                    "{named}, mission time {seconds:.1} s, {} macro steps",
+                    self.steps
+                ),
             )?;
             row("current states", self.active.join(", "))?;
         }

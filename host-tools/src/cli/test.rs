@@ -34,7 +34,9 @@ Examples:
   esm test missions halt          # those with `halt` in their path
   esm test missions --json | jq -c 'select(.ok == false)'
 
-With --json one object a line: scenario, mission, ok, macro_steps, simulated_us, met, and failures, a list of line, col, message. The last line has passed and failed.")]
+Behind a failed expectation stands what happened up to it, with its line marked by `>`.
+
+With --json one object a line: scenario, mission, ok, macro_steps, simulated_us, met, and failures, a list of line, col, message, before, timeline. The last line has passed and failed.")]
 pub struct TestArgs {
     /// Where the scenarios are
     #[arg(value_name = "DIR")]
@@ -79,6 +81,8 @@ struct Fail {
     message: String,
     /// The last transitions before it.
     before: Vec<String>,
+    /// What happened in the macro steps up to it, a line each, with the failed line marked.
+    timeline: Vec<String>,
 }
 
 impl Fail {
@@ -88,6 +92,7 @@ impl Fail {
             col: None,
             message,
             before: Vec::new(),
+            timeline: Vec::new(),
         }
     }
 }
@@ -218,7 +223,7 @@ fn verdict(case: &Case, missions: &mut BTreeMap<PathBuf, Compiled>, audience: Au
         .or_insert_with(|| compiled(mission));
     match compiled {
         Ok((blob, directory)) => match run(&case.scenario, blob, directory) {
-            Ok((outcome, period_us)) => verdict.take(&outcome, period_us),
+            Ok((outcome, period_us, text)) => verdict.take(&outcome, period_us, &text),
             Err(failures) => verdict.failures = failures,
         },
         Err(cause) => {
@@ -249,12 +254,13 @@ fn compiled(path: &Path) -> Compiled {
     Ok((blob, Arc::new(directory)))
 }
 
-/// Runs a scenario. Gives what came of it, and the interpreter's period in microseconds.
+/// Runs a scenario. Gives what came of it, the interpreter's period in microseconds, and the
+/// scenario's text.
 fn run(
     scenario: &Path,
     blob: &Verified<Vec<u8>>,
     directory: &Arc<Directory>,
-) -> Result<(Outcome, u64), Vec<Fail>> {
+) -> Result<(Outcome, u64, String), Vec<Fail>> {
     let whole = |message: String| vec![Fail::of_the_whole(message)];
     let text = file::read_text(scenario, "scenario").map_err(|error| whole(error.to_string()))?;
     let bound = bind::read(&text, directory).map_err(|mistakes| {
@@ -263,17 +269,18 @@ fn run(
             col: Some(mistake.place.col),
             message: format!("error: {}", mistake.cause),
             before: Vec::new(),
+            timeline: Vec::new(),
         };
         mistakes.into_iter().map(fail).collect::<Vec<_>>()
     })?;
     let period_us = bound.period_us.unwrap_or(directory.interpreter_period_us());
     let outcome = sim::run(blob.clone(), directory, &bound, std::io::sink())
         .map_err(|error| whole(error.to_string()))?;
-    Ok((outcome, u64::from(period_us)))
+    Ok((outcome, u64::from(period_us), text))
 }
 
 impl Verdict {
-    fn take(&mut self, outcome: &Outcome, period_us: u64) {
+    fn take(&mut self, outcome: &Outcome, period_us: u64, scenario: &str) {
         self.ok = outcome.is_good();
         self.macro_steps = outcome.steps;
         self.simulated_us = outcome.steps.saturating_sub(1) * period_us;
@@ -284,6 +291,10 @@ impl Verdict {
                 col: Some(failure.name.place.col),
                 message: failure.to_string(),
                 before: failure.before.iter().map(ToString::to_string).collect(),
+                timeline: sim::timeline_text(&failure.timeline, scenario)
+                    .lines()
+                    .map(str::to_owned)
+                    .collect(),
             });
         }
         if let Some((at, fault)) = &outcome.fault {
@@ -324,8 +335,8 @@ fn tell(verdict: &Verdict, console: &mut Console) -> Result<(), CommandError> {
             _ => scenario.clone(),
         };
         console.note(&format!("{place}: {}", fail.message));
-        for taken in &fail.before {
-            console.note(&format!("    before: {taken}"));
+        for moment in &fail.timeline {
+            console.note(moment);
         }
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! `esm upload`: a new mission for a robot that is on.
 
+use std::fmt;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,7 +9,7 @@ use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use esm_core::Verified;
 use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Capacities, LinkError, NO_STATE, Swap};
+use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Swap};
 use rt_firmware::link::trial::{FallBack, FallBackReason};
 use serde::Serialize;
 
@@ -17,6 +18,7 @@ use super::console::{Console, counted};
 use super::exit::CommandError;
 use super::recorder::{self, Recorder};
 use super::robot::{self, LONGEST_WAITS, OnTheLine, Robot, RobotArgs, is_back, what_runs};
+use super::status::mode_words;
 use super::{file, stage};
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
@@ -136,6 +138,10 @@ struct Uploaded {
     upload_s: f64,
     /// With `--warm`: active regions that went on as they were.
     carried_regions: Option<u16>,
+    /// How the robot is behind it, as `esm status` names it; none where it did not say.
+    mode: Option<&'static str>,
+    /// Whether the mission runs and all its final states are reached already.
+    finished: bool,
     /// Whether the mission stays.
     confirmed: bool,
     /// Why the robot gave it up, if it did.
@@ -241,7 +247,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
         stage::require_names(&staged.mission)?;
     }
     let interrupt = Interrupt::take_over()?;
-    let (mut robot, info) = args.robot.connect(console)?;
+    let (mut robot, info) = args.robot.connect_to_upload(console)?;
     if !args.diff {
         limit_waits(&mut robot, &staged.mission);
     }
@@ -410,13 +416,19 @@ fn install(
             }
         }
     };
+    let standing = Standing::of(robot, mission, committed.mission);
     let told = Uploaded {
+        mode: standing.mode.map(|mode| mode_words(mode).0),
+        finished: standing.finished,
         file: mission.file.display().to_string(),
         hash: mission.hash_text(),
         bytes: mission.blob.len(),
         upload_s,
         carried_regions: args.warm.then_some(committed.carried),
-        confirmed: matches!(outcome, Some(Outcome::Confirmed | Outcome::ConfirmedUnseen)),
+        confirmed: matches!(
+            outcome,
+            Some(Outcome::Confirmed | Outcome::ConfirmedStopped)
+        ),
         preview: found.preview,
         fell_back: match outcome {
             Some(Outcome::FellBack(fell_back)) => Some(story::fall_back_reason(fell_back.reason)),
@@ -427,18 +439,102 @@ fn install(
     };
     if args.json {
         console.json_line(&told)?;
-    } else if told.fell_back.is_none() {
+    } else if stays_for_now(outcome) {
         let Uploaded {
             file, hash, bytes, ..
         } = &told;
         writeln!(
             console.out(),
-            "{file} ({hash}) runs: {bytes} bytes in {upload_s:.2} s"
+            "{file} ({hash}) {standing}: {bytes} bytes in {upload_s:.2} s"
         )?;
         tell_carried(&told, console)?;
-        tell_trial(&told, args.trial, outcome, console)?;
+        tell_trial(args.trial, console)?;
+        if let Some(what_to_do) = standing.what_to_do(outcome) {
+            console.note(&what_to_do);
+        }
     }
     failure(&told, outcome, robot)
+}
+
+/// How the robot is when it has taken a mission over.
+struct Standing {
+    /// None where the robot did not say: the upload is done all the same.
+    mode: Option<Mode>,
+    /// Whether the mission runs and all its final states are reached.
+    finished: bool,
+    /// Whether the button of the emergency stop is pressed.
+    stop_pressed: bool,
+}
+
+impl Standing {
+    /// Asks a robot that has taken this mission over.
+    fn of(robot: &mut Robot, mission: &Mission, hash: u32) -> Self {
+        let unknown = Standing {
+            mode: None,
+            finished: false,
+            stop_pressed: false,
+        };
+        let status = robot.status().ok();
+        let Some(status) = status.filter(|status| status.mission == Some(hash)) else {
+            return unknown;
+        };
+        let has_finished = |states: Vec<u16>| {
+            let current = |region: usize| states.get(region).copied().map_or(0, usize::from);
+            mission.directory.has_finished(current)
+        };
+        Standing {
+            mode: Some(status.mode),
+            finished: status.mode == Mode::Running
+                && (robot.current_states()).is_ok_and(|current| has_finished(current.states)),
+            stop_pressed: status.stop_pressed,
+        }
+    }
+
+    /// What keeps the mission from running, and what to do about it.
+    fn what_to_do(&self, outcome: Option<Outcome>) -> Option<String> {
+        let stopped = match self.mode? {
+            Mode::EmergencyStopped => format!(
+                "an emergency stop is latched: the motors are off until {}`esm start --release`",
+                if self.stop_pressed {
+                    "its button is let go of and "
+                } else {
+                    ""
+                }
+            ),
+            Mode::Stopped => {
+                "the robot is stopped: the motors are off until `esm start`".to_owned()
+            }
+            _ => return None,
+        };
+        let untried = match outcome {
+            Some(Outcome::ConfirmedStopped) => {
+                "; the mission is confirmed without a trial, so that the robot keeps it should it fail then"
+            }
+            _ => "",
+        };
+        Some(format!("{stopped}{untried}"))
+    }
+}
+
+impl fmt::Display for Standing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.mode {
+            Some(Mode::Running) if self.finished => {
+                "has finished already, all its final states are reached"
+            }
+            Some(Mode::Running) => "runs",
+            _ => "is the robot's mission now",
+        })
+    }
+}
+
+/// Whether the robot has the mission, for all that is known, and keeps it or waits for a word on
+/// it.
+fn stays_for_now(outcome: Option<Outcome>) -> bool {
+    matches!(
+        outcome,
+        None | Some(Outcome::Confirmed | Outcome::ConfirmedStopped)
+    )
 }
 
 /// What an error is as the end of the command. `robot_does` says what the robot does meanwhile, where that is known of it neither by its refusal nor by a key that was missing before anything was asked of it.
@@ -648,23 +744,13 @@ fn tell_carried(told: &Uploaded, console: &mut Console) -> Result<(), CommandErr
 }
 
 /// Says what the person is to do about the trial, if anything.
-fn tell_trial(
-    told: &Uploaded,
-    trial: Option<Time>,
-    outcome: Option<Outcome>,
-    console: &mut Console,
-) -> Result<(), CommandError> {
+fn tell_trial(trial: Option<Time>, console: &mut Console) -> Result<(), CommandError> {
     if let Some(trial) = trial {
         let seconds = trial.us as f64 / 1e6;
         writeln!(
             console.out(),
             "on trial for {seconds} s: `esm confirm` keeps it, `esm fallback` goes back"
         )?;
-    } else if outcome == Some(Outcome::ConfirmedUnseen) {
-        console.note(&format!(
-            "the robot is stopped: {} is confirmed without having been seen to run",
-            told.hash
-        ));
     }
     Ok(())
 }
@@ -682,7 +768,7 @@ fn failure(
         )))
     };
     match outcome {
-        None | Some(Outcome::Confirmed | Outcome::ConfirmedUnseen) => Ok(()),
+        None | Some(Outcome::Confirmed | Outcome::ConfirmedStopped) => Ok(()),
         Some(Outcome::FellBack(fell_back)) => {
             let why = story::fall_back_reason(fell_back.reason);
             let now = is_back(&robot.status()?);

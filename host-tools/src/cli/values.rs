@@ -206,6 +206,7 @@ fn show_once(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, Duration::ZERO)?;
+    tell_clock(json, console);
     let begun = robot.clock().now();
     while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
@@ -242,6 +243,7 @@ fn follow(
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, period)?;
+    tell_clock(json, console);
     // From here on nobody waits for anything in particular.
     robot.limit_waits(None);
     while !interrupt.is_requested() {
@@ -261,6 +263,13 @@ fn follow(
         }
     }
     Ok(())
+}
+
+/// Tells a person which clock the samples have.
+fn tell_clock(json: bool, console: &mut Console) {
+    if !json {
+        console.note("times are mission time");
+    }
 }
 
 fn begin(

@@ -38,7 +38,7 @@ pub use references::References;
 pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
 
 use crate::model::{Model, SourceFile, Span};
-use crate::schedule::{self, Outcome, Schedule, SlotSpec};
+use crate::schedule::{self, Limit, Outcome, Schedule, SlotSpec};
 
 use diagnostic::Sink;
 use loader::{Disk, Memory, Overlay, Store};
@@ -219,10 +219,11 @@ impl Checked {
     /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are none or none were found.
     ///
     /// Gives `None` where slots are wrong already, so that the question has no meaning.
-    pub fn solve_slots(&mut self, limit: Duration) -> Option<Outcome> {
+    pub fn solve_slots(&mut self, limit: impl Into<Limit>) -> Option<Outcome> {
         if !self.slots_are_sound {
             return None;
         }
+        let limit = limit.into();
         let outcome = schedule::solve(&self.slots, limit);
         let diagnostic = match &outcome {
             Outcome::Feasible(_) => None,
@@ -252,7 +253,7 @@ impl Checked {
                     self.first_slot,
                     format!(
                         "no schedule was found in {} s, and no proof that there is none",
-                        limit.as_secs_f32()
+                        limit.time().as_secs_f32()
                     ),
                 )
                 .hint("shorten durations, or let periods be multiples of each other: `esm schedule --snap` proposes how; with `--limit` it searches longer"),

@@ -199,6 +199,14 @@ impl LogReader {
         }
     }
 
+    /// How many lines were complete and could not be read since this was asked last.
+    pub fn take_unreadable(&mut self) -> u64 {
+        match self {
+            LogReader::Firmware(decoder) => std::mem::take(&mut decoder.bad_frames),
+            LogReader::Text { .. } => 0,
+        }
+    }
+
     /// Takes bytes as they come and answers the lines that are complete.
     pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
         let (pending, is_torn) = match self {
@@ -236,6 +244,7 @@ pub struct LogDecoder {
     is_torn: bool,
     /// What came after the last end of a frame.
     pending: Vec<u8>,
+    /// Frames that could not be read: lost bytes, or the texts of another firmware.
     bad_frames: u64,
 }
 
@@ -319,11 +328,6 @@ impl LogDecoder {
             }
         }
         lines
-    }
-
-    /// Frames that could not be read: lost bytes, or the texts of another firmware.
-    pub fn bad_frames(&self) -> u64 {
-        self.bad_frames
     }
 }
 

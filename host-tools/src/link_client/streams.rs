@@ -35,11 +35,14 @@ pub enum StreamEvent {
         /// Number of the request that asked for them.
         number: u8,
     },
+    /// So many lines of the log are missing here, for which the robot had no room. Those before and
+    /// behind are whole.
+    LinesLost(u32),
     /// Something did not come: the robot had no room for it, or the line lost it. A trace or recording with such a gap is not whole.
     Gap {
         /// Of which stream.
         channel: Channel,
-        /// Records or bytes that the robot dropped, or parts that the line lost.
+        /// Records that the robot dropped, or parts that the line lost; of the log, parts alone.
         missing: u32,
     },
 }
@@ -73,7 +76,7 @@ impl Waiting {
         }
         let (channel, missing) = match event {
             StreamEvent::Trace(_) => (Channel::Trace, 1),
-            StreamEvent::Log(_) => (Channel::Log, 1),
+            StreamEvent::Log(_) | StreamEvent::LinesLost(_) => (Channel::Log, 1),
             StreamEvent::Record(_) => (Channel::Record, 1),
             StreamEvent::Values { .. } | StreamEvent::ValuesEnded { .. } => (Channel::Values, 1),
             StreamEvent::Gap { channel, missing } => (channel, missing),
@@ -110,7 +113,10 @@ fn bytes_of(event: &StreamEvent) -> usize {
             bytes.len()
         }
         StreamEvent::Values { words, .. } => size_of_val(words.as_slice()),
-        StreamEvent::News(_) | StreamEvent::ValuesEnded { .. } | StreamEvent::Gap { .. } => 0,
+        StreamEvent::News(_)
+        | StreamEvent::ValuesEnded { .. }
+        | StreamEvent::LinesLost(_)
+        | StreamEvent::Gap { .. } => 0,
     }
 }
 
@@ -147,7 +153,11 @@ impl Assembler {
                 0
             }
         };
-        let missing = lost_parts.saturating_add(part.dropped.wrapping_sub(self.dropped));
+        let dropped = part.dropped.wrapping_sub(self.dropped);
+        let missing = match self.channel {
+            Channel::Log => lost_parts,
+            _ => lost_parts.saturating_add(dropped),
+        };
         self.next_part = Some(part.seq.wrapping_add(1));
         self.dropped = part.dropped;
         if missing > 0 {
@@ -158,6 +168,9 @@ impl Assembler {
         }
         if lost_parts > 0 {
             self.in_step = false;
+        }
+        if self.channel == Channel::Log && dropped > 0 {
+            events.push(StreamEvent::LinesLost(dropped));
         }
         match self.channel {
             // The frames of the log know their own edges.
@@ -316,6 +329,40 @@ mod tests {
             }
             assert_eq!(events.take(), expected, "{what}");
         }
+    }
+
+    #[test]
+    fn lines_that_the_robot_dropped_are_told_where_they_were_and_tear_no_line() {
+        use StreamEvent::{Gap, LinesLost, Log};
+        let log = |seq, dropped, bytes| Stream {
+            channel: Channel::Log,
+            ..part(seq, false, dropped, bytes)
+        };
+        let mut assembler = Assembler::new(Channel::Log);
+        let mut events = Waiting::default();
+        let parts = [
+            // What was dropped before the first line that is there.
+            log(3, 7, &b"a\n"[..]),
+            log(4, 19, b"b\n"),
+            log(6, 20, b"c\n"),
+        ];
+        for part in &parts {
+            assembler.take(part, &mut events);
+        }
+        let lines = |text: &str| Log(text.as_bytes().to_vec());
+        let gap = Gap {
+            channel: Channel::Log,
+            missing: 1,
+        };
+        let expected = [
+            lines("a\n"),
+            LinesLost(12),
+            lines("b\n"),
+            gap,
+            LinesLost(1),
+            lines("c\n"),
+        ];
+        assert_eq!(events.take(), expected);
     }
 
     #[test]

@@ -174,6 +174,7 @@ impl<W: Write> LiveRecording<W> {
                 Ok(Some(Noted::Gap(*missing)))
             }
             StreamEvent::Gap { .. }
+            | StreamEvent::LinesLost(_)
             | StreamEvent::Trace(_)
             | StreamEvent::Log(_)
             | StreamEvent::Values { .. }

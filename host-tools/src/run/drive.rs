@@ -16,6 +16,7 @@ use super::interrupt::Interrupt;
 use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{MissionSummary, Summary};
+use crate::cli::console::counted;
 use crate::counters::SlotReport;
 use crate::host_board::HostBoard;
 use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
@@ -576,6 +577,10 @@ impl<W: Write> Driver<W> {
                         return Err(RunError::TraceGap { missing });
                     }
                 }
+                StreamEvent::LinesLost(lines) => {
+                    let lines = counted(lines.into(), "line");
+                    watch(Heard::Warning(&format!("{lines} of the log lost")));
+                }
                 StreamEvent::Gap {
                     channel: Channel::Log,
                     missing,
@@ -796,6 +801,7 @@ impl<W: Write> Driver<W> {
                 .fault
                 .clone()
                 .or_else(|| status.and_then(|status| safe_mode(&status))),
+            finished_s: told.finished_us.map(|at_us| at_us as f64 / 1e6),
             slots_executed: self.plant.exchanges(),
             longest_dispatch_delay_ns: self.longest_delay_ns.max(counted.longest_dispatch_delay_ns),
             missions: self.uploads,

@@ -10,6 +10,7 @@ use rt_firmware::link::trial::FallBackReason;
 
 use crate::pictures::{Mark, MissionStates, StatesRecorder};
 use crate::recording::file::RunEnd;
+use crate::trace::Snapshot;
 use crate::trace::directory::Directory;
 use crate::trace::records::{Ended, RecordTrace};
 
@@ -22,6 +23,8 @@ pub struct Story<W> {
     ends: Vec<RunEnd>,
     counts: Counts,
     fault: Option<String>,
+    /// Robot time at which the mission that runs had reached all its final states.
+    finished_us: Option<u64>,
     ended: bool,
 }
 
@@ -67,6 +70,8 @@ pub struct Told<W> {
     pub counts: Counts,
     /// What stopped the last mission, if anything did.
     pub fault: Option<String>,
+    /// Robot time at which the last mission had reached all its final states, if it has.
+    pub finished_us: Option<u64>,
 }
 
 impl<W: Write> Story<W> {
@@ -80,6 +85,7 @@ impl<W: Write> Story<W> {
             ends: Vec::new(),
             counts: Counts::default(),
             fault: None,
+            finished_us: None,
             ended: false,
         }
     }
@@ -106,6 +112,7 @@ impl<W: Write> Story<W> {
             });
         }
         let out = self.end_mission(start_us)?;
+        self.finished_us = None;
         if let Some(out) = out {
             self.scene = Scene::Playing(Box::new(Playing {
                 name: name.to_owned(),
@@ -217,6 +224,17 @@ impl<W: Write> Story<W> {
                 self.counts.macro_steps += 1;
                 playing.next_step = at.step + 1;
                 playing.states.step(at.t_us, playing.trace.states());
+                let states = playing.trace.states();
+                let has_finished = || {
+                    let current = |region| states.current(region);
+                    playing.directory.has_finished(current)
+                };
+                if self.finished_us.is_none() && has_finished() {
+                    tell(format!(
+                        "{time:>9.3} s  all final states are reached: the mission has finished"
+                    ));
+                    self.finished_us = Some(at_us);
+                }
                 // The next macro step, if there is one, is of no interest any more.
                 self.ended = self
                     .until_us
@@ -267,6 +285,7 @@ impl<W: Write> Story<W> {
             ends: self.ends,
             counts: self.counts,
             fault: self.fault,
+            finished_us: self.finished_us,
         }))
     }
 

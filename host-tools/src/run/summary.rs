@@ -45,6 +45,9 @@ pub struct Summary {
     pub deepest_stack_bytes: Option<u32>,
     /// What ended the last mission, if it faulted.
     pub fault: Option<String>,
+    /// Robot time at which the last mission had reached all its final states, in seconds, if it
+    /// has.
+    pub finished_s: Option<f64>,
     /// The missions, in the order in which they ran.
     pub missions: Vec<MissionSummary>,
     /// Requests that had to be sent again.
@@ -158,6 +161,12 @@ impl fmt::Display for Summary {
         }
         if self.link_retries > 0 {
             row("requests sent again", self.link_retries.to_string())?;
+        }
+        if let Some(at_s) = self.finished_s {
+            row(
+                "finished",
+                format!("at {at_s:.3} s, all final states are reached"),
+            )?;
         }
         match &self.fault {
             Some(fault) => row("fault", fault.clone()),

@@ -23,6 +23,8 @@ pub struct BoundScenario {
 pub struct Input {
     /// Its time, in microseconds from the first macro step.
     pub at_us: u64,
+    /// Its line of the scenario, from 1.
+    pub line: usize,
     /// Index of the task instance.
     pub task: usize,
     /// What is reported.
@@ -147,6 +149,7 @@ fn bound(entry: &Entry, directory: &Directory) -> Result<Bound, Mistake> {
     let input = |task, report| {
         Bound::Input(Input {
             at_us: entry.at_us,
+            line: entry.name.place.line,
             task,
             report,
         })

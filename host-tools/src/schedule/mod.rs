@@ -34,12 +34,12 @@ mod snap;
 mod spread;
 
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use serde::Serialize;
 
 use crate::model::Model;
 
+pub use clock::Limit;
 pub use cure::{Change, Cure};
 pub use growth::{Growth, growth};
 pub use infeasibility::Infeasibility;
@@ -96,8 +96,9 @@ pub enum Outcome {
     Undecided,
 }
 
-/// Searches for start times for at most `limit` of processor time. Equal slots give equal answers, but for searches that the limit cuts off.
-pub fn solve(slots: &[SlotSpec], limit: Duration) -> Outcome {
+/// Searches for start times for at most `limit`. Equal slots give equal answers, but for searches
+/// that the limit cuts off.
+pub fn solve(slots: &[SlotSpec], limit: impl Into<Limit>) -> Outcome {
     solve_within(slots, &mut clock::Clock::new(limit))
 }
 

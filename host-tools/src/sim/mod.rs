@@ -57,6 +57,48 @@ pub struct Failure {
     pub cause: FailureCause,
     /// The last transitions before it was looked at, at most [`LAST_TRANSITIONS`].
     pub before: Vec<Taken>,
+    /// What happened in the last macro steps in which anything did, up to where it was looked at.
+    pub timeline: Vec<Moment>,
+}
+
+/// Something on the way to an expectation that was not met.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Moment {
+    /// Start of its macro step.
+    pub t_us: u64,
+    /// What it was.
+    pub what: Happening,
+}
+
+/// What happened around a macro step, in this order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Happening {
+    /// This line of the scenario took effect before it.
+    Line(usize),
+    /// A transition was taken in it.
+    Taken(Taken),
+    /// Paths of what was current after it, depth first.
+    Current(Vec<String>),
+    /// The expectation of this line was looked at after it, and not met.
+    Failed(usize),
+}
+
+/// How many macro steps in which something happened a time line has at most, and how many
+/// happenings of each: what a
+/// person reads at a glance.
+const TIMELINE_STEPS: usize = 4;
+const HAPPENINGS_A_STEP: usize = 6;
+
+/// A macro step in which something happened.
+#[derive(Debug, Default)]
+struct Busy {
+    t_us: u64,
+    /// Lines of the scenario that took effect before it.
+    lines: Vec<usize>,
+    /// Region instance and index of its transitions.
+    taken: Vec<(usize, usize)>,
+    /// What was current after it.
+    active: Vec<StateId>,
 }
 
 /// How many transitions are told of before an expectation that was not met.
@@ -159,6 +201,39 @@ impl fmt::Display for Failure {
     }
 }
 
+/// A time line as a person reads it: one line for each moment, with the scenario's own words where
+/// it has any, and the
+/// failed line marked.
+pub fn timeline_text(timeline: &[Moment], scenario: &str) -> String {
+    use std::fmt::Write;
+    let words_of = |line: usize| {
+        let text = scenario.lines().nth(line.saturating_sub(1));
+        let text = text.unwrap_or_default();
+        text.split('#').next().unwrap_or_default().trim().to_owned()
+    };
+    let rows: Vec<(String, &str, String)> = (timeline.iter())
+        .map(|Moment { t_us, what }| {
+            let (mark, told) = match what {
+                Happening::Line(line) => (" ", format!("line {line}: {}", words_of(*line))),
+                Happening::Taken(Taken {
+                    event, from, to, ..
+                }) => (" ", format!("{from} -> {to} on {event}")),
+                Happening::Current(paths) => (" ", format!("current: {}", paths.join(", "))),
+                Happening::Failed(line) => (">", format!("line {line}: {}", words_of(*line))),
+            };
+            (format!("{} ms", milliseconds(*t_us)), mark, told)
+        })
+        .collect();
+    let width = rows.iter().map(|(time, ..)| time.len()).max();
+    let width = width.unwrap_or_default();
+    let mut text = String::new();
+    for (time, mark, told) in rows {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "  {mark} {time:>width$}  {told}");
+    }
+    text
+}
+
 /// Microseconds as milliseconds, without decimals that say nothing.
 pub fn milliseconds(us: u64) -> String {
     match us % 1_000 {
@@ -214,6 +289,7 @@ pub fn run<B: StableBytes>(
         directory,
         writer,
         recent: VecDeque::with_capacity(LAST_TRANSITIONS),
+        busy: VecDeque::with_capacity(TIMELINE_STEPS + 2),
         outcome: Outcome::default(),
     };
     simulation.run(scenario, period_us.into())?;
@@ -227,6 +303,10 @@ struct Simulation<'m, B, W> {
     writer: TraceWriter<W>,
     /// Macro step's start, region instance and index of the last transitions.
     recent: VecDeque<(u64, usize, usize)>,
+    /// The last macro steps in which something happened, one more than are told of: what was
+    /// current after that is what
+    /// the others begin with.
+    busy: VecDeque<Busy>,
     outcome: Outcome,
 }
 
@@ -241,14 +321,19 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
                 step,
                 t_us: step * period_us,
             };
+            let mut lines = Vec::new();
             while let Some(input) = inputs.next_if(|input| input.at_us <= at.t_us) {
                 self.apply(input);
+                lines.push(input.line);
             }
+            self.note(at, lines);
             if let Err(fault) = self.macro_step(at)? {
                 self.outcome.fault = Some((at, fault));
                 unmet = FailureCause::AfterFault { t_us: at.t_us };
+                self.note_active(at);
                 break;
             }
+            self.note_active(at);
             while let Some(expectation) =
                 expectations.next_if(|expectation| expectation.at_us <= at.t_us)
             {
@@ -260,6 +345,63 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
         }
         self.outcome.active = self.active();
         Ok(())
+    }
+
+    /// Notes the lines that take effect before a macro step.
+    fn note(&mut self, at: Step, lines: Vec<usize>) {
+        if !lines.is_empty() {
+            self.busy.push_back(Busy {
+                t_us: at.t_us,
+                lines,
+                ..Busy::default()
+            });
+        }
+    }
+
+    /// Notes what is current after a macro step in which something happened.
+    fn note_active(&mut self, at: Step) {
+        let active = || (self.directory).active(|region| self.machine.current(region));
+        if let Some(busy) = self.busy.back_mut().filter(|busy| busy.t_us == at.t_us) {
+            busy.active = active().collect();
+        }
+        while self.busy.len() > TIMELINE_STEPS + 1 {
+            self.busy.pop_front();
+        }
+    }
+
+    /// What happened up to a macro step after which the expectation of this line was not met.
+    fn timeline(&self, line: usize, last_us: u64) -> Vec<Moment> {
+        let mut moments = Vec::new();
+        let mut add = |t_us, what| moments.push(Moment { t_us, what });
+        let paths = |active: &[StateId]| {
+            let paths = active.iter().filter_map(|id| self.directory.state(*id));
+            Happening::Current(paths.map(|state| state.path.clone()).collect())
+        };
+        let (before, shown) = if self.busy.len() > TIMELINE_STEPS {
+            (self.busy.front(), 1)
+        } else {
+            (None, 0)
+        };
+        if let Some(before) = before {
+            add(before.t_us, paths(&before.active));
+        }
+        for busy in self.busy.iter().skip(shown) {
+            let lines = busy.lines.iter().map(|line| Happening::Line(*line));
+            let taken = busy
+                .taken
+                .iter()
+                .filter_map(|&(region, transition)| self.taken(busy.t_us, region, transition));
+            let happened: Vec<_> = lines.chain(taken.map(Happening::Taken)).collect();
+            let skipped = happened.len().saturating_sub(HAPPENINGS_A_STEP);
+            for what in happened.into_iter().skip(skipped) {
+                add(busy.t_us, what);
+            }
+        }
+        if let Some(last) = self.busy.back() {
+            add(last_us, paths(&last.active));
+        }
+        add(last_us, Happening::Failed(line));
+        moments
     }
 
     fn apply(&mut self, input: &Input) {
@@ -274,6 +416,7 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
         let mut watcher = Watcher {
             writer: &mut self.writer,
             recent: &mut self.recent,
+            busy: &mut self.busy,
             at,
             transitions: 0,
             written: Ok(()),
@@ -322,6 +465,11 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
     }
 
     fn fail(&mut self, expectation: &Expectation, cause: FailureCause) {
+        let last_us = match cause {
+            FailureCause::Otherwise { t_us, .. } | FailureCause::AfterFault { t_us } => t_us,
+            FailureCause::AfterUntil { last_us } => last_us,
+        };
+        let timeline = self.timeline(expectation.name.place.line, last_us);
         let Expectation {
             at_us,
             ref name,
@@ -334,21 +482,27 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
             expected,
             cause,
             before: self.before(),
+            timeline,
         });
     }
 
     /// The last transitions in words.
     fn before(&self) -> Vec<Taken> {
         let in_words = |&(t_us, region, transition): &(u64, usize, usize)| {
-            let words = self.directory.transition(region, transition)?;
-            Some(Taken {
-                t_us,
-                event: words.event.to_owned(),
-                from: words.from.to_owned(),
-                to: words.to.to_owned(),
-            })
+            self.taken(t_us, region, transition)
         };
         self.recent.iter().filter_map(in_words).collect()
+    }
+
+    /// A transition in words.
+    fn taken(&self, t_us: u64, region: usize, transition: usize) -> Option<Taken> {
+        let words = self.directory.transition(region, transition)?;
+        Some(Taken {
+            t_us,
+            event: words.event.to_owned(),
+            from: words.from.to_owned(),
+            to: words.to.to_owned(),
+        })
     }
 
     fn active(&self) -> Vec<String> {
@@ -428,6 +582,7 @@ impl<B: std::ops::Deref<Target = [u8]>> Snapshot for Interpreter<'_, B> {
 struct Watcher<'w, W> {
     writer: &'w mut TraceWriter<W>,
     recent: &'w mut VecDeque<(u64, usize, usize)>,
+    busy: &'w mut VecDeque<Busy>,
     at: Step,
     transitions: u64,
     written: io::Result<()>,
@@ -441,6 +596,15 @@ impl<W: Write> Observer for Watcher<'_, W> {
         }
         let (region, transition) = (taken.region_instance.into(), taken.transition.into());
         self.recent.push_back((self.at.t_us, region, transition));
+        let t_us = self.at.t_us;
+        match self.busy.back_mut().filter(|busy| busy.t_us == t_us) {
+            Some(busy) => busy.taken.push((region, transition)),
+            None => self.busy.push_back(Busy {
+                t_us,
+                taken: vec![(region, transition)],
+                ..Busy::default()
+            }),
+        }
         if self.written.is_ok() {
             self.written = self
                 .writer

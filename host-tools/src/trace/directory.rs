@@ -455,6 +455,18 @@ impl Directory {
             Some(id)
         })
     }
+
+    /// Whether every region of the machine itself has reached its final state, so that nothing
+    /// happens any more.
+    /// `current` answers with a state's index in the blob.
+    pub fn has_finished(&self, mut current: impl FnMut(usize) -> usize) -> bool {
+        let mut regions = self.regions_of(None).peekable();
+        regions.peek().is_some()
+            && regions.all(|region| {
+                let state = self.state_at(region.index, current(region.index));
+                state.is_some_and(|state| state.local + 1 == region.locals.len())
+            })
+    }
 }
 
 /// Names for what has none: the word for its kind, and a number. No two are the same, and none is a reserved word. They are asked for in the order of a blob's name table.

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::view::{Load, SlotRow, rate_hz};
-use crate::cli::status::StatusReport;
+use crate::cli::status::{FINISHED, StatusReport};
 use crate::counters::{Ns, SlotReport};
 use crate::link_client::RobotInfo;
 use crate::reading::{LineReport, Reading, TaskReading};
@@ -19,6 +19,9 @@ pub struct TopReport {
     pub firmware: String,
     /// `empty`, `running`, `stopped`, `safe` or `emergency stop`.
     pub mode: &'static str,
+    /// Whether the mission runs and all its final states are reached, so that nothing happens any
+    /// more.
+    pub finished: bool,
     /// Why it is in its safe state, if it is.
     pub safe_reason: Option<&'static str>,
     /// Whether the button of the emergency stop is pressed; looked at while a stop is latched.
@@ -31,8 +34,10 @@ pub struct TopReport {
     pub active: Vec<String>,
     /// Macro steps since the mission started.
     pub steps: u64,
-    /// Time since the mission started.
+    /// Mission time: since the mission started.
     pub t_ns: u64,
+    /// Robot time: since the robot started.
+    pub robot_ns: u64,
     /// Occurrences of all slots executed since the mission started.
     pub slots_executed: u32,
     /// Occurrences of all slots missed since the robot started.
@@ -137,6 +142,7 @@ impl TopReport {
             board: status.board,
             firmware: status.firmware,
             mode: status.mode,
+            finished: status.finished,
             safe_reason: status.safe_reason,
             stop_pressed: status.stop_pressed,
             mission: status.mission,
@@ -144,6 +150,7 @@ impl TopReport {
             active: status.active,
             steps: status.steps,
             t_ns: status.t_us.saturating_mul(NS_PER_US),
+            robot_ns: status.robot_us.saturating_mul(NS_PER_US),
             slots_executed: status.slots_executed,
             slots_missed: status.slots_missed,
             overruns: status.overruns,
@@ -183,6 +190,8 @@ fn tasks_of(reading: &Reading, slot: Option<usize>) -> Vec<TopTask> {
 impl fmt::Display for TopReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{} on {}", self.firmware, self.board)?;
+        let robot_s = self.robot_ns as f64 / 1e9;
+        writeln!(f, "robot time {robot_s:.1} s")?;
         match self.safe_reason {
             Some(reason) => writeln!(f, "safe, motors off: {reason}")?,
             None if self.stop_pressed => writeln!(f, "{}, its button is pressed", self.mode)?,
@@ -190,13 +199,14 @@ impl fmt::Display for TopReport {
             None if self.mission.is_none() => {
                 writeln!(f, "no mission: `esm upload FILE --port P` gives it one")?;
             }
+            None if self.finished => writeln!(f, "{FINISHED}")?,
             None => writeln!(f, "{}", self.mode)?,
         }
         if let (Some(machine), Some(mission)) = (&self.machine, &self.mission) {
             let seconds = self.t_ns as f64 / 1e9;
             writeln!(
                 f,
-                "mission {machine} ({mission}), for {seconds:.1} s, {} macro steps",
+                "mission {machine} ({mission}), mission time {seconds:.1} s, {} macro steps",
                 self.steps
             )?;
         }

@@ -11,7 +11,7 @@ use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table, TableState, 
 
 use super::report::{TopTask, hertz, percent};
 use super::view::{SlotRow, View};
-use crate::cli::status::mode_words;
+use crate::cli::status::{FINISHED, mode_words};
 use crate::cli::terminal::{Palette, broken};
 use crate::counters::{DelayBucket, Ns};
 use crate::run::mission::hash_text;
@@ -161,6 +161,7 @@ fn title<'v>(view: &'v View, palette: Palette) -> Line<'v> {
     let status = &reading.status;
     let (mode, reason) = mode_words(status.mode);
     let (words, style) = match (mode, reason) {
+        ("running", _) if reading.finished => (FINISHED.to_owned(), palette.good()),
         ("running", _) => (mode.to_owned(), palette.good()),
         (_, Some(reason)) => (format!("safe, motors off: {reason}"), palette.bad()),
         ("stopped", _) => ("stopped, motors off".to_owned(), palette.warning()),
@@ -178,7 +179,7 @@ fn title<'v>(view: &'v View, palette: Palette) -> Line<'v> {
     spans.push(Span::styled(words, style));
     if status.mission.is_some() {
         spans.push(Span::raw(format!(
-            "  {:.1} s, {} steps",
+            "  mission time {:.1} s, {} steps",
             status.t_us as f64 / 1e6,
             status.steps
         )));
@@ -539,7 +540,7 @@ mod tests {
         let mut empty = reading(1).status;
         (empty.mode, empty.mission) = (Mode::Empty, None);
         let mut without_mission = View::new(robot());
-        without_mission.take(Reading::without_mission(empty));
+        without_mission.take(Reading::without_mission(empty, 300_000));
         let net = |name: &str, value: Option<&str>| NetRow {
             name: name.to_owned(),
             value: value.map(str::to_owned),

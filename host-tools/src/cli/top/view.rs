@@ -467,10 +467,12 @@ pub(super) mod tests {
                 stack_bytes: Some(2_640),
                 ..status(Some(0x1234_abcd), periods.into())
             },
+            robot_us: u64::from(periods) * 20_000 + 300_000,
             machine: Some("Patrol".to_owned()),
             active: ["motion/Ahead", "sonars/Listen", "diary/Write"]
                 .map(str::to_owned)
                 .into(),
+            finished: false,
             slots: vec![slot(1, 0, 400_000, 1_900), slot(2, 2_000, 3_000_000, 3_100)],
             tasks: vec![
                 task("motion/Ahead", "Cruise", Some(0), 0),
@@ -590,7 +592,7 @@ pub(super) mod tests {
         }
         assert_eq!(view.tasks().count(), 1);
         // Another mission has no slots at all.
-        view.take(Reading::without_mission(reading(1).status));
+        view.take(Reading::without_mission(reading(1).status, 0));
         assert_eq!(view.selected(), 0);
         assert_eq!(view.tasks().count(), 0);
     }

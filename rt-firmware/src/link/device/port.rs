@@ -45,7 +45,8 @@ pub trait LinkPort {
         0
     }
 
-    /// Bytes that the log dropped for want of room; wraps.
+    /// Lines that the log dropped for want of room and that stood before the bytes of the last
+    /// [`read_log`](Self::read_log), which ends where lines are missing; wraps.
     fn log_dropped(&self) -> u32 {
         0
     }
