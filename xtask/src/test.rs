@@ -196,6 +196,7 @@ fn checks(root: &Path, tally: &mut Tally) {
         for folder in [
             "",
             BOARD_FOLDER,
+            "esm",
             EXAMPLE_FOLDER,
             EXAMPLE_FIRMWARE_FOLDER,
             fuzz::PACKAGE_FOLDER,
