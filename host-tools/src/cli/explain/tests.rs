@@ -1,6 +1,5 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use super::*;
