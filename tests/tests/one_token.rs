@@ -4,7 +4,6 @@
 
 use std::fs;
 use std::ops::Range;
-use std::path::Path;
 
 use host_tools::lang::{self, Severity};
 

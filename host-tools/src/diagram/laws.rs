@@ -973,8 +973,7 @@ fn assert_golden(path: &str, model: &Model, options: &Options) {
     let expected = std::fs::read_to_string(path).unwrap();
     assert!(
         expected == found,
-        "{} differs: look at it with ESM_BLESS=1",
-        path.display()
+        "{path} differs: look at it with ESM_BLESS=1"
     );
 }
 
