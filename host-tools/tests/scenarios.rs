@@ -25,7 +25,7 @@ const GOOD: &str = "at 20 ms set r/Watch.dark\nat 20 ms expect r/On\nuntil 30 ms
 #[test]
 fn the_missions_that_ship_do_what_their_scenarios_say() {
     let root = Path::new("..");
-    let ended = esm(&root, &["test", "missions"]);
+    let ended = esm(root, &["test", "missions"]);
     let (out, err) = (text(&ended.stdout), text(&ended.stderr));
     assert_eq!(ended.status.code(), Some(0), "{out}{err}");
     for mission in ["missions/patrol/", "missions/follow_wall/"] {
