@@ -19,11 +19,12 @@ const CAPACITIES: [(&str, &str); 6] = [
 type Settings = BTreeMap<(String, String), String>;
 
 fn main() {
-    let boards = folder("CARGO_MANIFEST_DIR").join("../boards");
+    // Relative to this package, so that a build that was moved with its checkout does not look at the old place.
+    let boards = Path::new("../boards");
     // Changes when a board is added or removed.
     println!("cargo:rerun-if-changed={}", boards.display());
     println!("cargo:rerun-if-changed=build.rs");
-    let entries = fs::read_dir(&boards).expect("the boards stand beside host-tools");
+    let entries = fs::read_dir(boards).expect("the boards stand beside host-tools");
     let mut files: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path().join("board.toml")))
         .filter(|file| file.is_file())

@@ -29,21 +29,21 @@ const FEATURES: [&str; 4] = [
 
 fn main() {
     let out = folder("OUT_DIR");
-    let here = folder("CARGO_MANIFEST_DIR");
-    let memory = here.join("../../memory.x");
-    fs::copy(&memory, out.join("memory.x")).expect("memory.x stands at the top of the checkout");
+    // Relative to this package, so that a build that was moved with its checkout does not look at the old place.
+    let memory = Path::new("../../memory.x");
+    fs::copy(memory, out.join("memory.x")).expect("memory.x stands at the top of the checkout");
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed={}", memory.display());
     // Of functions that are the same, instruction by instruction, the robot's firmware has one. Nothing compares addresses of functions. What is measured
     // is linked plainly.
     println!("cargo:rustc-link-arg-bin=rover=--icf=all");
 
-    let board = here.join("board.toml");
+    let board = Path::new("board.toml");
     println!("cargo:rerun-if-changed={}", board.display());
     let is_lean = !FEATURES
         .iter()
         .any(|feature| env::var_os(feature).is_some());
-    fs::write(out.join("settings.rs"), settings(&board, is_lean))
+    fs::write(out.join("settings.rs"), settings(board, is_lean))
         .expect("OUT_DIR can be written to");
 }
 

@@ -73,9 +73,9 @@ fn esm(arguments: &str, folder: &Path) -> (Option<i32>, String) {
             "-c",
             &format!("ulimit -v {MOST_MEMORY_KIB}; exec \"$0\" \"$@\""),
         ])
-        .arg(env!("CARGO_BIN_EXE_esm"))
+        .arg(std::env::var_os("CARGO_BIN_EXE_esm").unwrap())
         .args(arguments.split_whitespace())
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .current_dir("..")
         .env_remove("ESM_KEY")
         .env_remove("ESM_FIRMWARE")
         .stdin(Stdio::null())

@@ -28,9 +28,9 @@ fn esm(home: &Path, heard: &mut Vec<u8>, arguments: &[&str]) -> (i32, String, St
         status,
         stdout,
         stderr,
-    } = Command::new(env!("CARGO_BIN_EXE_esm"))
+    } = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap())
         .args(arguments)
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .current_dir("..")
         .env("XDG_CONFIG_HOME", home)
         .env_remove("ESM_KEY")
         .env("RUST_BACKTRACE", "full")
@@ -286,7 +286,7 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
     let mut heard = vec![];
     // In the upload, while a signature is on its way, as it happens; and in the run behind it, when that has something to tell.
     for after_ms in [Some(5), Some(60), Some(150), None] {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_esm"))
+        let mut child = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap())
             .args([
                 "run",
                 "missions/patrol.esm",
@@ -297,7 +297,7 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
                 "60 s",
             ])
             .args(["--flash", &flash, "--key", &name])
-            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+            .current_dir("..")
             .env("RUST_BACKTRACE", "full")
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

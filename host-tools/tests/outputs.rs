@@ -13,7 +13,7 @@ machine M { region r { state A; initial -> A; } }
 
 /// Runs `esm` in `folder`; answers its status and what it says of what is wrong.
 fn esm(folder: &Path, arguments: &str) -> (i32, String) {
-    let done = Command::new(env!("CARGO_BIN_EXE_esm"))
+    let done = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap())
         .args(arguments.split_whitespace())
         .current_dir(folder)
         .env("XDG_CONFIG_HOME", folder)

@@ -206,14 +206,14 @@ impl Robot {
     /// The command at this robot; `{}` in its arguments stands for the robot's folder.
     fn command(&self, arguments: &str) -> Command {
         let folder = self.folder.path().to_str().unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+        let mut command = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap());
         let rate = if arguments.contains("--baud") {
             &[][..]
         } else {
             &["--baud", "921600"]
         };
         command
-            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+            .current_dir("..")
             .args((arguments.split_whitespace()).map(|argument| argument.replace("{}", folder)))
             .args(["--port", &self.port])
             .args(rate)
@@ -644,7 +644,7 @@ struct Board {
 impl Board {
     fn start(folder: &Path) -> Self {
         let out = folder.join("out");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+        let mut command = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap());
         command
             .args(["board", "--board", "host"])
             .stdin(Stdio::null())
@@ -711,7 +711,7 @@ fn a_client_that_asks_and_never_reads_stops_no_board() {
     assert!(sent > FLOOD_BYTES, "it took {sent} bytes, and no more");
     drop(line);
     // Another client finds the robot, once the answers that were on their way are over.
-    let mut status = Command::new(env!("CARGO_BIN_EXE_esm"));
+    let mut status = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap());
     status.args(["status", "--port", &board.port]);
     status.stdout(Stdio::piped()).stderr(Stdio::piped());
     let begun = Instant::now();

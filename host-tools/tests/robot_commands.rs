@@ -4,7 +4,7 @@
 
 use std::io;
 use std::os::unix::fs::symlink;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -133,9 +133,9 @@ impl Robot {
     /// The command, in the checkout; `{}` in its arguments stands for the robot's folder.
     fn command(&self, arguments: &str) -> Command {
         let folder = self.folder.path().to_str().unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_esm"));
+        let mut command = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap());
         command
-            .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+            .current_dir("..")
             .args((arguments.split_whitespace()).map(|argument| argument.replace("{}", folder)))
             .env("XDG_CONFIG_HOME", folder)
             .env_remove("ESM_KEY")

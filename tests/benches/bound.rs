@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use esm_tests::calibration::{self, Sample};
+use esm_tests::command::root;
 use esm_tests::instructions::{self, MAX_ARENA_WORDS, MAX_BLOB_BYTES, Run};
 use esm_tests::{random_machine, subject};
 use host_tools::bound::costs::Construct;
@@ -244,9 +245,4 @@ fn files() -> Result<Vec<PathBuf>, Box<dyn Error>> {
     files.push(root().join("tests/data/cd51.esm"));
     files.sort();
     Ok(files)
-}
-
-fn root() -> PathBuf {
-    let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
-    tests.parent().unwrap_or(tests).to_owned()
 }

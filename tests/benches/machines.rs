@@ -22,9 +22,6 @@ use host_tools::trace::directory::Directory;
 /// Where the report is kept.
 const KEPT: &str = "docs/benchmarks.md";
 
-/// Where the promised figures are kept, too, between marks.
-const README: &str = "README.md";
-
 /// The engines, by the names of their rows and of their programs.
 const ENGINES: [(&str, &str, &str); 5] = [
     ("nothing", "empty", "nothing: the harness itself"),
@@ -343,12 +340,7 @@ fn bench(options: &Options) -> Result<usize, String> {
         let file = root().join(KEPT);
         fs::write(&file, report.markdown())
             .map_err(|error| format!("{}: {error}", file.display()))?;
-        let readme = root().join(README);
-        let text = fs::read_to_string(&readme).map_err(|error| format!("{README}: {error}"))?;
-        let text = report::between_marks(&text, &report.short())
-            .ok_or_else(|| format!("{README}: the marks of the figures are not there"))?;
-        fs::write(&readme, text).map_err(|error| format!("{README}: {error}"))?;
-        println!("\nKept in {KEPT}, and its beginning in {README}.");
+        println!("\nKept in {KEPT}.");
     }
     let promises = report.promises();
     let broken = limits::broken(&promises);

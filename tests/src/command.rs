@@ -10,6 +10,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use host_tools::link_client::LinkClient;
+use host_tools::qemu::firmware::checkout_around;
 use host_tools::serial::port::Port;
 use host_tools::serial::{self, ByteLink, DEFAULT_BAUD, OpenError};
 use tempfile::TempDir;
@@ -29,8 +30,8 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 pub fn root() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
     ROOT.get_or_init(|| {
-        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-        here.parent().unwrap_or(here).to_owned()
+        let here = std::env::current_dir().expect("there is a folder that tests run in");
+        checkout_around(&here).expect("tests run inside the checkout")
     })
 }
 

@@ -3,9 +3,11 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
-use esm_tests::command::{esm, root};
+use esm_tests::command::{esm, esm_binary, root};
 use host_tools::lang::{self, Code};
 use host_tools::pictures::{MissionStates, RegionStates, StateSpan, Timeline};
 
@@ -82,6 +84,7 @@ fn every_link_leads_to_a_file_and_every_chapter_is_listed() {
 fn the_code_of_the_first_chapter_is_the_examples() {
     let mut example = String::new();
     for file in [
+        "Cargo.toml",
         "src/lamp.rs",
         "src/headlight.rs",
         "src/lib.rs",
@@ -92,8 +95,10 @@ fn the_code_of_the_first_chapter_is_the_examples() {
         example += &read(Path::new("examples/my_robot").join(file));
     }
     let chapter = read("docs/src/your-own-robot.md");
-    let blocks = [fenced(&chapter, "rust"), fenced(&chapter, "text")].concat();
-    assert!(blocks.len() >= 8, "only {} blocks of code", blocks.len());
+    let blocks = ["rust", "text", "toml"]
+        .map(|language| fenced(&chapter, language))
+        .concat();
+    assert!(blocks.len() >= 9, "only {} blocks of code", blocks.len());
     for block in blocks {
         assert!(example.contains(&block), "not in the example:\n{block}");
     }
@@ -171,6 +176,18 @@ fn the_pictures_of_the_tutorial_are_what_the_last_step_draws() {
     ])
     .good();
     assert_is_picture("track.svg", &read(folder.path().join("path.svg")));
+}
+
+#[test]
+fn the_picture_of_the_front_page_is_what_a_run_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let patrol = "missions/patrol.esm";
+    esm(&[
+        "run", patrol, "--board", "host", "--world", "office", "--until", "120 s", "--out", out,
+    ])
+    .good();
+    assert_is_picture("patrol.svg", &read(folder.path().join("path.svg")));
 }
 
 #[test]
@@ -382,5 +399,189 @@ fn the_chapter_on_limits_has_the_numbers_of_the_code() {
             chapter.contains(&format!("| {row} | {number} |")),
             "{row} is {number}"
         );
+    }
+}
+
+/// Files of Markdown outside the book that show commands.
+const OTHER_PAGES: [&str; 8] = [
+    "README.md",
+    "docs/benchmarks.md",
+    "docs/link.md",
+    "editors/README.md",
+    "editors/vscode/README.md",
+    "examples/my_robot/README.md",
+    "missions/README.md",
+    "clients/python/README.md",
+];
+
+/// Each command line of the book and of the other pages, with its page: what stands in fenced `sh` blocks, without comments.
+fn commands() -> Vec<(PathBuf, String)> {
+    let mut pages = chapters();
+    pages.sort();
+    pages.extend(OTHER_PAGES.map(|page| root().join(page)));
+    let mut found = Vec::new();
+    for page in pages {
+        for line in fenced(&read(&page), "sh").concat().lines() {
+            let command = line.split(" #").next().unwrap_or_default().trim();
+            if !command.is_empty() && !command.starts_with('#') {
+                found.push((page.clone(), command.to_owned()));
+            }
+        }
+    }
+    found
+}
+
+/// Splits a command into words; quotes keep words together.
+fn words(command: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (index, part) in command.split('\'').enumerate() {
+        match index % 2 {
+            1 => found.push(part.to_owned()),
+            _ => found.extend(part.split_whitespace().map(str::to_owned)),
+        }
+    }
+    found
+}
+
+/// Files that commands of the book read, and of which the text says that somebody has made them before.
+fn stock() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let patrol = "missions/patrol.esm";
+    for blob in ["patrol.blob", "before.blob", "after.blob"] {
+        esm(&["build", patrol, "-o", &path(blob)]).good();
+    }
+    let text = read(patrol).replace("use \"", "use \"missions/");
+    for name in ["patrol.esm", "patrol_faster.esm"] {
+        std::fs::write(path(name), &text).unwrap();
+    }
+    for name in ["patrol", "drive"] {
+        let [recording, trace] = ["rec", "jsonl"].map(|ending| path(&format!("{name}.{ending}")));
+        let run = ["run", patrol, "--board", "host", "--until", "120 s"];
+        let kept = ["--record", &recording, "--trace", &trace];
+        esm(&[run.as_slice(), &kept].concat()).good();
+    }
+    esm(&["key", "new", "-o", &path("robot7.key")]).good();
+    folder
+}
+
+/// A folder to run a command in as at the top of the checkout, with these files beside.
+fn playground(stock: &Path) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for name in ["missions", "examples"] {
+        std::os::unix::fs::symlink(root().join(name), at(name)).unwrap();
+    }
+    for entry in std::fs::read_dir(stock).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    folder
+}
+
+/// Commands of the book that end as they are meant to, and not with 0: a run whose button is pressed, or whose robot is
+/// left alone, and a difference that was found.
+const ENDS_WITH_1: [&str; 2] = ["--estop '", "--cut-link '"];
+
+/// Runs `esm` as a page shows it, in a folder; what is wrong with it. What needs a robot is given a port that is none, and
+/// must get so far as to say so.
+fn wrong_with(command: &str, folder: &Path) -> Option<String> {
+    let (command, input) = match command.split_once(" < ") {
+        Some((command, file)) => (command, Some(folder.join(file))),
+        None => (command, None),
+    };
+    let mut arguments = words(command.strip_prefix("esm ")?);
+    let nowhere = folder.join("nowhere").display().to_string();
+    let needs_robot = arguments.iter().any(|word| word == "--port");
+    for place in 1..arguments.len() {
+        if arguments[place - 1] == "--port" {
+            arguments[place] = nowhere.clone();
+        }
+    }
+    match arguments[0].as_str() {
+        // It goes on until it is ended: what it is given is looked at before the help is printed.
+        "board" => arguments.push("--help".to_owned()),
+        // The same run on the host, in hundredths of the time.
+        "run" if !arguments.iter().any(|word| word == "--board") => {
+            arguments.extend(["--board", "host"].map(str::to_owned));
+            if let Some(place) = arguments.iter().position(|word| word == "--firmware") {
+                arguments.drain(place..place + 2);
+            }
+            // Its tasks are in its own program.
+            if arguments[1].contains("my_robot") {
+                let mission = arguments[1].replace("~/", "examples/");
+                arguments = vec!["check".to_owned(), mission];
+            }
+        }
+        _ => {}
+    }
+    let mut esm = Command::new(esm_binary());
+    esm.args(&arguments)
+        .current_dir(folder)
+        .env("XDG_CONFIG_HOME", folder.join("config"))
+        .env_remove("ESM_KEY")
+        .stdin(input.map_or_else(Stdio::null, |file| File::open(file).unwrap().into()));
+    let done = esm.output().unwrap();
+    let expected = match () {
+        () if needs_robot => 3,
+        () if ENDS_WITH_1.iter().any(|part| command.contains(part)) => 1,
+        () => 0,
+    };
+    let err = String::from_utf8_lossy(&done.stderr);
+    (done.status.code() != Some(expected)).then(|| format!("{command}: {:?}\n{err}", done.status))
+}
+
+#[test]
+fn every_command_of_esm_in_the_book_works_as_it_stands() {
+    let mut problems = Vec::new();
+    let mut ran = 0;
+    let stock = stock();
+    for (page, command) in commands() {
+        let on_screen = command.ends_with("--step");
+        let is_front_page = page.ends_with("README.md") && page.parent() == Some(root());
+        if !command.starts_with("esm ") || on_screen || is_front_page {
+            continue;
+        }
+        ran += 1;
+        let folder = playground(stock.path());
+        // Nothing writes over a recording or a key: what makes one finds none.
+        for pair in words(&command).windows(2) {
+            if ["--record", "-o"].contains(&pair[0].as_str()) {
+                let _ = std::fs::remove_file(folder.path().join(&pair[1]));
+            }
+        }
+        if let Some(problem) = wrong_with(&command, folder.path()) {
+            problems.push(format!("{}: {problem}", page.display()));
+        }
+    }
+    assert!(problems.is_empty(), "{}", problems.join("\n"));
+    assert!(ran >= 70, "only {ran} commands");
+}
+
+#[test]
+fn every_other_command_in_the_book_names_what_there_is() {
+    let help = read("xtask/src/main.rs");
+    let campaigns = read("xtask/src/campaign.rs");
+    for (page, command) in commands() {
+        let page = page.display();
+        assert!(
+            !command.contains("cargo esm"),
+            "{page}: the book writes `esm`: {command}"
+        );
+        let words: Vec<&str> = command.split_whitespace().collect();
+        if let Some(rest) = command.strip_prefix("cargo xtask ") {
+            let mut rest = rest.split_whitespace();
+            let (name, more) = (rest.next().unwrap(), rest.next());
+            assert!(help.contains(&format!("\n  {name} ")), "{page}: {command}");
+            let campaign = more.filter(|_| name == "campaign");
+            let known = |name: &str| campaigns.contains(&format!("name: \"{name}\""));
+            assert!(campaign.is_none_or(known), "{page}: {command}");
+        }
+        for pair in words.windows(2) {
+            if let ["--test", name] = pair {
+                let path = root().join(format!("tests/tests/{name}.rs"));
+                assert!(path.is_file(), "{page}: {command}");
+            }
+        }
     }
 }

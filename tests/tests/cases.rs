@@ -186,9 +186,7 @@ fn cases(folder: &Path) -> Vec<PathBuf> {
 }
 
 fn folder(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("cases")
-        .join(name)
+    Path::new("cases").join(name)
 }
 
 /// Holds all cases of a folder against what they say, and tells all differences at once.

@@ -140,7 +140,7 @@ fn difference(chart: &Path) -> Result<(String, usize), String> {
 
 #[test]
 fn charts_do_what_their_scenarios_say() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/charts");
+    let folder = "cases/charts";
     let mut charts: Vec<PathBuf> = fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap().path())

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::path::PathBuf;
+use std::process::Command;
 
 use esm_tests::command::{esm, root};
 
@@ -721,9 +722,10 @@ fn the_commands_of_the_front_page_work_as_they_stand() {
     let recording = folder.path().join("patrol.rec");
     let mut ran = 0;
     for command in commands_in("README.md") {
-        let Some(arguments) = command.strip_prefix("cargo esm ") else {
+        let Some(arguments) = command.strip_prefix("esm ") else {
+            let others = ["cargo xtask demo", "cargo xtask test", INSTALL];
             assert!(
-                ["cargo xtask demo", "cargo xtask test"].contains(&command.as_str()),
+                others.contains(&command.as_str()),
                 "a new kind of command: test it too: {command}"
             );
             continue;
@@ -737,5 +739,31 @@ fn the_commands_of_the_front_page_work_as_they_stand() {
         assert_eq!(done.status, Some(0), "{command}: {done:#?}");
         ran += 1;
     }
-    assert!(ran >= 4, "only {ran} commands were found");
+    assert!(ran >= 9, "only {ran} commands were found");
+}
+
+/// What puts the command on the path of whoever follows the book.
+const INSTALL: &str = "cargo install --locked --path host-tools";
+
+#[test]
+fn the_command_is_installed_as_the_front_page_says() {
+    esm(&["--version"]).good();
+    let folder = tempfile::tempdir().unwrap();
+    let mut cargo = Command::new("cargo");
+    let status = cargo
+        .args(INSTALL.split_whitespace().skip(1))
+        .args(["--quiet", "--no-track", "--root"])
+        .arg(folder.path())
+        .current_dir(root())
+        .status();
+    assert!(status.unwrap().success());
+    let installed = Command::new(folder.path().join("bin/esm"))
+        .args(["explain", "E008"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(
+        String::from_utf8_lossy(&installed.stdout),
+        esm(&["explain", "E008"]).good().out
+    );
 }

@@ -4,7 +4,6 @@
 
 use std::fs;
 use std::ops::Range;
-use std::path::Path;
 
 use host_tools::lang::{self, Severity};
 
@@ -67,8 +66,7 @@ fn errors(text: &str, others: &[(&str, String)]) -> Vec<String> {
 
 /// Changes each token of some right files in turn, and demands that no change costs more than `most` errors.
 fn change_each_token(most: usize, change: impl Fn(&str, Range<usize>) -> String) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap();
+    let read = |name: &str| fs::read_to_string(name).unwrap();
     let others = [
         ("rover.esm", read("../missions/rover.esm")),
         ("robot.esm", read("cases/charts/robot.esm")),

@@ -335,9 +335,8 @@ fn the_book_runs_each_step_as_it_is_tested() {
     let chapter = std::fs::read_to_string(root().join("docs/src/tutorial.md")).unwrap();
     for step in &STEPS {
         let (file, until_s) = (step.file(), step.until_s);
-        let run = |board: &str| {
-            format!("cargo esm run {file}{board} --world track --until '{until_s} s'")
-        };
+        let run =
+            |board: &str| format!("esm run {file}{board} --world track --until '{until_s} s'");
         let told = chapter.contains(&run(" --board host")) || chapter.contains(&run(""));
         assert!(told, "{}", run(" --board host"));
     }

@@ -2,11 +2,42 @@
 //! what came of the last ones.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crate::firmware::{self, DEFAULT_BIN};
 use crate::process::{self, Failure, cargo};
 use crate::setup::Toolchain;
+
+/// Keeps the processor busy for as long as it lives.
+struct Load {
+    ended: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Load {
+    fn of(threads: usize) -> Self {
+        let ended = Arc::new(AtomicBool::new(false));
+        let hog = || {
+            let ended = Arc::clone(&ended);
+            std::thread::spawn(move || while !ended.load(Relaxed) {})
+        };
+        let threads = (0..threads).map(|_| hog()).collect();
+        Load { ended, threads }
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.ended.store(true, Relaxed);
+        for thread in self.threads.drain(..) {
+            // It cannot have panicked.
+            let _ = thread.join();
+        }
+    }
+}
 
 /// A test at full length.
 struct Campaign {
@@ -21,6 +52,8 @@ struct Campaign {
     settings: &'static [(&'static str, &'static str)],
     /// It drives the firmware in the emulator.
     needs_firmware: bool,
+    /// So many threads do nothing but keep the processor busy meanwhile.
+    hogs: usize,
 }
 
 const CAMPAIGNS: &[Campaign] = &[
@@ -32,6 +65,7 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "",
         settings: &[("ESM_ATTACKS", "1000000")],
         needs_firmware: false,
+        hogs: 0,
     },
     Campaign {
         name: "stops",
@@ -41,6 +75,7 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "a_stop_on_a_full_line",
         settings: &[("ESM_LOAD_STOPS", "10000")],
         needs_firmware: true,
+        hogs: 0,
     },
     Campaign {
         name: "load",
@@ -50,6 +85,7 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "whatever_fills_the_line",
         settings: &[("ESM_LOAD_ALL", "1"), ("ESM_LOAD_SECONDS", "600")],
         needs_firmware: true,
+        hogs: 0,
     },
     Campaign {
         name: "records",
@@ -59,6 +95,7 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "store::damages",
         settings: &[("ESM_RECORD_DAMAGES", "full")],
         needs_firmware: false,
+        hogs: 0,
     },
     Campaign {
         name: "liar",
@@ -68,6 +105,7 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "whatever_a_robot_says",
         settings: &[("ESM_LIAR_SESSIONS", "100000")],
         needs_firmware: false,
+        hogs: 0,
     },
     Campaign {
         name: "power-cuts",
@@ -77,6 +115,17 @@ const CAMPAIGNS: &[Campaign] = &[
         tests: "",
         settings: &[("ESM_POWER_CUTS_ONE_IN", "4")],
         needs_firmware: true,
+        hogs: 0,
+    },
+    Campaign {
+        name: "repeatable",
+        what: "1,000 runs with uploads on each board, half of them warm, while four threads keep the processor busy: all leave the same bytes (90 min)",
+        package: "esm-tests",
+        target: &["--test", "repeatable"],
+        tests: "two_runs_with_uploads",
+        settings: &[("ESM_REPEATS", "500")],
+        needs_firmware: true,
+        hogs: 4,
     },
 ];
 
@@ -109,6 +158,7 @@ pub fn command(
     }
     for campaign in campaigns {
         let started = Instant::now();
+        let load = Load::of(campaign.hogs);
         let mut command = cargo(root);
         command
             .args(["test", "--release", "--package", campaign.package])
@@ -116,6 +166,7 @@ pub fn command(
             .args([campaign.tests, "--", "--nocapture"])
             .envs(campaign.settings.iter().copied());
         process::run(&mut command)?;
+        drop(load);
         let minutes = started.elapsed().as_secs_f32() / 60.0;
         println!("campaign {}: passed, {minutes:.1} min", campaign.name);
     }

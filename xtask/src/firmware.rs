@@ -74,14 +74,28 @@ pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Fa
 /// # Errors
 /// [`Failure`]: what did not build.
 pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
-    build_in(
-        root,
-        &root.join(EXAMPLE_FIRMWARE_FOLDER),
-        toolchain,
-        RELEASE,
-        &[EXAMPLE_BIN.to_owned()],
-        Features::Default,
-    )
+    let bins = [EXAMPLE_BIN.to_owned()];
+    build_robot(root, &root.join(EXAMPLE_FOLDER), toolchain, &bins)
+}
+
+/// Builds the firmware of a robot outside the workspace, whose folder is like the example's; returns where each ELF file is.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn build_robot(
+    root: &Path,
+    robot: &Path,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    let folder = robot.join("firmware");
+    if !folder.join("Cargo.toml").is_file() {
+        return Err(Failure::Content {
+            path: robot.to_owned(),
+            problem: "is no robot: it has no firmware/Cargo.toml, as examples/my_robot has",
+        });
+    }
+    build_in(root, &folder, toolchain, RELEASE, bins, Features::Default)
 }
 
 /// Runs clippy on the crate in `folder` with warnings as errors.

@@ -46,6 +46,7 @@ Options:
                                      rustup's with its target installed, or Debian's, which builds the core library from source
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
   --example                          firmware: build examples/my_robot instead
+  --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot; with --bin if its program has another name than my_robot
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
@@ -59,6 +60,7 @@ struct Options {
     toolchain: Option<Choice>,
     bins: Vec<String>,
     example: bool,
+    robot: Option<PathBuf>,
     lean: bool,
     quick: bool,
     write: bool,
@@ -75,7 +77,7 @@ fn main() -> ExitCode {
             Ok(())
         }
         // What is measured has options of its own.
-        Some("bench") => bench::command(&root(), arguments),
+        Some("bench") => root().and_then(|root| bench::command(&root, arguments)),
         Some(command) => parse(arguments).and_then(|options| run(command, &options)),
     };
     match result {
@@ -108,6 +110,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--toolchain" => options.toolchain = Some(Choice::from_name(&value()?)?),
             "--bin" => options.bins.push(value()?),
             "--example" => options.example = true,
+            "--robot" => options.robot = Some(value()?.into()),
             "--lean" => options.lean = true,
             "--quick" => options.quick = true,
             "--write" => options.write = true,
@@ -131,7 +134,6 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
 }
 
 fn run(command: &str, options: &Options) -> Result<(), Failure> {
-    let root = root();
     let takes_words = matches!(command, "campaign" | "fuzz" | "test");
     if let Some(surplus) = options.targets.first().filter(|_| !takes_words) {
         return Err(Failure::Usage(format!("{command} takes no {surplus}")));
@@ -140,6 +142,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         Some(choice) => choice,
         None => Choice::from_environment()?,
     };
+    let root = root()?;
     match command {
         "setup" => {
             setup::emulator()?;
@@ -153,6 +156,13 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             let toolchain = setup::toolchain(choice)?;
             if options.example {
                 return firmware::build_example(&root, &toolchain).map(drop);
+            }
+            if let Some(robot) = &options.robot {
+                let bins = match &options.bins[..] {
+                    [] => &[firmware::EXAMPLE_BIN.to_owned()],
+                    bins => bins,
+                };
+                return firmware::build_robot(&root, robot, &toolchain, bins).map(drop);
             }
             if options.lean {
                 return firmware::build_lean(&root, &toolchain).map(drop);
@@ -184,9 +194,19 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
     }
 }
 
-/// The top of the checkout that this is run in, which need not be the one that it was compiled in: that may have been copied or moved.
-fn root() -> PathBuf {
-    let here = std::env::var_os("CARGO_MANIFEST_DIR")
-        .map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
-    here.parent().map_or_else(|| here.clone(), Path::to_owned)
+/// What a checkout has below its top and nobody else does.
+const CHECKOUT_MARK: &str = "xtask/src/main.rs";
+
+/// The top of the checkout that this is run in. It need not be the one that this was compiled in: cargo does not build
+/// again what was copied or moved together with its `target` folder.
+fn root() -> Result<PathBuf, Failure> {
+    let folder = std::env::current_dir().map_err(|cause| Failure::File {
+        path: ".".into(),
+        cause,
+    })?;
+    let top = (folder.ancestors()).find(|folder| folder.join(CHECKOUT_MARK).is_file());
+    match top.map(Path::to_owned) {
+        Some(top) => Ok(top),
+        None => Err(Failure::NoCheckout { folder }),
+    }
 }

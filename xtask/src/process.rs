@@ -2,9 +2,10 @@
 
 use std::ffi::OsStr;
 use std::fmt;
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::setup::host_cargo;
@@ -14,6 +15,11 @@ use crate::setup::host_cargo;
 pub enum Failure {
     /// The command line was wrong.
     Usage(String),
+    /// The working directory is in no checkout.
+    NoCheckout {
+        /// The working directory.
+        folder: PathBuf,
+    },
     /// Something is missing that this program may not or cannot install.
     Missing {
         /// What is missing.
@@ -70,7 +76,8 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Failure::Usage(_) => 2,
-            Failure::Missing { .. }
+            Failure::NoCheckout { .. }
+            | Failure::Missing { .. }
             | Failure::Start { .. }
             | Failure::Within { .. }
             | Failure::File { .. } => 3,
@@ -88,6 +95,12 @@ impl fmt::Display for Failure {
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Failure::Usage(problem) => to.write_str(problem),
+            Failure::NoCheckout { folder } => write!(
+                to,
+                "{} is not inside a checkout of esm: no folder from there upwards has xtask/src/main.rs. \
+                 Change to a checkout and run this again.",
+                folder.display()
+            ),
             Failure::Missing { what, command } => {
                 write!(
                     to,
@@ -118,6 +131,18 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new("setpriv");
     command.args(["--pdeathsig", "TERM"]).arg(program);
     command
+}
+
+/// This program once more, in a process of its own.
+///
+/// # Errors
+/// [`Failure::Start`] if the system does not say which it is.
+pub fn this() -> Result<Command, Failure> {
+    let this = std::env::current_exe().map_err(|cause| Failure::Start {
+        command: "xtask".to_owned(),
+        cause,
+    })?;
+    Ok(command(this))
 }
 
 /// The host's cargo in `folder`.
@@ -215,6 +240,123 @@ pub fn run_within(command: &mut Command, limit: Duration) -> bool {
     let _ = child.kill();
     let _ = child.wait();
     false
+}
+
+/// A program that runs beside what is done meanwhile, and writes what it says to a file.
+pub struct Beside {
+    /// What it does, for whoever waits for it.
+    what: &'static str,
+    command: String,
+    child: Child,
+    log: PathBuf,
+    started: Instant,
+}
+
+impl Beside {
+    /// How often whoever waits is told that it goes on.
+    const TELL_INTERVAL: Duration = Duration::from_secs(10);
+
+    /// Starts `command`, which says what it says to the file `log`.
+    ///
+    /// # Errors
+    /// [`Failure::File`], [`Failure::Start`].
+    pub fn start(what: &'static str, command: &mut Command, log: PathBuf) -> Result<Self, Failure> {
+        let child = spawn_into(command, &log)?;
+        println!("    ({what}, meanwhile: {})", shown_path(&log));
+        Ok(Beside {
+            what,
+            command: shown(command),
+            child,
+            log,
+            started: Instant::now(),
+        })
+    }
+
+    /// Waits for its end, and tells now and then how far it is; if it failed, all that it said.
+    ///
+    /// # Errors
+    /// [`Failure::Ended`] if it ended badly.
+    pub fn wait(mut self) -> Result<(), Failure> {
+        const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+        let mut told = Instant::now();
+        let status = loop {
+            match self.child.try_wait() {
+                Ok(None) => std::thread::sleep(LOOK_INTERVAL),
+                Ok(Some(status)) => break status,
+                Err(cause) => {
+                    let command = self.command.clone();
+                    return Err(Failure::Start { command, cause });
+                }
+            }
+            if told.elapsed() >= Self::TELL_INTERVAL {
+                told = Instant::now();
+                println!("{}", self.progress());
+            }
+        };
+        let seconds = self.started.elapsed().as_secs_f32();
+        if status.success() {
+            println!("    {}: done ({seconds:.0} s)", self.what);
+            return Ok(());
+        }
+        print!("{}", self.said());
+        Err(Failure::Ended {
+            command: self.command.clone(),
+            status,
+        })
+    }
+
+    /// One line: what it does, for how long, and the last that it said.
+    fn progress(&self) -> String {
+        let said = self.said();
+        let last = said.lines().map(str::trim).rfind(|line| !line.is_empty());
+        let seconds = self.started.elapsed().as_secs_f32();
+        let last = last.unwrap_or_default();
+        format!("    {}: {seconds:.0} s, {last}", self.what)
+    }
+
+    fn said(&self) -> String {
+        let said = std::fs::read(&self.log).unwrap_or_default();
+        String::from_utf8_lossy(&said).into_owned()
+    }
+}
+
+impl Drop for Beside {
+    fn drop(&mut self) {
+        // Asked, so that it ends what it has started itself. One that has ended is no reason to fail.
+        if let Ok(None) = self.child.try_wait() {
+            let process = self.child.id().to_string();
+            let _ = Command::new("kill").args(["-TERM", &process]).status();
+            let _ = self.child.wait();
+        }
+    }
+}
+
+/// Starts `command` with what it says going to the file `log`, without a terminal to ask.
+///
+/// # Errors
+/// [`Failure::File`], [`Failure::Start`].
+pub fn spawn_into(command: &mut Command, log: &Path) -> Result<Child, Failure> {
+    let of_log = |cause| Failure::File {
+        path: log.to_owned(),
+        cause,
+    };
+    if let Some(folder) = log.parent() {
+        make_folder(folder)?;
+    }
+    let out = File::create(log).map_err(of_log)?;
+    let errors = out.try_clone().map_err(of_log)?;
+    command.stdin(Stdio::null()).stdout(out).stderr(errors);
+    command.spawn().map_err(|cause| Failure::Start {
+        command: shown(command),
+        cause,
+    })
+}
+
+/// A path as a person in the working directory would type it.
+fn shown_path(path: &Path) -> String {
+    let here = std::env::current_dir().unwrap_or_default();
+    let path = path.strip_prefix(&here).unwrap_or(path);
+    path.display().to_string()
 }
 
 /// Where `program` is on the search path; a link that leads nowhere is no program.

@@ -111,6 +111,12 @@ impl Toolchain {
             }
             Toolchain::Debian { linker } => {
                 cargo = command(DEBIAN_CARGO);
+                // A core library from source is compiled like the firmware, for size: copying and clearing memory would
+                // go byte by byte. The one that rustup gives is compiled for speed.
+                for package in ["core", "compiler_builtins"] {
+                    let setting = format!("profile.release.package.{package}.opt-level=3");
+                    cargo.args(["--config", &setting]);
+                }
                 // RUSTC_BOOTSTRAP lets a stable compiler take `-Zbuild-std`. What rustup's cargo set for its children would mislead this one.
                 cargo
                     .env("RUSTC_BOOTSTRAP", "1")

@@ -1,6 +1,5 @@
 //! What was checked, and how it went: steps with their times, tests counted one by one, and parts that run beside in a process of their own.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
@@ -95,27 +94,9 @@ impl Tally {
     /// # Errors
     /// [`Failure::File`], [`Failure::Start`].
     pub fn beside(part: &'static str, options: &[&str], log: PathBuf) -> Result<Beside, Failure> {
-        let of_log = |cause| Failure::File {
-            path: log.clone(),
-            cause,
-        };
-        if let Some(folder) = log.parent() {
-            process::make_folder(folder)?;
-        }
-        let out = File::create(&log).map_err(of_log)?;
-        let errors = out.try_clone().map_err(of_log)?;
-        let this = std::env::current_exe().map_err(of_log)?;
-        let mut command = process::command(this);
-        command
-            .args(["test", part])
-            .args(options)
-            .stdin(Stdio::null())
-            .stdout(out)
-            .stderr(errors);
-        let child = command.spawn().map_err(|cause| Failure::Start {
-            command: shown(&command),
-            cause,
-        })?;
+        let mut command = process::this()?;
+        command.args(["test", part]).args(options);
+        let child = process::spawn_into(&mut command, &log)?;
         println!(
             "\n== {part}: begins beside what follows, into {}",
             log.display()

@@ -1,8 +1,8 @@
 //! The task of the headlight: light where something is near.
 
 use embedded_hal::digital::OutputPin;
-use rt_firmware::tasks::Ranges;
-use rt_firmware::{Io, Step, Task, task};
+use esm::rt_firmware::tasks::Ranges;
+use esm::rt_firmware::{Io, Step, Task, task};
 
 use crate::lamp::Lamp;
 

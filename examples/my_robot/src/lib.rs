@@ -4,15 +4,18 @@
 //! beside those that ship. The same code is a firmware (`firmware/`) and a program for the host (`src/bin/my_robot.rs`).
 #![no_std]
 
+// The firmware takes its board from there.
+pub use esm;
+
 pub mod headlight;
 pub mod lamp;
 
-use rt_firmware::body::{
+use esm::rt_firmware::body::{
     AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use rt_firmware::rover::RoverParts;
-use rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
-use rt_firmware::{Bank, registry};
+use esm::rt_firmware::rover::RoverParts;
+use esm::rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
+use esm::rt_firmware::{Bank, registry};
 
 use headlight::Headlight;
 use lamp::Lamp;

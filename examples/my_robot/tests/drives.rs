@@ -8,13 +8,14 @@ use std::process::Command;
 /// Runs the mission on a board; returns its trace.
 fn trace_of_a_run(board: &[&str], folder: &Path) -> String {
     let trace = folder.join("trace.jsonl");
-    let output = Command::new(env!("CARGO_BIN_EXE_my_robot"))
-        .args(["run", concat!(env!("CARGO_MANIFEST_DIR"), "/mission.esm")])
-        .args(["--until", "30 s", "--trace"])
-        .arg(&trace)
-        .args(board)
-        .output()
-        .expect("the program starts");
+    let output =
+        Command::new(std::env::var_os("CARGO_BIN_EXE_my_robot").expect("cargo says where it is"))
+            .args(["run", "mission.esm"])
+            .args(["--until", "30 s", "--trace"])
+            .arg(&trace)
+            .args(board)
+            .output()
+            .expect("the program starts");
     assert!(
         output.status.success(),
         "{board:?}: {}{}",
@@ -49,10 +50,11 @@ fn it_drives_its_mission_and_lights_its_lamp_on_every_board() {
 
 #[test]
 fn the_declarations_that_the_mission_uses_are_those_of_the_firmware() {
-    let output = Command::new(env!("CARGO_BIN_EXE_my_robot"))
-        .args(["tasks", "--board", "host"])
-        .output()
-        .expect("the program starts");
+    let output =
+        Command::new(std::env::var_os("CARGO_BIN_EXE_my_robot").expect("cargo says where it is"))
+            .args(["tasks", "--board", "host"])
+            .output()
+            .expect("the program starts");
     let kept = include_str!("../tasks.esm");
     let declared = |text: &str| {
         let lines = text.lines().filter(|line| !line.starts_with("//"));

@@ -1,10 +1,10 @@
 //! The task by itself, on a bench, with a pin image as its hardware.
 
+use esm::rt_firmware::TaskBench;
+use esm::rt_firmware::body::{AuxOutput, PinImage};
+use esm::rt_firmware::tasks::Ranges;
 use my_robot::headlight::Headlight;
 use my_robot::lamp::Lamp;
-use rt_firmware::TaskBench;
-use rt_firmware::body::{AuxOutput, PinImage};
-use rt_firmware::tasks::Ranges;
 
 type Light<'a> = Headlight<AuxOutput<'a>>;
 

@@ -244,8 +244,7 @@ pub(super) mod tests {
     /// Compares with a screen that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
     #[track_caller]
     pub fn assert_golden(command: &str, name: &str, screen: &str) {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("src/cli")
+        let path = Path::new("src/cli")
             .join(command)
             .join("golden")
             .join(name)

@@ -502,9 +502,7 @@ fn model_of(name: &str, text: &str) -> Model {
 }
 
 fn mission(name: &str) -> Model {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../missions")
-        .join(name);
+    let path = std::path::Path::new("../missions").join(name);
     let checked = crate::lang::load(&path).unwrap();
     checked
         .model
@@ -968,16 +966,14 @@ fn corners_of_a_straight_line_are_its_ends() {
 
 /// Compares with a picture that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
 fn assert_golden(path: &str, model: &Model, options: &Options) {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
     let found = draw(model, options).unwrap().to_svg();
     if std::env::var_os("ESM_BLESS").is_some() {
-        std::fs::write(&path, &found).unwrap();
+        std::fs::write(path, &found).unwrap();
     }
-    let expected = std::fs::read_to_string(&path).unwrap();
+    let expected = std::fs::read_to_string(path).unwrap();
     assert!(
         expected == found,
-        "{} differs: look at it with ESM_BLESS=1",
-        path.display()
+        "{path} differs: look at it with ESM_BLESS=1"
     );
 }
 

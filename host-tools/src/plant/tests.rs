@@ -7,7 +7,7 @@ use super::*;
 use crate::world::Point;
 
 fn shipped(name: &str) -> World {
-    let missions = Path::new(env!("CARGO_MANIFEST_DIR")).join("../missions/worlds");
+    let missions = Path::new("../missions/worlds");
     World::load(&missions.join(name)).unwrap()
 }
 

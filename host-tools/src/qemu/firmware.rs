@@ -184,12 +184,22 @@ fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
     // Cargo names its files as the system does.
     let checkout = checkout.canonicalize().ok()?;
     let made_of = std::fs::read_to_string(checkout.join(MADE_OF)).ok()?;
+    // The checkout may have been moved or copied since: then the list has the old names.
+    let then = built_in(&made_of)?;
     let is_newer = |source: &PathBuf| modified(&checkout.join(source)).is_none_or(|at| at > built);
     let mut sources: Vec<PathBuf> = sources(&made_of)
-        .filter_map(|source| Some(source.strip_prefix(&checkout).ok()?.to_owned()))
+        .filter_map(|source| Some(source.strip_prefix(&then).ok()?.to_owned()))
         .collect();
     sources.sort();
     sources.into_iter().find(is_newer)
+}
+
+/// The checkout in which cargo wrote the list `made_of`: what is made comes first, and stands in a known place below it.
+fn built_in(made_of: &str) -> Option<PathBuf> {
+    let (made, _) = made_of.split_once(": ")?;
+    let made = made.replace("\\ ", " ");
+    let top = made.strip_suffix(MADE_OF.strip_suffix(".d")?)?;
+    Some(PathBuf::from(top))
 }
 
 fn modified(file: &Path) -> Option<SystemTime> {
@@ -210,7 +220,7 @@ fn sources(made_of: &str) -> impl Iterator<Item = PathBuf> {
 }
 
 /// The checkout that holds `from`, if one does.
-fn checkout_around(from: &Path) -> Option<PathBuf> {
+pub fn checkout_around(from: &Path) -> Option<PathBuf> {
     from.ancestors()
         .find(|folder| folder.join(CHECKOUT_MARK).is_file())
         .map(Path::to_owned)
@@ -335,7 +345,8 @@ mod tests {
             named("rt-firmware/src/lib.rs"),
             named("rt-firmware/src/link.rs"),
         );
-        let list = format!("{}: {link} /elsewhere/gone.rs {lib}\n", named("rover"));
+        let made = named(MADE_OF.strip_suffix(".d").unwrap());
+        let list = format!("{made}: {link} /elsewhere/gone.rs {lib}\n");
         write(MADE_OF, &list, 2_000);
         assert_eq!(told(), None, "what it was not made of is of no interest");
         write("rt-firmware/src/link.rs", "", 2_001);
@@ -345,6 +356,17 @@ mod tests {
         );
         write(elf, "", 2_002);
         assert_eq!(told(), None);
+        // The list of a checkout that was copied from elsewhere.
+        let here = root.display().to_string().replace(' ', "\\ ");
+        write(MADE_OF, &list.replace(&here, "/some\\ where/else"), 2_000);
+        assert_eq!(told(), None);
+        write("rt-firmware/src/link.rs", "", 2_003);
+        assert!(
+            told()
+                .unwrap()
+                .contains("is older than rt-firmware/src/link.rs")
+        );
+        write(elf, "", 2_004);
         std::fs::remove_file(root.join("rt-firmware/src/lib.rs")).unwrap();
         assert!(told().unwrap().contains("lib.rs"), "it has gone");
     }

@@ -246,17 +246,6 @@ impl Report {
         format!("# Benchmarks of state machines\n\n{}{tables}", self.head())
     }
 
-    /// The promises as Markdown, for who only wants these.
-    pub fn short(&self) -> String {
-        let Table { head, rows, .. } = limits::table(&self.promises());
-        let table = Table {
-            head,
-            rows,
-            ..Table::default()
-        };
-        format!("{}\nMeasured on {}.\n", table.rows_as_markdown(), self.date)
-    }
-
     /// What was promised, and what came of it.
     pub fn promises(&self) -> Vec<Promise> {
         let fast = &self.settings[0].measured;
@@ -792,20 +781,6 @@ pub fn speed(time: &Measured, compiled: &[(&str, String)], interpreting: &[Inter
     }
 }
 
-/// The marks that the short form stands between in a text.
-const MARKS: [&str; 2] = [
-    "<!-- bench: kept by `cargo xtask bench --write` -->\n",
-    "<!-- bench: end -->",
-];
-
-/// A text with something else between the marks; `None` where they are not.
-pub fn between_marks(text: &str, content: &str) -> Option<String> {
-    let [begin, end] = MARKS;
-    let (before, rest) = text.split_once(begin)?;
-    let (_, after) = rest.split_once(end)?;
-    Some(format!("{before}{begin}{content}{end}{after}"))
-}
-
 /// A row with its name.
 fn named(name: &str, cells: Vec<String>) -> Vec<String> {
     std::iter::once(name.to_owned()).chain(cells).collect()
@@ -915,14 +890,5 @@ mod tests {
                 ["gone", "interprets, Rust: no network", "–", "–", "–", "–"],
             ]
         );
-    }
-
-    #[test]
-    fn what_stands_between_the_marks_is_replaced_and_nothing_else() {
-        let [begin, end] = MARKS;
-        let text = format!("a\n{begin}old\n{end}\nb\n");
-        let replaced = between_marks(&text, "new\n");
-        assert_eq!(replaced, Some(format!("a\n{begin}new\n{end}\nb\n")));
-        assert_eq!(between_marks("no marks", "new"), None);
     }
 }

@@ -2,9 +2,9 @@
 #![no_std]
 #![no_main]
 
-use lm3s6965::PINS;
-use lm3s6965::rt_firmware::body::StopPin;
 use my_robot::MyRobot;
+use my_robot::esm::lm3s6965::{self, PINS};
+use my_robot::esm::rt_firmware::body::StopPin;
 
 lm3s6965::app! {
     firmware: concat!("my_robot ", env!("CARGO_PKG_VERSION")),

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use esm::host_tools;
 use my_robot::MyRobot;
 
 fn main() -> ExitCode {
