@@ -86,7 +86,8 @@ pub(super) fn remove_item(text: &str, span: Span) -> Edit {
     let (before, behind) = around(text, span);
     let blanks = before.len() - before.trim_end_matches([' ', '\t']).len();
     let start = span.start - blanks as u32;
-    let starts_line = before.trim_end_matches([' ', '\t']).ends_with('\n') || blanks == before.len();
+    let starts_line =
+        before.trim_end_matches([' ', '\t']).ends_with('\n') || blanks == before.len();
     let rest = behind.trim_start_matches([' ', '\t', '\r']);
     let end = match rest.strip_prefix('\n') {
         Some(_) if starts_line => span.end + (behind.len() - rest.len() + 1) as u32,
@@ -95,22 +96,36 @@ pub(super) fn remove_item(text: &str, span: Span) -> Edit {
     Edit::remove(Span { start, end, ..span })
 }
 
+/// How much of a line is looked at to see what stands on it: a line can be megabytes long.
+const MAX_LOOK_BYTES: usize = 400;
+
 /// Inserts a statement behind another one, on a line of its own where that one has its own.
 pub(super) fn insert_behind(text: &str, span: Span, statement: &str) -> Edit {
     let (before, behind) = around(text, span);
-    let line = before.rsplit('\n').next().unwrap_or("");
-    let ends_line = behind
-        .lines()
-        .next()
-        .is_none_or(|rest| rest.trim().is_empty() || rest.trim_start().starts_with("//"));
-    if !line.trim().is_empty() || !ends_line {
+    let from = before.len().saturating_sub(MAX_LOOK_BYTES);
+    let near = before.bytes().skip(from).rposition(|byte| byte == b'\n');
+    let starts_text = from == 0;
+    let line = match near {
+        Some(at) => before.get(from + at + 1..),
+        None => starts_text.then_some(before),
+    };
+    let blanks = line.filter(|line| line.bytes().all(|byte| matches!(byte, b' ' | b'\t')));
+    let seen = behind.bytes().take(MAX_LOOK_BYTES);
+    let end = seen.clone().position(|byte| matches!(byte, b'\n' | b'\r'));
+    let end = end.or((seen.len() < MAX_LOOK_BYTES).then_some(behind.len()));
+    // A line that goes on and on is not looked at.
+    let rest = end
+        .and_then(|end| behind.get(..end))
+        .unwrap_or("?")
+        .trim_end();
+    let ends_line = rest.is_empty() || rest.trim_start().starts_with("//");
+    let (Some(blanks), true) = (blanks, ends_line) else {
         return Edit::behind(span, format!(" {statement}"));
-    }
+    };
     // Behind the comment at the end of the line.
-    let rest = behind.lines().next().map_or(0, |rest| rest.trim_end().len());
-    let end = span.end + rest as u32;
+    let end = span.end + rest.len() as u32;
     let span = Span { end, ..span };
-    Edit::behind(span, format!("\n{line}{statement}"))
+    Edit::behind(span, format!("\n{blanks}{statement}"))
 }
 
 /// Removes a name from a list of names, or the whole declaration where it is the only one.

@@ -34,7 +34,11 @@ impl Server {
     pub(super) fn code_actions(&mut self, asked: &Asked) -> Answer {
         let identity = identity_of(&asked.text_document.uri);
         let only = asked.context.only.as_deref();
-        if only.is_some_and(|kinds| !kinds.iter().any(|kind| kind.is_empty() || kind == QUICK_FIX)) {
+        if only.is_some_and(|kinds| {
+            !kinds
+                .iter()
+                .any(|kind| kind.is_empty() || kind == QUICK_FIX)
+        }) {
             return Ok(json!([]));
         }
         self.set_of(&asked.text_document.uri)?;

@@ -53,7 +53,11 @@ pub(super) fn check(model: &Model, holes: &Holes, known: &Activity, sink: &mut S
         for state in states {
             state.timeout_us.get_or_insert(1_000_000);
         }
-        let view = if has_holes { View::Possible } else { View::Known };
+        let view = if has_holes {
+            View::Possible
+        } else {
+            View::Known
+        };
         Activity::of(&model, holes, view)
     });
     let warnings = Warnings {

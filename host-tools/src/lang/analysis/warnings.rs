@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use crate::lang::cure::{insert_behind, remove_item};
 use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
-use crate::model::{Model, PathEnd, Region, Source, Span, State, StateKind, Target, Transition, Trigger};
+use crate::model::{
+    Model, PathEnd, Region, Source, Span, State, StateKind, Target, Transition, Trigger,
+};
 
 use super::activity::{
     Activity, Groups, STEPS_A_GROUP, StateId, Uses, formula, lacks_kind, region_holes,
@@ -16,6 +18,9 @@ use super::side_by_side::{Meeting, SideBySide};
 
 /// As many related places are shown of one kind.
 const MAX_SHOWN: usize = 4;
+
+/// More transitions, states or paths are not looked through to find what has to do with one state.
+const MAX_LOOKED_THROUGH: usize = 1_000;
 
 /// What the warnings are about.
 pub(super) struct Warnings<'a> {
@@ -104,6 +109,9 @@ impl Warnings<'_> {
                     leading.push(index);
                 }
             }
+            // Removing is proposed where that is not much to look through.
+            let is_small = region.transitions.len() <= MAX_LOOKED_THROUGH
+                && unreached.len() <= MAX_LOOKED_THROUGH;
             for state in unreached {
                 let (Some(declared), Some(leading)) =
                     (region.states.get(state), leading.get(state))
@@ -131,6 +139,7 @@ impl Warnings<'_> {
                     }
                 }
                 if leading.is_empty()
+                    && is_small
                     && let Some(fix) = self.without_state(container, region_index, state)
                 {
                     diagnostic = diagnostic.fix(fix);
@@ -143,10 +152,17 @@ impl Warnings<'_> {
     /// Removes a state that no transition leads to, with the transitions from it; nothing where a data path names it.
     fn without_state(&self, container: usize, region_index: usize, state: usize) -> Option<Fix> {
         let paths = &self.model.containers.get(container)?.paths;
+        if paths.len() > MAX_LOOKED_THROUGH {
+            return None;
+        }
         let is_wired = paths.iter().flat_map(|path| path.from.iter().chain(&path.to)).any(|end| {
             matches!(end, PathEnd::State { region, state: other, .. } if (*region, *other) == (region_index, state))
         });
-        let has_holes = self.holes.containers.get(container).is_none_or(|it| it.any());
+        let has_holes = self
+            .holes
+            .containers
+            .get(container)
+            .is_none_or(|it| it.any());
         if is_wired || has_holes {
             return None;
         }

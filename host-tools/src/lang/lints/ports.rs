@@ -315,7 +315,8 @@ impl Ports {
                 continue;
             } else {
                 let message = format!("data port `{name}` of {owner} is on no path");
-                let hint = format!("write `path` with it where {owner} is used, or remove the port");
+                let hint =
+                    format!("write `path` with it where {owner} is used, or remove the port");
                 let diagnostic = unused(port.span, message).hint(hint);
                 match removable {
                     Some(model) => diagnostic.fix(remove("remove the port", port.span, model)),

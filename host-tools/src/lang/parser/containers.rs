@@ -222,7 +222,11 @@ impl<'t> Parser<'t, '_> {
                 container.events.push(Event { listing, name });
                 if self.at(T::Comma) {
                     let cure = Cure::say("each forwarded event has its own line");
-                    let word = if listing == EventListing::In { "in" } else { "out" };
+                    let word = if listing == EventListing::In {
+                        "in"
+                    } else {
+                        "out"
+                    };
                     let again = format!("; {word} event");
                     self.mended("`;`", cure.edit(Edit::replace(self.here(), again)));
                     self.bump();

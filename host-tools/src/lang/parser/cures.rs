@@ -93,6 +93,18 @@ impl<'t> Parser<'t, '_> {
         self.text.get(start as usize..end as usize).unwrap_or("")
     }
 
+    /// The rest of this line, as far as it is worth looking at.
+    pub(super) fn near_text(&self) -> &'t str {
+        const MAX_BYTES: usize = 400;
+        let rest = self.text.get(self.token.start as usize..).unwrap_or("");
+        let mut end = rest.len().min(MAX_BYTES);
+        while !rest.is_char_boundary(end) {
+            end -= 1;
+        }
+        let near = rest.get(..end).unwrap_or("");
+        near.lines().next().unwrap_or("")
+    }
+
     /// The empty place behind the last token that was read.
     pub(super) fn behind_last(&self) -> Span {
         self.span_between(self.last_end, self.last_end)
@@ -122,7 +134,10 @@ impl<'t> Parser<'t, '_> {
             return;
         }
         let starts_statement = self.at_start_of_item()
-            || matches!(self.token.kind, T::BraceClose | T::Identifier | T::ForeignWord);
+            || matches!(
+                self.token.kind,
+                T::BraceClose | T::Identifier | T::ForeignWord
+            );
         let is_last = self.at(T::EndOfFile);
         if !(starts_statement || is_last) {
             return self.expected(expected);

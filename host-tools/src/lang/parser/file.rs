@@ -70,7 +70,10 @@ impl Parser<'_, '_> {
                 T::Slot if file.interpreters.is_empty() && self.at_number_of_interpreter() => {
                     let cure = Cure::say("did you mean `interpreter slot`?");
                     let insert = Edit::before(self.here(), "interpreter ");
-                    self.mended("`interpreter`", cure.fix(Fix::one("write `interpreter slot`", insert)));
+                    self.mended(
+                        "`interpreter`",
+                        cure.fix(Fix::one("write `interpreter slot`", insert)),
+                    );
                     file.interpreters.push(self.interpreter(self.here()));
                 }
                 T::Interpreter => {
@@ -120,7 +123,10 @@ impl Parser<'_, '_> {
                     }
                     let cure = Cure::say("nothing is open here: remove it");
                     let remove = Edit::remove(self.here());
-                    self.mended("a declaration", cure.fix(Fix::one("remove the `}`", remove)));
+                    self.mended(
+                        "a declaration",
+                        cure.fix(Fix::one("remove the `}`", remove)),
+                    );
                     self.bump();
                     closed = Closed::Nothing;
                     continue;
@@ -166,7 +172,10 @@ impl Parser<'_, '_> {
                 T::Semicolon if self.last_end > 0 => {
                     let cure = Cure::say("no `;` stands behind a body: remove it");
                     let remove = Edit::remove(self.here());
-                    self.mended("a declaration", cure.fix(Fix::one("remove the `;`", remove)));
+                    self.mended(
+                        "a declaration",
+                        cure.fix(Fix::one("remove the `;`", remove)),
+                    );
                     self.bump();
                     continue;
                 }
@@ -240,8 +249,7 @@ impl Parser<'_, '_> {
 
     /// What stands between `use` and the `;` on its line.
     fn unquoted_path(&self) -> Option<Span> {
-        let line = self.text.get(self.token.start as usize..)?.lines().next()?;
-        let (path, _) = line.split_once(';')?;
+        let (path, _) = self.near_text().split_once(';')?;
         let end = self.token.start + path.trim_end().len() as u32;
         let is_path = !path.contains(['"', '{', '}']) && !path.contains("/*");
         is_path.then(|| self.span_between(self.token.start, end))
@@ -315,7 +323,9 @@ impl Parser<'_, '_> {
             match word {
                 "period" if self.at_number_with(&["Hz", "kHz"]) => {
                     self.bump();
-                    let cure = Cure::say("a period is a time, such as `10 ms`: a number of Hz stands behind `rate`");
+                    let cure = Cure::say(
+                        "a period is a time in `us`, `ms` or `s`: a number of Hz stands behind `rate`",
+                    );
                     let fix = Fix::write(self.span_of(at), "rate");
                     self.mended("a unit of time", cure.fix(fix));
                     self.bump();
@@ -391,7 +401,9 @@ impl Parser<'_, '_> {
             ("wcet", "duration"),
         ];
         let text = self.text_of(self.token);
-        let other = OTHERS.iter().find(|(other, _)| other.eq_ignore_ascii_case(text));
+        let other = OTHERS
+            .iter()
+            .find(|(other, _)| other.eq_ignore_ascii_case(text));
         let (_, word) = other.filter(|_| self.next.kind == T::Integer)?;
         let what = "`period`, `rate` or `duration`";
         self.mended(what, Cure::meant(self.here(), word));

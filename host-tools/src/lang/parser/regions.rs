@@ -72,7 +72,10 @@ impl Parser<'_, '_> {
                     self.initial_state(region);
                 }
                 T::Identifier if self.at_foreign_transition() => self.foreign_transition(region),
-                T::Identifier if matches!(self.next.kind, T::Identifier | T::ForeignWord) => {
+                T::Identifier
+                    if matches!(self.next.kind, T::Identifier | T::ForeignWord)
+                        && !self.is_foreign_arrow(self.next) =>
+                {
                     self.misspelt_in_region(region);
                 }
                 T::Identifier | T::Exit if self.at_entry_action() => {
@@ -82,7 +85,9 @@ impl Parser<'_, '_> {
                     self.skip_statement(Some(&mut region.skipped));
                 }
                 T::Identifier if !self.at_transition() => self.nameless_item(region),
-                T::BracketOpen | T::Star | T::Arrow if self.at_foreign_initial().is_some() => {
+                T::BracketOpen | T::Star | T::Arrow
+                    if self.at_foreign_initial(region).is_some() =>
+                {
                     self.foreign_initial(region);
                 }
                 T::Send | T::Set | T::Clear => {
@@ -130,10 +135,15 @@ impl Parser<'_, '_> {
 
     /// Whether `entry / …` or `exit: …` stands here, as in other tools.
     fn at_entry_action(&self) -> bool {
-        let words = ["entry", "exit", "enter", "do", "onentry", "onexit", "during"];
+        let words = [
+            "entry", "exit", "enter", "do", "onentry", "onexit", "during",
+        ];
         let text = self.text_of(self.token);
         words.iter().any(|word| word.eq_ignore_ascii_case(text))
-            && matches!(self.next.kind, T::Slash | T::Colon | T::BraceOpen | T::Send | T::Set)
+            && matches!(
+                self.next.kind,
+                T::Slash | T::Colon | T::BraceOpen | T::Send | T::Set
+            )
     }
 
     /// `initial state A;`: the state, and that it is the initial one.
@@ -214,25 +224,45 @@ impl Parser<'_, '_> {
     }
 
     /// How `[*]`, `*` or nothing stand before an arrow for `initial`: the bytes of it.
-    fn at_foreign_initial(&self) -> Option<Span> {
+    fn at_foreign_initial(&self, region: &Region) -> Option<Span> {
+        // Where a region starts stands at its beginning.
+        let mut transitions = region.transitions.iter().take(100);
+        if transitions.any(|it| it.source == Endpoint::Pseudo) {
+            // Some other state is missing then.
+            return None;
+        }
         let start = self.token.start;
         let tokens: [_; 2] = self.ahead();
-        let kinds = [self.token.kind, self.next.kind, tokens[0].kind, tokens[1].kind];
+        let kinds = [
+            self.token.kind,
+            self.next.kind,
+            tokens[0].kind,
+            tokens[1].kind,
+        ];
         let end = match kinds {
-            [T::BracketOpen, T::Star, T::BracketClose, T::Arrow | T::Minus] => tokens[0].end,
+            [
+                T::BracketOpen,
+                T::Star,
+                T::BracketClose,
+                T::Arrow | T::Minus,
+            ] => tokens[0].end,
             [T::Star, T::Arrow, T::Identifier, _] => self.token.end,
-            [T::Arrow, T::Identifier, ..] => start,
+            [T::Arrow, T::Identifier, T::Semicolon, _] => start,
             _ => return None,
         };
         Some(self.span_between(start, end))
     }
 
     fn foreign_initial(&mut self, region: &mut Region) {
-        let Some(sign) = self.at_foreign_initial() else {
+        let Some(sign) = self.at_foreign_initial(region) else {
             return;
         };
         let start = self.here();
-        let text = if sign.start == sign.end { "initial " } else { "initial" };
+        let text = if sign.start == sign.end {
+            "initial "
+        } else {
+            "initial"
+        };
         let cure = Cure::say("where a region starts is written `initial -> A;`");
         let fix = Fix::one("write `initial`", Edit::replace(sign, text));
         self.mended(EXPECTED, cure.fix(fix));
@@ -251,8 +281,8 @@ impl Parser<'_, '_> {
     /// An action where a statement starts: behind a `;` that should be a `,`.
     fn stray_action(&mut self, region: &mut Region) {
         let behind = region.transitions.last();
-        let ends_before = behind
-            .is_some_and(|it| it.span.end == self.last_end && !it.actions.is_empty());
+        let ends_before =
+            behind.is_some_and(|it| it.span.end == self.last_end && !it.actions.is_empty());
         let mut cure = Cure::say("actions stand at a transition, `A -> B / send E, set .f;`");
         if ends_before && self.last_end > 0 {
             let semicolon = self.span_between(self.last_end - 1, self.last_end);
@@ -267,7 +297,9 @@ impl Parser<'_, '_> {
     /// Reports the limits of time that stand at transitions, where they can be moved to the states that are left.
     pub(super) fn tell_limits(&mut self, region: &Region) {
         for limit in std::mem::take(&mut self.limits) {
-            let source = limit.source.map(|name| self.between(name.0.start, name.0.end));
+            let source = limit
+                .source
+                .map(|name| self.between(name.0.start, name.0.end));
             let state = region.states.iter().find(|state| {
                 let name = state.name;
                 source.is_some() && name.map(|it| self.between(it.0.start, it.0.end)) == source
@@ -599,9 +631,7 @@ impl Parser<'_, '_> {
     /// Reports values without their opening brace, and perhaps without the closing one: `a = 1, b = 2;`.
     fn open_values(&mut self) {
         let mut cure = Cure::say("the values stand in braces");
-        let rest = self.text.get(self.token.start as usize..).unwrap_or("");
-        let line = rest.lines().next().unwrap_or("");
-        if let Some((values, _)) = line.split_once(';')
+        if let Some((values, _)) = self.near_text().split_once(';')
             && !values.contains(['{', '/', '"'])
         {
             let mut edits = vec![Edit::before(self.here(), "{ ")];

@@ -363,5 +363,8 @@ impl Parser<'_, '_> {
 
 /// A colon that is missing behind a name.
 pub(super) fn missing_colon(behind: Span) -> Cure {
-    Cure::default().fix(Fix::one("write the missing `:`", Edit::replace(behind, ":")))
+    Cure::default().fix(Fix::one(
+        "write the missing `:`",
+        Edit::replace(behind, ":"),
+    ))
 }

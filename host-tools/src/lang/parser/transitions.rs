@@ -13,6 +13,12 @@ use super::regions::LIMIT_WORDS;
 use super::values::excerpt;
 use super::{BrokenGuard, Limit, MAX_GUARD_DEPTH, Parser, set_if_absent};
 
+/// How far the end of a guard is looked for.
+const MAX_GUARD_TOKENS: usize = 400;
+
+/// As many limits of time at transitions of one region are told with a change that mends them.
+const MAX_LIMITS: usize = 100;
+
 /// The order of the parts of a transition.
 const ORDER: &str = "the parts of a transition are `on E [guard] / actions`, in this order";
 
@@ -57,10 +63,7 @@ impl Parser<'_, '_> {
             match self.token.kind {
                 T::On => {
                     if transition.trigger.is_given() || transition.guard.is_given() || has_actions {
-                        self.corrected(
-                            expected,
-                            Some(ORDER.into()),
-                        );
+                        self.corrected(expected, Some(ORDER.into()));
                     }
                     let read = Given::from_read(self.trigger(source));
                     set_if_absent(&mut transition.trigger, read);
@@ -70,10 +73,7 @@ impl Parser<'_, '_> {
                 }
                 T::BracketOpen => {
                     if transition.guard.is_given() || has_actions {
-                        self.corrected(
-                            expected,
-                            Some(ORDER.into()),
-                        );
+                        self.corrected(expected, Some(ORDER.into()));
                     }
                     let read = Given::from_read(self.bracketed_guard(source));
                     set_if_absent(&mut transition.guard, read);
@@ -95,7 +95,10 @@ impl Parser<'_, '_> {
                 T::Send | T::Set | T::Clear if !has_actions => {
                     let cure = Cure::say("actions stand behind `/`");
                     let insert = Edit::before(self.here(), "/ ");
-                    self.mended(expected, cure.fix(Fix::one("write the missing `/`", insert)));
+                    self.mended(
+                        expected,
+                        cure.fix(Fix::one("write the missing `/`", insert)),
+                    );
                     has_actions = true;
                     self.action_list(&mut transition.actions);
                     expected = "`,` or `;`";
@@ -124,7 +127,10 @@ impl Parser<'_, '_> {
             if self.at(T::Unknown) && self.text_of(self.token) == ">" {
                 let cure = Cure::say("an arrow is written `->`");
                 let remove = Edit::remove(self.here());
-                self.mended("a state or `final`", cure.fix(Fix::one("write `->`", remove)));
+                self.mended(
+                    "a state or `final`",
+                    cure.fix(Fix::one("write `->`", remove)),
+                );
                 self.bump();
                 self.report_nothing_here();
             }
@@ -170,7 +176,9 @@ impl Parser<'_, '_> {
         let behind = lexer.next_token();
         let is_target = matches!(target.kind, T::Identifier | T::Final);
         let is_certain = !matches!(behind.kind, T::Arrow | T::Identifier | T::Final);
-        let is_near = !self.between(self.last_end, target.start).contains(['\n', '/']);
+        let is_near = !self
+            .between(self.last_end, target.start)
+            .contains(['\n', '/']);
         if !(is_target && is_certain && is_near) {
             return Cure::default();
         }
@@ -239,12 +247,13 @@ impl Parser<'_, '_> {
                 Some(Trigger::Star(span))
             }
             T::Exit | T::Timeout | T::Busy if self.next.kind == T::Integer => {
-                self.limit(source, WHAT, on.start, self.token.end);
+                self.limit(source, WHAT, on.start, self.token.end, "[timeout]");
                 None
             }
             T::Exit | T::Timeout | T::Busy => {
                 let word = self.text_of(self.token);
-                let hint = format!("`{word}` is no event but a flag of the state: write `[{word}]`");
+                let hint =
+                    format!("`{word}` is no event but a flag of the state: write `[{word}]`");
                 let cure = match self.guard_with(on, word) {
                     Some(fix) => Cure::say(hint).fix(fix),
                     None => Cure::say(hint),
@@ -259,19 +268,23 @@ impl Parser<'_, '_> {
             }
             T::BracketOpen => {
                 let word = self.span_between(on.start, span.start);
-                let cure = Cure::say("`on` names an event; a guard stands alone, `A -> B [guard];`");
-                self.mended(WHAT, cure.fix(Fix::one("remove the `on`", Edit::remove(word))));
+                let cure =
+                    Cure::say("`on` names an event; a guard stands alone, `A -> B [guard];`");
+                self.mended(
+                    WHAT,
+                    cure.fix(Fix::one("remove the `on`", Edit::remove(word))),
+                );
                 None
             }
             T::Integer => {
-                self.limit(source, WHAT, on.start, span.start);
+                self.limit(source, WHAT, on.start, span.start, "[timeout]");
                 None
             }
             T::Identifier
                 if self.at_any_case(&LIMIT_WORDS)
                     && matches!(self.next.kind, T::Integer | T::ParenthesisOpen) =>
             {
-                self.limit(source, WHAT, on.start, span.end);
+                self.limit(source, WHAT, on.start, span.end, "[timeout]");
                 None
             }
             _ => {
@@ -313,7 +326,10 @@ impl Parser<'_, '_> {
                 self.bump();
             }
             T::And if self.next.kind != T::Identifier => {
-                self.corrected(what, Some("a guard stands in brackets behind the event: `on E [guard]`".into()));
+                self.corrected(
+                    what,
+                    Some("a guard stands in brackets behind the event: `on E [guard]`".into()),
+                );
             }
             _ => {}
         }
@@ -327,7 +343,7 @@ impl Parser<'_, '_> {
             return Some(Fix::one(title, Edit::replace(part, format!("[{word}]"))));
         }
         let mut lexer = self.lexer_behind_next();
-        loop {
+        for _ in 0..MAX_GUARD_TOKENS {
             let token = lexer.next_token();
             match token.kind {
                 T::BracketClose => {
@@ -342,10 +358,12 @@ impl Parser<'_, '_> {
                 _ => {}
             }
         }
+        None
     }
 
     /// A limit of time where none stands: `after 5 s`, from byte `from` on. What stands before `time_from` is a word for it.
-    fn limit(&mut self, source: Endpoint, what: &str, from: u32, time_from: u32) {
+    /// `read` is what reads it in its place.
+    fn limit(&mut self, source: Endpoint, what: &str, from: u32, time_from: u32, read: &str) {
         let diagnostic = Diagnostic::new(
             Code::E001,
             self.here(),
@@ -388,7 +406,10 @@ impl Parser<'_, '_> {
             Endpoint::Pseudo => None,
         };
         let is_guarded = self.at(T::BracketOpen);
-        let edits = vec![Edit::replace(part, "[timeout]")];
+        let edits = vec![Edit::replace(part, read)];
+        if self.limits.len() >= MAX_LIMITS {
+            return self.sink.push(diagnostic);
+        }
         self.limits.push(Limit {
             source: source.filter(|_| !is_guarded),
             time,
@@ -405,12 +426,9 @@ impl Parser<'_, '_> {
         self.guard_has_gaps = false;
         let guard = self.guard(0, source).ok();
         let has_gaps = std::mem::take(&mut self.guard_has_gaps);
-        let mut diagnostic = Diagnostic::new(
-            Code::E001,
-            at,
-            format!("expected {what}, found {found}"),
-        )
-        .hint("a guard stands in brackets: `A -> B [guard];`");
+        let mut diagnostic =
+            Diagnostic::new(Code::E001, at, format!("expected {what}, found {found}"))
+                .hint("a guard stands in brackets: `A -> B [guard];`");
         if guard.is_some() {
             let open = self.span_between(from, at.start);
             let mut edits = vec![Edit::replace(open, "[")];
@@ -434,7 +452,7 @@ impl Parser<'_, '_> {
         let is_near = !self.at_new_line();
         match self.token.kind {
             T::Timeout if self.next.kind == T::Integer || self.next.kind == T::ParenthesisOpen => {
-                self.limit(source, expected, here.start, here.end);
+                self.limit(source, expected, here.start, here.end, "[timeout]");
                 set_if_absent(&mut transition.guard, Given::Broken);
             }
             T::Timeout | T::Dot | T::Caret | T::Not | T::ParenthesisOpen if is_free => {
@@ -448,12 +466,9 @@ impl Parser<'_, '_> {
             T::Identifier if self.next.kind == T::Arrow => return false,
             T::Identifier
                 if self.at_any_case(&LIMIT_WORDS)
-                    && matches!(
-                        self.next.kind,
-                        T::Integer | T::Float | T::ParenthesisOpen
-                    ) =>
+                    && matches!(self.next.kind, T::Integer | T::Float | T::ParenthesisOpen) =>
             {
-                self.limit(source, expected, here.start, here.end);
+                self.limit(source, expected, here.start, here.end, "[timeout]");
                 set_if_absent(&mut transition.guard, Given::Broken);
             }
             T::Identifier if is_free && self.at_any_case(&["if", "when", "where", "while"]) => {
@@ -470,9 +485,19 @@ impl Parser<'_, '_> {
                 if self.at_any_case(&["do", "then", "action"])
                     && matches!(self.next.kind, T::Send | T::Set | T::Clear) =>
             {
-                self.mended(expected, Cure::say("actions stand behind `/`").fix(Fix::write(here, "/")));
+                self.mended(
+                    expected,
+                    Cure::say("actions stand behind `/`").fix(Fix::write(here, "/")),
+                );
                 self.bump();
                 self.action_list(&mut transition.actions);
+            }
+            T::BraceOpen => {
+                self.lost(
+                    expected,
+                    Cure::say("what a transition does stands behind `/`"),
+                );
+                return false;
             }
             T::Event if self.next.kind == T::Identifier && !has_trigger && is_near => {
                 self.mended(expected, Cure::write(here, "on"));
@@ -501,7 +526,8 @@ impl Parser<'_, '_> {
                     && is_free
                     && is_near
                     && matches!(self.next.kind, T::Semicolon | T::BracketOpen | T::Slash)
-                    && meant(self.text_of(self.token), &["on", "timeout", "exit", "busy"]).is_none() =>
+                    && meant(self.text_of(self.token), &["on", "timeout", "exit", "busy"])
+                        .is_none() =>
             {
                 let name = excerpt(self.text_of(self.token));
                 let cure = Cure::say(format!(
@@ -555,7 +581,10 @@ impl Parser<'_, '_> {
             let brackets = self.span_between(open.start, self.token.end);
             let cure = Cure::say("a transition without a guard has no brackets");
             let fix = Fix::one("remove the brackets", Edit::remove(brackets));
-            self.mended("a guard: `exit`, `timeout`, `busy`, `.flag` or `^flag`", cure.fix(fix));
+            self.mended(
+                "a guard: `exit`, `timeout`, `busy`, `.flag` or `^flag`",
+                cure.fix(fix),
+            );
             self.bump();
             return None;
         }
@@ -633,7 +662,11 @@ impl Parser<'_, '_> {
 
     /// Whether `&&`, `||` or the like stands here for a word.
     fn at_foreign_word(&self, word: T) -> bool {
-        let (letters, sign) = if word == T::And { ("and", '&') } else { ("or", '|') };
+        let (letters, sign) = if word == T::And {
+            ("and", '&')
+        } else {
+            ("or", '|')
+        };
         match self.token.kind {
             T::Unknown => self.text_of(self.token).starts_with(sign),
             _ => self.at_any_case(&[letters]),
@@ -673,12 +706,19 @@ impl Parser<'_, '_> {
                 self.bump();
                 negations += 1;
             } else if self.at(T::Unknown)
-                && self.text_of(self.token).chars().all(|it| it == '!' || it == '~')
+                && self
+                    .text_of(self.token)
+                    .chars()
+                    .all(|it| it == '!' || it == '~')
                 || self.at_any_case(&["not"])
             {
                 let sign = self.span_between(self.token.start, self.next.start);
                 let is_word = self.at(T::Identifier);
-                let count = if is_word { 1 } else { self.token.end - self.token.start };
+                let count = if is_word {
+                    1
+                } else {
+                    self.token.end - self.token.start
+                };
                 let cure = Cure::say("write `not`");
                 let meant = "not ".repeat(count as usize);
                 let fix = Fix::one("write `not`", Edit::replace(sign, meant));
@@ -721,7 +761,11 @@ impl Parser<'_, '_> {
         const WHAT: &str = "a guard";
         let start = self.here();
         let kind = match self.token.kind {
-            T::Timeout if matches!(self.next.kind, T::Integer | T::Unknown | T::Equals) => {
+            T::Timeout
+                if matches!(self.next.kind, T::Integer | T::Equals)
+                    || self.next.kind == T::Unknown
+                        && self.text_of(self.next).starts_with(['<', '>']) =>
+            {
                 return self.limit_in_guard(source);
             }
             T::Exit => GuardKind::System(SystemFlag::Exit),
@@ -817,12 +861,7 @@ impl Parser<'_, '_> {
     /// `[after 5 s]`, `[timeout > 5 s]`
     fn limit_in_guard(&mut self, source: Endpoint) -> Result<GuardTerm, BrokenGuard> {
         let start = self.here();
-        self.limit(source, "a guard", start.start, start.end);
-        if let Some(limit) = self.limits.last_mut() {
-            for edit in &mut limit.edits {
-                edit.text = "timeout".into();
-            }
-        }
+        self.limit(source, "a guard", start.start, start.end, "timeout");
         Ok(self.unknown_term(start))
     }
 
@@ -870,7 +909,10 @@ impl Parser<'_, '_> {
         let (hint, mut edits) = if is_equal == is_set {
             ("a flag is asked for by its name alone: `[.f]`", Vec::new())
         } else {
-            ("that a flag is not set is written `[not .f]`", vec![Edit::before(flag, "not ")])
+            (
+                "that a flag is not set is written `[not .f]`",
+                vec![Edit::before(flag, "not ")],
+            )
         };
         edits.push(Edit::remove(part));
         let fix = Fix::new(hint, edits);

@@ -215,7 +215,11 @@ impl Parser<'_, '_> {
     /// A sign between a word and its number, where none stands.
     fn no_sign(&mut self, what: &str) {
         let sign = self.span_between(self.last_end, self.token.end);
-        let behind = if self.token.end == self.next.start { " " } else { "" };
+        let behind = if self.token.end == self.next.start {
+            " "
+        } else {
+            ""
+        };
         let cure = Cure::say("no sign stands between a word and its value: remove it");
         self.mended(what, cure.edit(Edit::replace(sign, behind)));
         self.bump();
@@ -257,10 +261,7 @@ impl Parser<'_, '_> {
             && close.kind == T::ParenthesisClose;
         if is_in_parentheses {
             let open = self.span_between(self.last_end, self.token.end);
-            let edits = vec![
-                Edit::replace(open, " "),
-                Edit::remove(self.span_of(close)),
-            ];
+            let edits = vec![Edit::replace(open, " "), Edit::remove(self.span_of(close))];
             let hint = "a time stands without parentheses";
             self.mended("a time", Cure::say(hint).fix(Fix::new(hint, edits)));
             self.bump();
@@ -368,7 +369,10 @@ impl Parser<'_, '_> {
             }
         } else if number.kind == T::Integer && (!is_word || is_attribute || self.at_new_line()) {
             let digits = self.text_of(number);
-            for unit in ["ms", "s"] {
+            let before = self.between(0, number.start).trim_end();
+            // Limits of states are seconds more often than not, times of slots are not.
+            let is_limit = before.ends_with("timeout");
+            for unit in if is_limit { ["s", "ms"] } else { ["ms", "us"] } {
                 let title = format!("write `{} {unit}`", excerpt(digits));
                 let insert = Edit::behind(self.span_of(number), format!(" {unit}"));
                 cure = cure.fix(Fix::one(title, insert));

@@ -31,7 +31,7 @@ pub(super) fn check<'f>(
         .collect();
     let mut wired: Vec<Wired> = trees.iter().map(|_| Wired::default()).collect();
     for &index in order.unwrap_or(&unordered) {
-        let (Some(tree), Some(container_facts), Some(container)) = (
+        let (Some(&tree), Some(container_facts), Some(container)) = (
             trees.get(index),
             facts.get(index),
             model.containers.get(index),
@@ -40,7 +40,7 @@ pub(super) fn check<'f>(
         };
         let wiring = Wiring {
             container,
-            last_item: last_item(tree, names),
+            tree,
             facts: container_facts,
             all_facts: facts,
             tasks,
@@ -132,8 +132,8 @@ fn report_faults(wired: &mut [Wired], facts: &[ContainerFacts<'_>], names: &mut 
 /// One container, and what its paths can refer to.
 struct Wiring<'w, 'f> {
     container: &'w Container,
-    /// Behind which statement more paths can be written.
-    last_item: Option<Span>,
+    /// The container as it is written.
+    tree: &'f tree::Container,
     facts: &'w ContainerFacts<'f>,
     all_facts: &'w [ContainerFacts<'f>],
     tasks: &'w TaskTable<'f>,
@@ -147,7 +147,10 @@ struct Wiring<'w, 'f> {
 /// As many fixes are proposed for one diagnostic.
 const MAX_FIXES: usize = 4;
 
-/// The last path of a container, or its last region.
+/// More states than this are not looked through for what could be meant.
+const MAX_STATES: usize = 1_000;
+
+/// The last path of a container, or its last region: more paths can be written behind it.
 fn last_item(tree: &tree::Container, names: &Names<'_, '_>) -> Option<Span> {
     let path = tree.paths.last().map(|path| path.span);
     path.or_else(|| {
@@ -834,7 +837,10 @@ impl<'f> Wiring<'_, 'f> {
             .filter(|port| open.contains(&port.name.as_str()))
             .collect();
         let reader = self.name_of((region, state));
-        if let ([port], Some(last)) = (open.as_slice(), self.last_item) {
+        if let [port] = open.as_slice()
+            && self.states.in_order.len() <= MAX_STATES
+            && let Some(last) = last_item(self.tree, names)
+        {
             let writers = self.outputs_of(&port.type_name);
             if writers.len() <= MAX_FIXES {
                 for writer in writers {
@@ -877,8 +883,8 @@ impl<'f> Wiring<'_, 'f> {
         for (region, states) in self.facts.states.iter().enumerate() {
             for (state, facts) in states.iter().enumerate() {
                 let ports = self.ports_of(facts.kind).iter();
-                let fitting = ports
-                    .filter(|it| it.direction == Direction::Out && it.type_name == type_name);
+                let fitting =
+                    ports.filter(|it| it.direction == Direction::Out && it.type_name == type_name);
                 for port in fitting.take(MAX_FIXES + 1) {
                     outputs.push(format!("{}.{}", self.name_of((region, state)), port.name));
                     if outputs.len() > MAX_FIXES {

@@ -11,9 +11,9 @@ use crate::model::{
     StateKind, Target, Transition, Trigger, Value,
 };
 
+use super::literals;
 use super::scope::{Found, Names, Scope};
 use super::slots::{MAX_SLOTS_PROPOSED, SlotTable};
-use super::literals;
 use super::tasks::{self, TaskTable};
 use super::{ContainerFacts, Kind, ResolvedRegion, StateFacts};
 
@@ -34,6 +34,7 @@ struct Around<'r, 'f> {
     is_machine: bool,
     /// Up to the brace behind which its declarations start, where that was found.
     body: Option<Span>,
+    tree: &'f tree::Container,
     facts: &'r ContainerFacts<'f>,
     events: &'r [ContainerEvent],
 }
@@ -81,7 +82,7 @@ impl<'f> Resolver<'_, 'f> {
         index: usize,
         names: &mut Names<'f, '_>,
     ) -> Vec<ResolvedRegion> {
-        let (Some(tree), Some(facts), Some(container)) = (
+        let (Some(&tree), Some(facts), Some(container)) = (
             trees.get(index),
             self.facts.get(index),
             self.model.containers.get(index),
@@ -92,6 +93,7 @@ impl<'f> Resolver<'_, 'f> {
             name: tree.name.map_or("", |name| names.text(name.0)),
             is_machine: tree.is_machine,
             body: start_of_body(tree.span, names),
+            tree,
             facts,
             events: &container.events,
         };
@@ -205,8 +207,7 @@ impl<'f> Resolver<'_, 'f> {
                 StateKind::Simple
             }
             tree::StateKind::Super { container } => {
-                let container =
-                    container.and_then(|it| self.container(it, name, tree.span, names));
+                let container = container.and_then(|it| self.container(it, name, tree.span, names));
                 facts.kind = container.map_or(Kind::Unknown, Kind::Super);
                 StateKind::Super {
                     container: container.unwrap_or(0),
@@ -440,7 +441,11 @@ fn start_of_body(head: Span, names: &Names<'_, '_>) -> Option<Span> {
     let behind = names.file_text(head).get(head.end as usize..)?;
     let brace = behind.find('{')?;
     let end = head.end + brace as u32 + 1;
-    behind.get(..brace)?.trim().is_empty().then_some(Span { end, ..head })
+    behind
+        .get(..brace)?
+        .trim()
+        .is_empty()
+        .then_some(Span { end, ..head })
 }
 
 /// A hint with the change that replaces the first word of a declaration.
@@ -558,7 +563,11 @@ impl<'f> Context<'_, 'f> {
                     );
                 if let Given::Value(tree::Trigger::Star(star)) = tree.trigger {
                     let is_or = matches!(term.kind, GuardKind::Or(_));
-                    let (open, close) = if is_or { ("exit and (", ")") } else { ("exit and ", "") };
+                    let (open, close) = if is_or {
+                        ("exit and (", ")")
+                    } else {
+                        ("exit and ", "")
+                    };
                     let edits = vec![
                         Edit::replace(star, "pulse"),
                         Edit::before(term.span, open),
@@ -624,7 +633,8 @@ impl<'f> Context<'_, 'f> {
                     (None, last) => {
                         let region = &self.region.name;
                         let statement = format!("state {text};");
-                        let cure = Cure::say(format!("declare it in region `{region}`: `{statement}`"));
+                        let cure =
+                            Cure::say(format!("declare it in region `{region}`: `{statement}`"));
                         match last {
                             Some(last) => {
                                 let file = names.file_text(last.declaration);
@@ -703,7 +713,9 @@ impl<'f> Context<'_, 'f> {
                 ", or `in event` to receive it from outside"
             };
             let statement = format!("event {event};");
-            let cure = Cure::say(format!("declare it in `{container}`: `{statement}`{forward}"));
+            let cure = Cure::say(format!(
+                "declare it in `{container}`: `{statement}`{forward}"
+            ));
             match self.around.body {
                 Some(body) => {
                     let insert = Edit::behind(body, format!("\n    {statement}"));
@@ -842,8 +854,12 @@ impl<'f> Context<'_, 'f> {
         };
         if kind == Kind::Simple {
             let message = format!("the simple state `{state}` has no flag `{flag}`");
-            let hint = "only task states and superstates have flags";
-            names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
+            let mut diagnostic = Diagnostic::new(Code::E006, name.0, message)
+                .hint("only task states and superstates have flags");
+            if matches!(self.around.facts.flags.find(flag), Found::Index(_)) {
+                diagnostic.fixes = with_sign(String::new(), name, "^", names).fixes;
+            }
+            names.report(diagnostic);
             return None;
         }
         let flags = self.flags_of(end)?;
@@ -863,7 +879,7 @@ impl<'f> Context<'_, 'f> {
                 let around = self.around.name;
                 let hint = format!("`^{flag}` is the flag of container `{around}`");
                 with_sign(hint, name, "^", names)
-            } else if let Some(other) = self.state_with_flag(flag) {
+            } else if let Some(other) = self.state_with_flag(flag, names) {
                 Cure::say(match usage {
                     Use::ReadOwn => format!(
                         "it is a flag of state `{other}`, and a guard reads those of the state that is left: let `{other}` send an event (`/ send E`, and `on E` here), or set a flag of the container (`^f`)"
@@ -888,7 +904,9 @@ impl<'f> Context<'_, 'f> {
             }
             Kind::Unknown | Kind::Simple => None,
         };
-        let declared = declared.and_then(|flags| flags.get(index)).map(|it| it.span);
+        let declared = declared
+            .and_then(|flags| flags.get(index))
+            .map(|it| it.span);
         let owner = Owner {
             name: &owner,
             is_task: matches!(kind, Kind::Task(_)),
@@ -898,16 +916,30 @@ impl<'f> Context<'_, 'f> {
         Some(index)
     }
 
-    /// A state of the region that has a flag of some name.
-    fn state_with_flag(&self, flag: &str) -> Option<&str> {
-        let mut states = self.region.states.iter().zip(self.facts);
-        states.find_map(|(state, facts)| {
-            let flags = match facts.kind {
-                Kind::Task(task) => &self.resolver.tasks.facts(task)?.flags,
-                Kind::Super(container) => &self.resolver.facts.get(container)?.flags,
-                Kind::Simple | Kind::Unknown => return None,
+    /// A state of the container that has a flag of some name.
+    fn state_with_flag(&self, flag: &str, names: &Names<'f, '_>) -> Option<&'f str> {
+        let index = |scope: &Scope<'f>, name: Option<Name>| match scope.find(names.text(name?.0)) {
+            Found::Index(index) => Some(index),
+            Found::Perhaps | Found::Nothing => None,
+        };
+        /// More states than this are not looked through.
+        const MAX_STATES: usize = 1_000;
+        let regions = &self.around.tree.regions;
+        let states = regions.iter().flat_map(|region| &region.states);
+        states.take(MAX_STATES).find_map(|state| {
+            let flags = match state.kind {
+                tree::StateKind::Task { task, .. } => {
+                    let task = index(&self.resolver.tasks.names, task)?;
+                    &self.resolver.tasks.facts(task)?.flags
+                }
+                tree::StateKind::Super { container } => {
+                    let container = index(self.resolver.containers, container)?;
+                    &self.resolver.facts.get(container)?.flags
+                }
+                tree::StateKind::Simple => return None,
             };
-            matches!(flags.find(flag), Found::Index(_)).then_some(state.name.as_str())
+            let has_flag = matches!(flags.find(flag), Found::Index(_));
+            has_flag.then(|| names.text(state.name.map_or(Span::default(), |name| name.0)))
         })
     }
 
@@ -971,7 +1003,9 @@ impl<'f> Context<'_, 'f> {
                 };
                 let container = self.around.name;
                 let statement = format!("{word} flag {flag};");
-                let cure = Cure::say(format!("declare it in container `{container}`: `{statement}`"));
+                let cure = Cure::say(format!(
+                    "declare it in container `{container}`: `{statement}`"
+                ));
                 match self.around.body {
                     Some(body) => {
                         let insert = Edit::behind(body, format!("\n    {statement}"));
@@ -1081,9 +1115,7 @@ fn check_direction(
         (Use::WriteOwn, true) => {
             "only the task sets it, in the firmware, and entering the state resets it: leave the action out; to tell the task something set one of its `in` flags, to tell others send an event or set a flag of the container, `^f`"
         }
-        (Use::WriteParent, _) => {
-            "`in` flags are set from outside; declare it `out` to set it here"
-        }
+        (Use::WriteParent, _) => "`in` flags are set from outside; declare it `out` to set it here",
         (Use::WriteOwn, false) => {
             "`out` flags are set inside the container itself (`/ set ^f`); declare it `in` to set it on the way in"
         }
