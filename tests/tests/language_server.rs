@@ -1136,7 +1136,8 @@ fn quick_fixes_mend_what_they_are_for() {
 
 #[test]
 fn quick_fixes_are_offered_where_they_belong() {
-    let container = "container Inner {\n    in data twist: Twist;\n    region r { task Drive: Motor; initial -> Drive; Drive -> Drive on *; }\n    path twist -> Drive.twist;\n}\n";
+    let container = "container Inner {\n    in data twist: Twist;\n    region r { task Drive: \
+        Motor; initial -> Drive; Drive -> Drive on *; }\n    path twist -> Drive.twist;\n}\n";
     let used = format!("task Motor slot 1 {{ in data twist: Twist; }}\n{container}");
     let text = "use \"inner.esm\"; interpreter slot 1; slot 1 period 10 ms duration 1 ms;
 machine M { event Idle; region r { super A: Inner; state B; initial -> A; A -> B timeout; B -> A; } }
@@ -1186,10 +1187,12 @@ machine M { event Idle; region r { super A: Inner; state B; initial -> A; A -> B
     assert_eq!(editor.end(), Some(0));
 }
 
-/// A repository: one file in some uses the tasks, by way of another file or at once; nobody uses the rest.
+/// A repository: one file in some uses the tasks, by way of another file or at once; nobody uses
+/// the rest.
 fn many_files(folder: &std::path::Path, count: usize, users: usize) {
     std::fs::write(folder.join("tasks.esm"), TASKS).unwrap();
-    let library = "use \"tasks.esm\";\ncontainer Pause { region r { task Rest: Cruise; initial -> Rest; Rest -> Rest on *; } }\n";
+    let library = "use \"tasks.esm\";\ncontainer Pause { region r { task Rest: Cruise; initial -> \
+        Rest; Rest -> Rest on *; } }\n";
     std::fs::write(folder.join("library.esm"), library).unwrap();
     for index in 0..count - 2 {
         // Folders deeper than anybody's.
@@ -1206,7 +1209,8 @@ fn many_files(folder: &std::path::Path, count: usize, users: usize) {
             mission().replace("tasks.esm", &format!("{up}tasks.esm"))
         } else if is_user {
             format!(
-                "// use \"nothing.esm\";\nuse \"{up}library.esm\";\ncontainer Own {{ region r {{ task Go: Cruise; initial -> Go; Go -> Go on *; }} }}\n"
+                "// use \"nothing.esm\";\nuse \"{up}library.esm\";\ncontainer Own {{ region r {{ \
+                    task Go: Cruise; initial -> Go; Go -> Go on *; }} }}\n"
             )
         } else {
             // The same name, of another task.

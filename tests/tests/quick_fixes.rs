@@ -1,4 +1,5 @@
-//! Changes of the text that mend what is wrong: each one does so, for every wrong file that there is and for what people write who know
+//! Changes of the text that mend what is wrong: each one does so, for every wrong file that there
+//! is and for what people write who know
 //! other tools.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed

@@ -54,7 +54,8 @@ impl From<String> for Cure {
     }
 }
 
-/// The end of the declaration or statement that starts at a byte: behind its `;` or its closing brace.
+/// The end of the declaration or statement that starts at a byte: behind its `;` or its closing
+/// brace.
 pub(crate) fn end_of_item(text: &str, start: u32) -> u32 {
     let mut lexer = Lexer::new_at(text, start);
     let mut depth = 0_usize;
@@ -160,7 +161,8 @@ pub(super) fn remove_from_list(text: &str, name: Span) -> Option<Edit> {
     is_plain.then(|| remove_item(text, span))
 }
 
-/// Removes the action that ends with a name: with its comma, or with the slash where it is the only one.
+/// Removes the action that ends with a name: with its comma, or with the slash where it is the only
+/// one.
 pub(super) fn remove_action(text: &str, name: Span, word: &str) -> Option<Edit> {
     let (before, behind) = around(text, name);
     let before = before.strip_suffix(['.', '^'])?.trim_end();

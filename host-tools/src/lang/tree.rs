@@ -434,7 +434,8 @@ pub enum PathEnd {
 }
 
 impl State {
-    /// What attributes can be written behind: the name of a simple state, or of what another state is made of.
+    /// What attributes can be written behind: the name of a simple state, or of what another state
+    /// is made of.
     pub fn place_of_attributes(&self) -> Option<Span> {
         let name = match self.kind {
             StateKind::Simple => self.name,

@@ -622,7 +622,8 @@ impl Server {
         }))
     }
 
-    /// All places that mean what is declared somewhere: in the open sets, and in those on disk that have its file.
+    /// All places that mean what is declared somewhere: in the open sets, and in those on disk that
+    /// have its file.
     fn everywhere(&mut self, identity: &str, declaration: Span) -> Everywhere {
         self.sets();
         let open = self.open_texts();

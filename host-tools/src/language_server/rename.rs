@@ -32,7 +32,8 @@ pub(super) enum Refusal {
     Taken(String),
     /// Files that may use the name were not looked at.
     #[error(
-        "the folders hold more than {MAX_ENTRIES} files and folders: nobody can tell which of them use the name; open a smaller folder"
+        "the folders hold more than {MAX_ENTRIES} files and folders: nobody can tell which of them \
+            use the name; open a smaller folder"
     )]
     TooManyFiles,
 }

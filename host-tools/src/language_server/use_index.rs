@@ -1,6 +1,8 @@
-//! Which files of the folders that an editor works in use which others: found out from their `use` lines alone.
+//! Which files of the folders that an editor works in use which others: found out from their `use`
+//! lines alone.
 //!
-//! A name that is declared in a file can be named by those files only that reach it by way of `use`. So of a repository with thousands of
+//! A name that is declared in a file can be named by those files only that reach it by way of
+//! `use`. So of a repository with thousands of
 //! files every one is read, which is little work, and only those that matter are checked.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -28,7 +30,8 @@ struct Indexed {
 }
 
 impl UseIndex {
-    /// Reads the `.esm` files in some folders and those that these use, open texts over those on disk.
+    /// Reads the `.esm` files in some folders and those that these use, open texts over those on
+    /// disk.
     pub(super) fn of(folders: &BTreeSet<PathBuf>, open: &BTreeMap<String, String>) -> Self {
         let (found, is_whole) = esm_files(folders);
         let mut index = UseIndex {
@@ -47,7 +50,8 @@ impl UseIndex {
             }
             let used = match open.get(&identity) {
                 Some(text) => used_paths(text),
-                // A pipe would keep the reader waiting, and what cannot be read is read by nobody else either.
+                // A pipe would keep the reader waiting, and what cannot be read is read by nobody
+                // else either.
                 None if !path.is_file() => Vec::new(),
                 None => match files::read(&path, MAX_FILE_BYTES) {
                     Ok(bytes) => used_paths(&String::from_utf8_lossy(&bytes)),
@@ -68,7 +72,8 @@ impl UseIndex {
         self.is_whole
     }
 
-    /// Files whose sets have a file, so that all files that reach it are in one of these sets: those that nobody uses, and one of each circle
+    /// Files whose sets have a file, so that all files that reach it are in one of these sets:
+    /// those that nobody uses, and one of each circle
     /// in which files use each other and nobody else does.
     pub(super) fn tops_above(&self, identity: &str) -> Vec<PathBuf> {
         let mut users: BTreeMap<&str, Vec<&str>> = BTreeMap::new();

@@ -30,7 +30,8 @@ pub(super) struct Warnings<'a> {
     pub(super) known: &'a Activity,
     /// What can happen, whatever is in the holes.
     pub(super) possible: &'a Activity,
-    /// The same if every state had a limit of time, where a `timeout` is read of one that has none. What is out of reach for that reason alone
+    /// The same if every state had a limit of time, where a `timeout` is read of one that has none.
+    /// What is out of reach for that reason alone
     /// follows from what is said there.
     pub(super) with_limits: Option<&'a Activity>,
 }
@@ -149,7 +150,8 @@ impl Warnings<'_> {
         }
     }
 
-    /// Removes a state that no transition leads to, with the transitions from it; nothing where a data path names it.
+    /// Removes a state that no transition leads to, with the transitions from it; nothing where a
+    /// data path names it.
     fn without_state(&self, container: usize, region_index: usize, state: usize) -> Option<Fix> {
         let paths = &self.model.containers.get(container)?.paths;
         if paths.len() > MAX_LOOKED_THROUGH {

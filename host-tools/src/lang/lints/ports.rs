@@ -280,7 +280,8 @@ impl Ports {
         }
     }
 
-    /// Reports what is not used of the ports of an owner. `removable` is the model where they can be removed: what a task has stands in its
+    /// Reports what is not used of the ports of an owner. `removable` is the model where they can
+    /// be removed: what a task has stands in its
     /// firmware.
     fn report(
         &self,

@@ -111,7 +111,8 @@ fn remove_body(title: &str, head: Span, model: &Model) -> Fix {
     remove(title, Span { end, ..head }, model)
 }
 
-/// Reports flags that are not used. `removable` is the model where they can be removed: what a task has stands in its firmware.
+/// Reports flags that are not used. `removable` is the model where they can be removed: what a task
+/// has stands in its firmware.
 fn report_flags(
     owner: &str,
     flags: &[Flag],

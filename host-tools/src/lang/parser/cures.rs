@@ -1,4 +1,5 @@
-//! What is written by those who know other tools, and what they mean by it: each such mistake says how it is written here, and the change
+//! What is written by those who know other tools, and what they mean by it: each such mistake says
+//! how it is written here, and the change
 //! that an editor can make.
 
 use crate::model::Span;
@@ -127,7 +128,8 @@ impl<'t> Parser<'t, '_> {
         self.at(T::Identifier) && words.iter().any(|word| word.eq_ignore_ascii_case(text))
     }
 
-    /// Reports that the statement has no `;`, and goes on behind it. What starts a line is not to blame for the one before.
+    /// Reports that the statement has no `;`, and goes on behind it. What starts a line is not to
+    /// blame for the one before.
     pub(super) fn missing_semicolon(&mut self, expected: &str) {
         if self.is_told() {
             self.is_lost = true;

@@ -324,7 +324,8 @@ impl Parser<'_, '_> {
                 "period" if self.at_number_with(&["Hz", "kHz"]) => {
                     self.bump();
                     let cure = Cure::say(
-                        "a period is a time in `us`, `ms` or `s`: a number of Hz stands behind `rate`",
+                        "a period is a time in `us`, `ms` or `s`: a number of Hz stands behind \
+                            `rate`",
                     );
                     let fix = Fix::write(self.span_of(at), "rate");
                     self.mended("a unit of time", cure.fix(fix));

@@ -72,7 +72,8 @@ struct Parser<'t, 's> {
     loose_closes: usize,
     /// Words that were used as names and cannot be.
     no_names: HashSet<&'t str>,
-    /// Limits of time that stand at transitions of this region: they are told when all its states are known.
+    /// Limits of time that stand at transitions of this region: they are told when all its states
+    /// are known.
     limits: Vec<Limit>,
     /// Whether a part of the guard that is read is not known for certain; it is reported.
     guard_has_gaps: bool,

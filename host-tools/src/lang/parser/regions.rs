@@ -79,7 +79,8 @@ impl Parser<'_, '_> {
                     self.misspelt_in_region(region);
                 }
                 T::Identifier | T::Exit if self.at_entry_action() => {
-                    let hint = "a state has no actions of its own: they stand at the transitions that enter or leave it, `A -> B / send E;`";
+                    let hint = "a state has no actions of its own: they stand at the transitions \
+                        that enter or leave it, `A -> B / send E;`";
                     self.expected_with(EXPECTED, Some(hint.into()));
                     region.may_have_initial = true;
                     self.skip_statement(Some(&mut region.skipped));
@@ -170,7 +171,8 @@ impl Parser<'_, '_> {
         region.states.push(state);
     }
 
-    /// Whether a transition stands here with words of other tools: `transition A -> B`, `from A to B`, `A to B`.
+    /// Whether a transition stands here with words of other tools: `transition A -> B`,
+    /// `from A to B`, `A to B`.
     fn at_foreign_transition(&self) -> bool {
         let [third] = self.ahead();
         let next = self.text_of(self.next);
@@ -294,7 +296,8 @@ impl Parser<'_, '_> {
         self.skip_statement(Some(&mut region.skipped));
     }
 
-    /// Reports the limits of time that stand at transitions, where they can be moved to the states that are left.
+    /// Reports the limits of time that stand at transitions, where they can be moved to the states
+    /// that are left.
     pub(super) fn tell_limits(&mut self, region: &Region) {
         for limit in std::mem::take(&mut self.limits) {
             let source = limit
@@ -536,7 +539,8 @@ impl Parser<'_, '_> {
     /// `state A { … }`: states have no body.
     fn body_of_state(&mut self, expected: &str) {
         let mut cure = Cure::say(
-            "a state has no body: actions stand at transitions, and states inside a state in a `container`, which a `super` is made of",
+            "a state has no body: actions stand at transitions, and states inside a state in a \
+                `container`, which a `super` is made of",
         );
         if self.next.kind == T::BraceClose {
             let [behind] = self.ahead();
@@ -628,7 +632,8 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// Reports values without their opening brace, and perhaps without the closing one: `a = 1, b = 2;`.
+    /// Reports values without their opening brace, and perhaps without the closing one:
+    /// `a = 1, b = 2;`.
     fn open_values(&mut self) {
         let mut cure = Cure::say("the values stand in braces");
         if let Some((values, _)) = self.near_text().split_once(';')

@@ -23,10 +23,13 @@ const MAX_LIMITS: usize = 100;
 const ORDER: &str = "the parts of a transition are `on E [guard] / actions`, in this order";
 
 /// How a limit of time is written.
-const HOW_LIMITS_ARE: &str = "a limit of time belongs to the state: declare `state A timeout 5 s;`, and read it with `[timeout]`";
+const HOW_LIMITS_ARE: &str = "a limit of time belongs to the state: declare `state A timeout 5 \
+    s;`, and read it with `[timeout]`";
 
 /// How flags of other states can be asked for.
-const HOW_OTHERS_ARE_READ: &str = "a guard reads flags of the state that is left, `.f`, and of the container around it, `^f`; what another state has to say it says with an event (`/ send E` there, `on E` here) or with a flag of the container (`/ set ^f`)";
+const HOW_OTHERS_ARE_READ: &str = "a guard reads flags of the state that is left, `.f`, and of the \
+    container around it, `^f`; what another state has to say it says with an event (`/ send E` \
+    there, `on E` here) or with a flag of the container (`/ set ^f`)";
 
 impl Parser<'_, '_> {
     pub(super) fn transition(&mut self, region: &mut Region) {
@@ -220,7 +223,8 @@ impl Parser<'_, '_> {
         };
         if self.at(T::Dot) && self.last_end == self.token.start && self.next.kind == T::Identifier {
             let cure = Cure::say(
-                "a transition leads to a state of its own region; where it goes on inside that state says `initial -> …` in the container",
+                "a transition leads to a state of its own region; where it goes on inside that \
+                    state says `initial -> …` in the container",
             );
             let part = self.span_of(self.next);
             let part = self.span_between(self.token.start, part.end);
@@ -335,7 +339,8 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// A flag that stands from `on` to this token as a guard: alone, or with the guard that follows.
+    /// A flag that stands from `on` to this token as a guard: alone, or with the guard that
+    /// follows.
     fn guard_with(&self, on: Span, word: &str) -> Option<Fix> {
         let title = format!("write `[{word}]`");
         let part = self.span_between(on.start, self.token.end);
@@ -361,7 +366,8 @@ impl Parser<'_, '_> {
         None
     }
 
-    /// A limit of time where none stands: `after 5 s`, from byte `from` on. What stands before `time_from` is a word for it.
+    /// A limit of time where none stands: `after 5 s`, from byte `from` on. What stands before
+    /// `time_from` is a word for it.
     /// `read` is what reads it in its place.
     fn limit(&mut self, source: Endpoint, what: &str, from: u32, time_from: u32, read: &str) {
         let diagnostic = Diagnostic::new(
@@ -418,7 +424,8 @@ impl Parser<'_, '_> {
         });
     }
 
-    /// A guard without its brackets, from this token on; what stands before it from byte `from` on goes. Gives whether it could be read.
+    /// A guard without its brackets, from this token on; what stands before it from byte `from` on
+    /// goes. Gives whether it could be read.
     fn bare_guard(&mut self, what: &str, from: u32, source: Endpoint) -> Option<GuardTerm> {
         let (found, at) = (self.found(), self.here());
         let is_told = self.is_told();
@@ -476,7 +483,8 @@ impl Parser<'_, '_> {
             }
             T::Identifier if self.at_any_case(&["else", "otherwise", "default"]) => {
                 let word = self.span_between(self.last_end, here.end);
-                let hint = "a transition without a guard, written behind the others, is taken where theirs are not true";
+                let hint = "a transition without a guard, written behind the others, is taken \
+                    where theirs are not true";
                 let fix = Fix::one("remove the word", Edit::remove(word));
                 self.mended(expected, Cure::say(hint).fix(fix));
                 self.bump();
@@ -902,7 +910,8 @@ impl Parser<'_, '_> {
         };
         let part = self.span_between(from, value.end);
         let (Some(is_equal), Some(is_set)) = (is_equal, is_set) else {
-            let hint = "guards compare nothing, they ask for flags: let a task compare, and set an `out` flag";
+            let hint = "guards compare nothing, they ask for flags: let a task compare, and set an \
+                `out` flag";
             self.lost("`and`, `or` or `]`", Cure::say(hint));
             return Err(BrokenGuard);
         };
@@ -1007,7 +1016,8 @@ impl Parser<'_, '_> {
                 self.assigned_value();
             }
             T::Identifier if self.next.kind == T::Dot => {
-                let hint = "an action sets flags of the state that is entered, `.f`, and of the container around it, `^f`; to tell another state something send an event";
+                let hint = "an action sets flags of the state that is entered, `.f`, and of the \
+                    container around it, `^f`; to tell another state something send an event";
                 let fix = Fix::one("leave the state out", Edit::remove(self.here()));
                 self.mended(WHAT, Cure::say(hint).fix(fix));
                 self.bump();

@@ -819,7 +819,8 @@ impl<'f> Wiring<'_, 'f> {
 }
 
 impl<'f> Wiring<'_, 'f> {
-    /// Adds what can supply the open ports of a state: the outputs of their types, where there are few; else that they are optional.
+    /// Adds what can supply the open ports of a state: the outputs of their types, where there are
+    /// few; else that they are optional.
     fn with_paths(
         &self,
         mut diagnostic: Diagnostic,

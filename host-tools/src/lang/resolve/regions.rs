@@ -279,47 +279,51 @@ impl<'f> Resolver<'_, 'f> {
         facts: &mut StateFacts,
         names: &mut Names<'f, '_>,
     ) -> Option<SlotRef> {
-        let slot = match own {
-            Given::Broken => None,
-            Given::Value(number) => {
-                let slot = self.slots.resolve(number, names);
-                if let Some(SlotRef::Slot(index)) = slot {
-                    facts.own_slot = Some(index);
+        let slot =
+            match own {
+                Given::Broken => None,
+                Given::Value(number) => {
+                    let slot = self.slots.resolve(number, names);
+                    if let Some(SlotRef::Slot(index)) = slot {
+                        facts.own_slot = Some(index);
+                    }
+                    slot
                 }
-                slot
-            }
-            Given::Absent => {
-                let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
-                if task.1.slot == Given::Absent {
-                    let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
-                    let mut diagnostic = Diagnostic::new(
+                Given::Absent => {
+                    let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
+                    if task.1.slot == Given::Absent {
+                        let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
+                        let mut diagnostic = Diagnostic::new(
                         Code::E009,
                         facts.span,
-                        format!("neither task state `{name}` nor its task `{task_name}` names a slot"),
+                        format!("neither task state `{name}` nor its task `{task_name}` names a \
+                            slot"),
                     )
                     .hint(format!(
-                        "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real time"
+                        "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real \
+                            time"
                     ))
                     .related(task.1.span, "the task");
-                    if let Some(place) = facts.place_of_attributes {
-                        for number in self.proposed_slots() {
-                            let insert = Edit::behind(place, format!(" slot {number}"));
-                            let title = format!("run it in slot {number}");
-                            diagnostic = diagnostic.fix(Fix::one(title, insert));
+                        if let Some(place) = facts.place_of_attributes {
+                            for number in self.proposed_slots() {
+                                let insert = Edit::behind(place, format!(" slot {number}"));
+                                let title = format!("run it in slot {number}");
+                                diagnostic = diagnostic.fix(Fix::one(title, insert));
+                            }
                         }
+                        names.report(diagnostic);
                     }
-                    names.report(diagnostic);
+                    task.1.slot.value()
                 }
-                task.1.slot.value()
-            }
-        };
+            };
         if let Some(SlotRef::Slot(index)) = slot {
             facts.slot = Some(index);
         }
         slot
     }
 
-    /// Slots that a task state can be given: those that do not run the interpreter, and the one without real time.
+    /// Slots that a task state can be given: those that do not run the interpreter, and the one
+    /// without real time.
     fn proposed_slots(&self) -> impl Iterator<Item = u32> {
         let slots = self.model.slots.iter().enumerate();
         slots
@@ -681,7 +685,10 @@ impl<'f> Context<'_, 'f> {
                     span,
                     format!("`on *` from {what}, which never finishes"),
                 )
-                .hint("only task states and superstates finish: leave `on *` out to be taken on the pulse");
+                .hint(
+                    "only task states and superstates finish: leave `on *` out to be taken on \
+                    the pulse",
+                );
                 let before = names.file_text(span).get(..span.start as usize);
                 if let Some(before) = before.and_then(|it| it.trim_end().strip_suffix("on")) {
                     let start = before.trim_end().len() as u32;
@@ -803,7 +810,8 @@ impl<'f> Context<'_, 'f> {
                 format!("state `{state}` has no limit of time, so its `timeout` is never true"),
             )
             .hint(format!(
-                "give it one where it is declared (`{} timeout 1 s;`), or leave `timeout` out of the guard",
+                "give it one where it is declared (`{} timeout 1 s;`), or leave `timeout` out of \
+                    the guard",
                 self.written(declared)
             ))
             .related(facts.span, "the state");
@@ -882,15 +890,19 @@ impl<'f> Context<'_, 'f> {
             } else if let Some(other) = self.state_with_flag(flag, names) {
                 Cure::say(match usage {
                     Use::ReadOwn => format!(
-                        "it is a flag of state `{other}`, and a guard reads those of the state that is left: let `{other}` send an event (`/ send E`, and `on E` here), or set a flag of the container (`^f`)"
+                        "it is a flag of state `{other}`, and a guard reads those of the state \
+                            that is left: let `{other}` send an event (`/ send E`, and `on E` \
+                            here), or set a flag of the container (`^f`)"
                     ),
                     _ => format!(
-                        "it is a flag of state `{other}`, and an action sets those of the state that is entered: send an event instead"
+                        "it is a flag of state `{other}`, and an action sets those of the state \
+                            that is entered: send an event instead"
                     ),
                 })
             } else if matches!(kind, Kind::Task(_)) {
                 Cure::say(format!(
-                    "{owner} has no such flag: what it can be told and asked stands in its declaration"
+                    "{owner} has no such flag: what it can be told and asked stands in its \
+                        declaration"
                 ))
             } else {
                 Cure::say(format!("declare it in {owner}: `{word} flag {flag};`"))
@@ -1110,14 +1122,19 @@ fn check_direction(
     }
     let hint = match (usage, owner.is_task) {
         (Use::ReadOwn, true) => {
-            "`in` flags are set on the way into a state, and it is the task that reads them: to remember here what was set use a flag of the container, `^f`, or a state of its own"
+            "`in` flags are set on the way into a state, and it is the task that reads them: to \
+                remember here what was set use a flag of the container, `^f`, or a state of its \
+                own"
         }
         (Use::WriteOwn, true) => {
-            "only the task sets it, in the firmware, and entering the state resets it: leave the action out; to tell the task something set one of its `in` flags, to tell others send an event or set a flag of the container, `^f`"
+            "only the task sets it, in the firmware, and entering the state resets it: leave the \
+                action out; to tell the task something set one of its `in` flags, to tell others \
+                send an event or set a flag of the container, `^f`"
         }
         (Use::WriteParent, _) => "`in` flags are set from outside; declare it `out` to set it here",
         (Use::WriteOwn, false) => {
-            "`out` flags are set inside the container itself (`/ set ^f`); declare it `in` to set it on the way in"
+            "`out` flags are set inside the container itself (`/ set ^f`); declare it `in` to set \
+                it on the way in"
         }
         _ => {
             "`in` flags are set on the way into a state; declare it `out` to read it on the way out"

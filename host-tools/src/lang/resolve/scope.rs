@@ -201,7 +201,8 @@ impl<'f, 's> Names<'f, 's> {
         })
     }
 
-    /// The index of a name that must be in a scope. An unknown one is reported with the cure that is given for it.
+    /// The index of a name that must be in a scope. An unknown one is reported with the cure that
+    /// is given for it.
     pub(super) fn resolve_or(
         &mut self,
         scope: &Scope<'f>,
