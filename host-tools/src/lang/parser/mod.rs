@@ -329,10 +329,10 @@ impl<'t, 's> Parser<'t, 's> {
         // The attribute with its value.
         let [third] = self.ahead();
         let end = match what {
-            "`timeout`" | "`wcet`" if third.kind == T::Identifier => Some(third.end),
-            "`slot`" if self.next.kind == T::Integer => Some(self.next.end),
+            "`timeout`" | "`wcet`" | "`within`" if third.kind == T::Identifier => Some(third.end),
+            "`slot`" | "`count`" if self.next.kind == T::Integer => Some(self.next.end),
             "`exclusive`" if self.next.kind == T::Identifier => Some(self.next.end),
-            "`optional`" => Some(self.token.end),
+            "`optional`" | "`endless`" => Some(self.token.end),
             _ => None,
         };
         if let Some(end) = end {

@@ -710,7 +710,7 @@ impl<'f> Context<'_, 'f> {
                 let hint = "what is looked at in every step is `on pulse`, or has no `on` at all";
                 return Cure::say(hint).fix(Fix::write(name.0, "pulse"));
             }
-            if is_one_of(event, &["finished", "done", "completed", "completion"]) {
+            if is_one_of(event, &["completed", "completion"]) {
                 let hint = "that a task or superstate has finished is `on *`";
                 return Cure::say(hint).fix(Fix::write(name.0, "*"));
             }
