@@ -177,6 +177,9 @@ impl Parser<'_, '_> {
                         cure.fix(Fix::one("remove the `;`", remove)),
                     );
                     self.bump();
+                    if self.at(T::Semicolon) {
+                        self.report_nothing_here();
+                    }
                     continue;
                 }
                 _ => {
