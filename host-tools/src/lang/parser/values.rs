@@ -329,10 +329,13 @@ impl Parser<'_, '_> {
     fn time_of_float(&self) -> Option<String> {
         let unit = self.text_of(self.next);
         let (_, unit_us) = UNITS.into_iter().find(|(word, _)| *word == unit)?;
-        let time_us = self.text_of(self.token).parse::<f64>().ok()? * unit_us as f64;
-        let is_whole = (time_us - time_us.round()).abs() < 1e-6;
-        let is_short = (1.0..=f64::from(MAX_TIME_US)).contains(&time_us);
-        (is_whole && is_short).then(|| written_time(time_us.round() as u64))
+        let (whole, part) = self.text_of(self.token).split_once('.')?;
+        let scale = 10_u64.checked_pow(u32::try_from(part.len()).ok()?)?;
+        let part_us = part.parse::<u64>().ok()?.checked_mul(unit_us)?;
+        let whole_us = whole.parse::<u64>().ok()?.checked_mul(unit_us)?;
+        let time_us = whole_us.checked_add(part_us / scale)?;
+        let is_short = (1..=u64::from(MAX_TIME_US)).contains(&time_us);
+        (part_us.is_multiple_of(scale) && is_short).then(|| written_time(time_us))
     }
 
     /// The unit of a time, as microseconds. `number` stands before it.
