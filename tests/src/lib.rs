@@ -6,7 +6,8 @@
 //! large or hostile, and [`liar`] is a robot that lies. [`occasions`] counts how often what is easy to get wrong happened. [`command`] drives the project from outside, as a person at a terminal does, [`terminal`] is that terminal, and
 //! [`environment`] reads what a person sets for a longer run. [`endurance`] lets a robot drive for hours, and [`recorded`] records what enters its
 //! interpreter.
-//! [`benchmark`] is what measures machines and tells it.
+//! [`benchmark`] is what measures machines and tells it. [`guesses`] are what people write who know
+//! other tools.
 
 pub mod attack;
 pub mod benchmark;
@@ -16,6 +17,7 @@ pub mod endurance;
 pub mod environment;
 pub mod exactness;
 pub mod fuzzing;
+pub mod guesses;
 pub mod huge;
 pub mod instructions;
 pub mod liar;

@@ -10,6 +10,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
 use esm_tests::command::{esm_binary, root};
+use esm_tests::guesses::{GUESSES, MISSION as GUESSED};
 use esm_tests::random::Random;
 use esm_tests::subject;
 use serde_json::{Value, json};
@@ -310,6 +311,37 @@ impl Editor {
             .collect()
     }
 
+    /// The quick fixes of a whole file.
+    fn fixes(&mut self, name: &str) -> Vec<Value> {
+        let params = json!({
+            "textDocument": { "uri": self.uri(name) },
+            "range": { "start": { "line": 0, "character": 0 }, "end": { "line": 100_000, "character": 0 } },
+            "context": { "diagnostics": [] },
+        });
+        let actions = self.request("textDocument/codeAction", params);
+        actions.as_array().unwrap().clone()
+    }
+
+    /// The text of a file with a fix applied that changes no other one.
+    fn mended(&self, name: &str, text: &str, action: &Value) -> String {
+        assert_eq!(action["kind"], "quickfix");
+        let changes = action["edit"]["changes"].as_object().unwrap();
+        let uris: Vec<&String> = changes.keys().collect();
+        assert_eq!(uris, [&self.uri(name)], "{action}");
+        edited(text, &changes[uris[0]])
+    }
+
+    /// What is shown of a file, as codes and messages.
+    fn told(&mut self, name: &str) -> Vec<(String, String)> {
+        self.diagnostics();
+        let shown = self.shown.get(name).into_iter().flatten();
+        let told = |it: &Value| {
+            let text = |key: &str| it[key].as_str().unwrap().to_owned();
+            (text("code"), text("message"))
+        };
+        shown.map(told).collect()
+    }
+
     /// Ends the conversation, and gives the exit status.
     fn end(mut self) -> Option<i32> {
         self.request("shutdown", json!(null));
@@ -340,6 +372,14 @@ fn range_text<'t>(text: &'t str, range: &Value) -> &'t str {
         lines + place["character"].as_u64().unwrap() as usize
     };
     &text[offset(&range["start"])..offset(&range["end"])]
+}
+
+/// What tells one shown diagnostic from others: its code and its message without the hint.
+fn kind_of(shown: &Value) -> (String, String) {
+    let text = |key: &str| shown[key].as_str().unwrap().to_owned();
+    let message = text("message");
+    let first = message.lines().next().unwrap_or("");
+    (text("code"), first.to_owned())
 }
 
 /// The text with edits applied, last one first.
@@ -1139,4 +1179,191 @@ fn what_is_too_much_for_an_editor_is_cut() {
     editor.diagnostics();
     assert_eq!(editor.shown["mission.esm"].len(), 1_000);
     assert_eq!(editor.end(), Some(0));
+}
+
+#[test]
+fn quick_fixes_mend_what_they_are_for() {
+    // Bytes, for one guess has an arrow of several.
+    let mut editor = Editor::with_encodings(&[], json!(["utf-8"]));
+    editor.open("mission.esm", GUESSED);
+    let mut applied = 0;
+    for guess in GUESSES.iter().filter(|guess| guess.has_fix) {
+        let text = guess.text();
+        editor.change("mission.esm", json!([{ "text": text }]));
+        let actions = editor.fixes("mission.esm");
+        let told = |action: &Value| {
+            action["diagnostics"][0]["message"]
+                .as_str()
+                .unwrap()
+                .to_owned()
+        };
+        let is_meant = |it: &&Value| told(it).contains(guess.told);
+        let meant: Vec<&Value> = actions.iter().filter(is_meant).collect();
+        assert!(!meant.is_empty(), "{}: {actions:?}", guess.wrong);
+        for action in meant {
+            let of = kind_of(&action["diagnostics"][0]);
+            // It is offered where the mistake is.
+            let range = action["diagnostics"][0]["range"].clone();
+            let params = json!({
+                "textDocument": { "uri": editor.uri("mission.esm") },
+                "range": range,
+                "context": { "diagnostics": action["diagnostics"], "only": ["quickfix"] },
+            });
+            let there = editor.request("textDocument/codeAction", params);
+            assert!(there.as_array().unwrap().contains(action), "{action}");
+            let shown = editor.shown["mission.esm"].iter();
+            let before = shown.filter(|it| kind_of(it) == of).count();
+            assert!(before > 0, "{}: {of:?} is shown", guess.wrong);
+
+            let mended = editor.mended("mission.esm", &text, action);
+            editor.change("mission.esm", json!([{ "text": mended }]));
+            editor.told("mission.esm");
+            let shown = editor.shown["mission.esm"].iter();
+            let after = shown.filter(|it| kind_of(it) == of).count();
+            assert!(
+                after < before,
+                "{}: {} leaves {of:?}\n{mended}",
+                guess.wrong,
+                action["title"]
+            );
+            applied += 1;
+            editor.change("mission.esm", json!([{ "text": text }]));
+            editor.told("mission.esm");
+        }
+    }
+    assert!(applied > 150, "{applied}");
+    assert_eq!(editor.end(), Some(0));
+}
+
+#[test]
+fn quick_fixes_are_offered_where_they_belong() {
+    let container = "container Inner {\n    in data twist: Twist;\n    region r { task Drive: \
+        Motor; initial -> Drive; Drive -> Drive on *; }\n    path twist -> Drive.twist;\n}\n";
+    let used = format!("task Motor slot 1 {{ in data twist: Twist; }}\n{container}");
+    let text = "use \"inner.esm\"; interpreter slot 1; slot 1 period 10 ms duration 1 ms;
+machine M { event Idle; region r { super A: Inner; state B; initial -> A; A -> B timeout; B -> A; } }
+";
+    let mut editor = Editor::new(&[("inner.esm", &used), ("m.esm", text)]);
+    editor.open("m.esm", text);
+    let titles = |actions: &[Value]| -> Vec<String> {
+        let titles = actions
+            .iter()
+            .map(|it| it["title"].as_str().unwrap().to_owned());
+        titles.collect()
+    };
+    let all = editor.fixes("m.esm");
+    let found = titles(&all);
+    assert!(
+        found.iter().any(|it| it == "write the brackets"),
+        "{found:?}"
+    );
+    // One that changes another file.
+    let optional = all.iter().find(|it| it["title"] == "declare it `optional`");
+    let changes = &optional.unwrap()["edit"]["changes"];
+    let edits = &changes[editor.uri("inner.esm")];
+    assert!(
+        edited(&used, edits).contains("in data twist: Twist optional;"),
+        "{changes}"
+    );
+    // Nothing where nothing is wrong, and nothing for those who want something else.
+    let mut asked = json!({
+        "textDocument": { "uri": editor.uri("m.esm") },
+        "range": { "start": { "line": 0, "character": 2 }, "end": { "line": 0, "character": 3 } },
+        "context": { "diagnostics": [] },
+    });
+    assert_eq!(
+        editor.request("textDocument/codeAction", asked.clone()),
+        json!([])
+    );
+    asked["range"]["end"]["line"] = json!(9);
+    asked["context"]["only"] = json!(["refactor", "source.organizeImports"]);
+    assert_eq!(
+        editor.request("textDocument/codeAction", asked.clone()),
+        json!([])
+    );
+    asked["context"]["only"] = json!(["quickfix"]);
+    assert_ne!(editor.request("textDocument/codeAction", asked), json!([]));
+    let nowhere = json!({ "textDocument": { "uri": "file:///nowhere.esm" }, "range": { "start": { "line": 0, "character": 0 }, "end": { "line": 0, "character": 0 } }, "context": { "diagnostics": [] } });
+    assert_eq!(editor.refusal("textDocument/codeAction", nowhere).0, -32602);
+    assert_eq!(editor.end(), Some(0));
+}
+
+/// A repository: one file in some uses the tasks, by way of another file or at once; nobody uses
+/// the rest.
+fn many_files(folder: &std::path::Path, count: usize, users: usize) {
+    std::fs::write(folder.join("tasks.esm"), TASKS).unwrap();
+    let library = "use \"tasks.esm\";\ncontainer Pause { region r { task Rest: Cruise; initial -> \
+        Rest; Rest -> Rest on *; } }\n";
+    std::fs::write(folder.join("library.esm"), library).unwrap();
+    for index in 0..count - 2 {
+        // Folders deeper than anybody's.
+        let depth = index % 12;
+        let mut path = folder.join(format!("area{}", index % 20));
+        let mut up = "../".to_owned();
+        for level in 0..depth {
+            path.push(format!("level{level}"));
+            up += "../";
+        }
+        std::fs::create_dir_all(&path).unwrap();
+        let is_user = index * users / (count - 2) != (index + 1) * users / (count - 2);
+        let text = if is_user && index % 2 == 0 {
+            mission().replace("tasks.esm", &format!("{up}tasks.esm"))
+        } else if is_user {
+            format!(
+                "// use \"nothing.esm\";\nuse \"{up}library.esm\";\ncontainer Own {{ region r {{ \
+                    task Go: Cruise; initial -> Go; Go -> Go on *; }} }}\n"
+            )
+        } else {
+            // The same name, of another task.
+            mission().replace("use \"tasks.esm\";", TASKS)
+        };
+        std::fs::write(path.join(format!("file{index}.esm")), text).unwrap();
+    }
+}
+
+#[test]
+fn a_name_is_found_and_changed_among_two_thousand_files() {
+    let (count, users) = (2_000, 50);
+    let mut editor = Editor::new(&[]);
+    many_files(editor.folder.path(), count, users);
+    editor.open("tasks.esm", TASKS);
+    let at = editor.at("tasks.esm", TASKS, "task |Cruise");
+    editor.request("textDocument/hover", at.clone());
+    let start = std::time::Instant::now();
+    let found = editor.request("textDocument/references", at.clone());
+    let references = start.elapsed();
+    let mut files: Vec<&str> = found
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| it["uri"].as_str().unwrap())
+        .collect();
+    files.dedup();
+    // Those that use it, the library and the file itself.
+    assert_eq!(files.len(), users + 2);
+    let mut asked = at;
+    asked["newName"] = json!("Stroll");
+    let start = std::time::Instant::now();
+    let changes = editor.request("textDocument/rename", asked);
+    let rename = start.elapsed();
+    assert_eq!(changes["changes"].as_object().unwrap().len(), users + 2);
+    println!("{count} files, {users} of them users: uses {references:?}, rename {rename:?}");
+    assert_eq!(editor.end(), Some(0));
+}
+
+/// Measures what the book says of repositories in which all files use one.
+#[test]
+#[ignore = "it measures, and proves nothing that the test above does not"]
+fn how_long_a_name_takes_that_two_thousand_files_use() {
+    let (count, users) = (2_000, 1_998);
+    let mut editor = Editor::new(&[]);
+    many_files(editor.folder.path(), count, users);
+    editor.open("tasks.esm", TASKS);
+    let mut asked = editor.at("tasks.esm", TASKS, "task |Cruise");
+    asked["newName"] = json!("Stroll");
+    for method in ["references", "rename"] {
+        let start = std::time::Instant::now();
+        editor.request(&format!("textDocument/{method}"), asked.clone());
+        println!("{users} users: {method} {:?}", start.elapsed());
+    }
 }

@@ -168,6 +168,73 @@ pub struct Diagnostic {
     pub hint: Option<String>,
     /// Other places that have to do with it, and what they have to do with it.
     pub related: Vec<(Span, String)>,
+    /// Changes of the text, each of which makes it go away. The first is the likeliest one.
+    pub fixes: Vec<Fix>,
+}
+
+/// A change of the text that mends a mistake.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fix {
+    /// What it does, as a menu says it: "write `[timeout]`".
+    pub title: String,
+    /// What it changes, in order; no two places overlap.
+    pub edits: Vec<Edit>,
+}
+
+/// A part of a text and what replaces it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Edit {
+    /// What is replaced; an empty place where something is inserted.
+    pub span: Span,
+    /// What stands there afterwards.
+    pub text: String,
+}
+
+impl Edit {
+    /// Replaces what a span covers.
+    pub fn replace(span: Span, text: impl Into<String>) -> Self {
+        let text = text.into();
+        Edit { span, text }
+    }
+
+    /// Removes what a span covers.
+    pub fn remove(span: Span) -> Self {
+        Edit::replace(span, "")
+    }
+
+    /// Inserts a text at the start of a span.
+    pub fn before(span: Span, text: impl Into<String>) -> Self {
+        let end = span.start;
+        Edit::replace(Span { end, ..span }, text)
+    }
+
+    /// Inserts a text behind a span.
+    pub fn behind(span: Span, text: impl Into<String>) -> Self {
+        let start = span.end;
+        Edit::replace(Span { start, ..span }, text)
+    }
+}
+
+impl Fix {
+    /// A fix with a title, which says what to do, and with what it changes.
+    pub fn new(title: impl Into<String>, mut edits: Vec<Edit>) -> Self {
+        edits.sort_by_key(|edit| edit.span);
+        Fix {
+            title: visible(title.into()),
+            edits,
+        }
+    }
+
+    /// A fix that is one edit.
+    pub fn one(title: impl Into<String>, edit: Edit) -> Self {
+        Fix::new(title, vec![edit])
+    }
+
+    /// Writes a name for another one.
+    pub fn write(span: Span, text: impl Into<String>) -> Self {
+        let text = text.into();
+        Fix::one(format!("write `{text}`"), Edit::replace(span, text))
+    }
 }
 
 impl Diagnostic {
@@ -179,6 +246,7 @@ impl Diagnostic {
             message: visible(message.into()),
             hint: None,
             related: Vec::new(),
+            fixes: Vec::new(),
         }
     }
 
@@ -193,6 +261,13 @@ impl Diagnostic {
     #[must_use]
     pub fn related(mut self, span: Span, what: impl Into<String>) -> Self {
         self.related.push((span, visible(what.into())));
+        self
+    }
+
+    /// The same with one more fix.
+    #[must_use]
+    pub fn fix(mut self, fix: Fix) -> Self {
+        self.fixes.push(fix);
         self
     }
 
@@ -256,6 +331,11 @@ impl Sink {
         let is_full = self.errors.len() >= MAX_DIAGNOSTICS;
         self.omitted += usize::from(is_full);
         is_full
+    }
+
+    /// Whether a warning of some code has come.
+    pub(super) fn has(&self, code: Code) -> bool {
+        self.warnings.iter().any(|found| found.code == code)
     }
 
     /// Whether an error has come.

@@ -15,6 +15,7 @@
 //! ```
 
 pub mod analysis;
+pub(crate) mod cure;
 mod diagnostic;
 mod forest;
 pub mod format;
@@ -32,7 +33,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-pub use diagnostic::{Code, Diagnostic, Severity};
+pub use diagnostic::{Code, Diagnostic, Edit, Fix, Severity};
 pub use lexer::RESERVED_WORDS;
 pub use references::References;
 pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};

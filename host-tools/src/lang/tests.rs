@@ -153,7 +153,7 @@ fn syntax_errors_are_placed_at_the_token_found() {
         ("slot 1 period 1 ms duration 1 ms\n\n", &["E001 2:1"]),
         (
             "slot 1 period 1 ms duration 9 us\nslot 2 period 1 ms duration 9 us;",
-            &["E001 2:1"],
+            &["E001 1:33"],
         ),
         ("slot 1 duration 1 ms period 1 ms;", &["E001 1:8"]),
         ("slot 1 period 1 ms;", &["E001 1:19"]),
@@ -255,7 +255,7 @@ fn syntax_errors_are_placed_at_the_token_found() {
         ("container C { region r { /* open", &["E001 1:26"]),
     ]));
     assert_places(region(&[
-        ("initial -> A; state A", &["E001 3:1"]),
+        ("initial -> A; state A", &["E001 2:22"]),
         ("initial -> A; state A timeout;", &["E001 2:30"]),
         ("initial -> A; state A timeout 10;", &["E001 2:33"]),
         ("initial -> A; state A slot 2;", &["E001 2:23"]),

@@ -450,3 +450,16 @@ pub enum PathEnd {
     /// `region.state.port`
     Region(Name, Name, Name),
 }
+
+impl State {
+    /// What attributes can be written behind: the name of a simple state, or of what another state
+    /// is made of.
+    pub fn place_of_attributes(&self) -> Option<Span> {
+        let name = match self.kind {
+            StateKind::Simple => self.name,
+            StateKind::Task { task, .. } => task,
+            StateKind::Super { container } => container,
+        };
+        name.map(|name| name.0)
+    }
+}

@@ -13,6 +13,7 @@
 //!
 //! Nothing that comes in ends it but the editor's `exit` or the end of the stream.
 
+mod actions;
 mod completion;
 mod hover;
 mod outline;
@@ -21,6 +22,7 @@ mod sets;
 mod text;
 mod transport;
 mod uri;
+mod use_index;
 
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::io::{self, BufReader, Write};
@@ -41,6 +43,7 @@ use rename::{Places, Refusal};
 use sets::{Document, Documents, Set, uri_of};
 use text::{Encoding, Text};
 use transport::Incoming;
+use use_index::UseIndex;
 
 /// How many messages are read ahead.
 const MESSAGES_AHEAD: usize = 256;
@@ -324,6 +327,7 @@ impl Server {
                 let new = new.unwrap_or("").to_owned();
                 self.rename(read(params)?, &new)
             }
+            "textDocument/codeAction" => self.code_actions(&read(params)?),
             "textDocument/formatting" => self.formatting(&read::<About>(params)?),
             "textDocument/documentSymbol" => {
                 let (set, file) = self.set_of(&read::<About>(params)?.text_document.uri)?;
@@ -375,6 +379,7 @@ impl Server {
                 "hoverProvider": true,
                 "completionProvider": { "triggerCharacters": [".", "^", ":", ">", "[", " "] },
                 "renameProvider": { "prepareProvider": true },
+                "codeActionProvider": { "codeActionKinds": [actions::QUICK_FIX] },
                 "documentFormattingProvider": true,
                 "documentSymbolProvider": true,
                 "foldingRangeProvider": true,
@@ -617,54 +622,45 @@ impl Server {
         }))
     }
 
-    /// All places that mean what is declared somewhere: in the open sets, and in those on disk around them. Also gives the sets, each
-    /// with the declaration in it, and whether all files around were looked into.
+    /// All places that mean what is declared somewhere: in the open sets, and in those on disk that
+    /// have its file.
     fn everywhere(&mut self, identity: &str, declaration: Span) -> Everywhere {
         self.sets();
         let open = self.open_texts();
-        let mut folders = self.folders.clone();
-        let paths = self.documents.values().filter_map(|it| it.path.as_ref());
-        folders.extend(paths.filter_map(|path| path.parent().map(PathBuf::from)));
         let is_file = self
             .documents
             .get(identity)
             .is_none_or(|document| document.path.is_some());
-        let (files, is_whole) = if is_file {
-            sets::neighbours(&folders)
+        let (paths, is_whole) = if is_file {
+            let mut folders = self.folders.clone();
+            let paths = self.documents.values().filter_map(|it| it.path.as_ref());
+            folders.extend(paths.filter_map(|path| path.parent().map(PathBuf::from)));
+            let index = UseIndex::of(&folders, &open);
+            (index.tops_above(identity), index.is_whole())
         } else {
             (Vec::new(), true)
         };
         let known = self.sets.take().unwrap_or_default();
-        let around: Vec<Set> = files
-            .iter()
-            .filter(|path| {
-                let identity = lang::identity(path);
-                let is_known = |set: &Set| set.identities.first() == Some(&identity);
-                !known.iter().any(is_known)
-            })
-            .filter_map(|path| Set::of_path(path, &open, self.encoding()))
-            .filter(|set| set.file(identity).is_some())
-            .collect();
         let mut everywhere = Everywhere {
             places: Places::new(),
             ranges: BTreeMap::new(),
-            around,
+            around: paths,
             is_whole,
         };
-        for set in known.iter().chain(&everywhere.around) {
-            let Some(file) = set.file(identity) else {
-                continue;
-            };
-            for span in set.places(Span {
-                file,
-                ..declaration
-            }) {
-                if let Some((identity, range)) = set.range(span) {
-                    let places = everywhere.places.entry(identity.to_owned()).or_default();
-                    places.push((span.start, span.end));
-                    let ranges = everywhere.ranges.entry(identity.to_owned()).or_default();
-                    ranges.insert((span.start, span.end), range);
-                }
+        everywhere.around.retain(|path| {
+            let identity = lang::identity(path);
+            let is_known = |set: &Set| set.identities.first() == Some(&identity);
+            !known.iter().any(is_known)
+        });
+        for set in &known {
+            everywhere.take_in(set, identity, declaration);
+        }
+        // One after the other: many sets at a time are too much to keep.
+        for path in std::mem::take(&mut everywhere.around) {
+            if let Some(set) = Set::of_path(&path, &open, self.encoding())
+                && everywhere.take_in(&set, identity, declaration)
+            {
+                everywhere.around.push(path);
             }
         }
         for places in everywhere.places.values_mut() {
@@ -754,14 +750,23 @@ impl Server {
         if set.source(declaration) == new {
             return Ok(json!({ "changes": {} }));
         }
-        let known = self.sets.as_deref().unwrap_or_default();
-        for set in known.iter().chain(&everywhere.around) {
-            if let Some(file) = set.file(&identity) {
+        let check = |set: &Set| match set.file(&identity) {
+            Some(file) => {
                 let declaration = Span {
                     file,
                     ..declaration
                 };
-                rename::check_meaning(set, declaration, &everywhere.places, new)?;
+                rename::check_meaning(set, declaration, &everywhere.places, new)
+            }
+            None => Ok(()),
+        };
+        for set in self.sets.as_deref().unwrap_or_default() {
+            check(set)?;
+        }
+        let open = self.open_texts();
+        for path in &everywhere.around {
+            if let Some(set) = Set::of_path(path, &open, self.encoding()) {
+                check(&set)?;
             }
         }
         let mut changes = serde_json::Map::new();
@@ -825,10 +830,33 @@ struct Everywhere {
     places: Places,
     /// The same places as the editor counts them.
     ranges: BTreeMap<String, BTreeMap<(u32, u32), lsp_types::Range>>,
-    /// Sets with the declaration that start with files that are not open.
-    around: Vec<Set>,
-    /// Whether all files around were looked into.
+    /// Files that are not open, and whose sets have the declaration.
+    around: Vec<PathBuf>,
+    /// Whether it is known of all files around which others they use.
     is_whole: bool,
+}
+
+impl Everywhere {
+    /// Adds the places in a set. Gives whether it has the file of the declaration.
+    fn take_in(&mut self, set: &Set, identity: &str, declaration: Span) -> bool {
+        let Some(file) = set.file(identity) else {
+            return false;
+        };
+        let declaration = Span {
+            file,
+            ..declaration
+        };
+        for span in set.places(declaration) {
+            if let Some((identity, range)) = set.range(span) {
+                let place = (span.start, span.end);
+                let places = self.places.entry(identity.to_owned()).or_default();
+                places.push(place);
+                let ranges = self.ranges.entry(identity.to_owned()).or_default();
+                ranges.insert(place, range);
+            }
+        }
+        true
+    }
 }
 
 /// What is wrong with a set, as it is shown: of files that are used by others, nothing is said about what these leave unused.

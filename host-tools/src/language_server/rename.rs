@@ -10,6 +10,7 @@ use crate::lang::{self, Severity};
 use crate::model::Span;
 
 use super::sets::Set;
+use super::use_index::MAX_ENTRIES;
 
 /// Why a name cannot be changed so.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +32,8 @@ pub(super) enum Refusal {
     Taken(String),
     /// Files that may use the name were not looked at.
     #[error(
-        "the folders hold more files than are looked into: nobody can tell which of them use the name"
+        "the folders hold more than {MAX_ENTRIES} files and folders: nobody can tell which of them \
+            use the name; open a smaller folder"
     )]
     TooManyFiles,
 }

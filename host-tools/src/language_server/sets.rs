@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::lang::lexer::{Lexer, TokenKind as T};
+pub(super) use crate::lang::cure::end_of_item;
 use crate::lang::{self, Checked, Code};
 use crate::model::Span;
 use crate::schedule::Outcome;
@@ -15,12 +15,6 @@ use super::uri;
 
 /// How long start times of slots are searched for. Where that does not suffice nothing is said about them.
 const LAY_OUT_LIMIT: Duration = Duration::from_millis(200);
-
-/// How many files of the folders are looked into for uses of a name.
-const MAX_NEIGHBOURS: usize = 500;
-
-/// How deep the folders are searched for them.
-const MAX_FOLDER_DEPTH: usize = 6;
 
 /// A file that an editor has open.
 #[derive(Debug)]
@@ -231,75 +225,6 @@ impl Set {
         }
         declarations
     }
-}
-
-/// The end of the declaration or statement that starts at a byte: behind its `;` or its closing brace.
-pub(super) fn end_of_item(text: &str, start: u32) -> u32 {
-    let mut lexer = Lexer::new_at(text, start);
-    let mut depth = 0_usize;
-    let mut end = start;
-    let mut token = lexer.next_token();
-    loop {
-        let next = lexer.next_token();
-        match token.kind {
-            T::EndOfFile => return end,
-            T::Semicolon if depth == 0 => return token.end,
-            T::BraceOpen => depth += 1,
-            T::BraceClose if depth == 0 => return end,
-            T::BraceClose => {
-                depth -= 1;
-                // The values of a task state end with a brace too, and its statement goes on.
-                if depth == 0 && next.kind != T::Semicolon {
-                    return token.end;
-                }
-            }
-            _ => {}
-        }
-        end = token.end;
-        token = next;
-    }
-}
-
-/// The `.esm` files in some folders, at a bounded depth, and whether these are all.
-pub(super) fn neighbours(folders: &BTreeSet<PathBuf>) -> (Vec<PathBuf>, bool) {
-    let mut found = BTreeSet::new();
-    let mut to_visit: Vec<(PathBuf, usize)> =
-        folders.iter().map(|folder| (folder.clone(), 0)).collect();
-    let mut visited = BTreeSet::new();
-    let mut is_whole = true;
-    while let Some((folder, depth)) = to_visit.pop() {
-        if !visited.insert(folder.clone()) {
-            continue;
-        }
-        let Ok(entries) = std::fs::read_dir(&folder) else {
-            continue;
-        };
-        for entry in entries.flatten() {
-            let (path, name) = (entry.path(), entry.file_name());
-            let name = name.to_string_lossy();
-            let Ok(kind) = entry.file_type() else {
-                continue;
-            };
-            // What is hidden, and what cargo and npm fill, is nobody's source.
-            if name.starts_with('.') || ["target", "node_modules"].contains(&name.as_ref()) {
-                continue;
-            }
-            if kind.is_dir() {
-                if depth < MAX_FOLDER_DEPTH {
-                    to_visit.push((path, depth + 1));
-                } else {
-                    is_whole = false;
-                }
-            } else if path.extension().is_some_and(|it| it == "esm") {
-                found.insert(path);
-            }
-        }
-        if found.len() > MAX_NEIGHBOURS {
-            is_whole = false;
-            break;
-        }
-    }
-    (found.into_iter().take(MAX_NEIGHBOURS).collect(), is_whole)
 }
 
 /// The URI of a file: as the editor named it, if it is open.

@@ -144,6 +144,7 @@ impl Mission {
         let task_of = |state: usize| tasks.iter().position(|task| task.name == states[state].1);
         let region = Region {
             name: format!("region{}", self.model.containers[0].regions.len()),
+            docs: String::new(),
             states: states
                 .iter()
                 .map(|(name, task, slot, params)| State {

@@ -37,7 +37,7 @@ mod warnings;
 
 use crate::model::Model;
 
-use super::diagnostic::Sink;
+use super::diagnostic::{Code, Sink};
 use activity::{Activity, Uses, View};
 use holes::Holes;
 use warnings::Warnings;
@@ -46,11 +46,29 @@ use warnings::Warnings;
 pub(super) fn check(model: &Model, holes: &Holes, known: &Activity, sink: &mut Sink) {
     let has_holes = holes.any();
     let possible = has_holes.then(|| Activity::of(model, holes, View::Possible));
+    let with_limits = sink.has(Code::W109).then(|| {
+        let mut model = model.clone();
+        let states = model
+            .containers
+            .iter_mut()
+            .flat_map(|container| &mut container.regions)
+            .flat_map(|region| &mut region.states);
+        for state in states {
+            state.timeout_us.get_or_insert(1_000_000);
+        }
+        let view = if has_holes {
+            View::Possible
+        } else {
+            View::Known
+        };
+        Activity::of(&model, holes, view)
+    });
     let warnings = Warnings {
         model,
         holes,
         known,
         possible: possible.as_ref().unwrap_or(known),
+        with_limits: with_limits.as_ref(),
     };
     let uses = Uses::of(model, holes);
     warnings.unreachable_states(sink);

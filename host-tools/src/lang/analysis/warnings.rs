@@ -2,8 +2,11 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use crate::lang::diagnostic::{Code, Diagnostic, Sink};
-use crate::model::{Model, Region, Source, Span, State, StateKind, Target, Transition, Trigger};
+use crate::lang::cure::{insert_behind, remove_item};
+use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
+use crate::model::{
+    Model, PathEnd, Region, Source, Span, State, StateKind, Target, Transition, Trigger,
+};
 
 use super::activity::{
     Activity, Groups, STEPS_A_GROUP, StateId, Uses, formula, lacks_kind, region_holes,
@@ -17,6 +20,9 @@ use super::side_by_side::{Meeting, SideBySide};
 /// As many related places are shown of one kind.
 const MAX_SHOWN: usize = 4;
 
+/// More transitions, states or paths are not looked through to find what has to do with one state.
+const MAX_LOOKED_THROUGH: usize = 1_000;
+
 /// What the warnings are about.
 pub(super) struct Warnings<'a> {
     pub(super) model: &'a Model,
@@ -25,6 +31,10 @@ pub(super) struct Warnings<'a> {
     pub(super) known: &'a Activity,
     /// What can happen, whatever is in the holes.
     pub(super) possible: &'a Activity,
+    /// The same if every state had a limit of time, where a `timeout` is read of one that has none.
+    /// What is out of reach for that reason alone
+    /// follows from what is said there.
+    pub(super) with_limits: Option<&'a Activity>,
 }
 
 impl Warnings<'_> {
@@ -83,7 +93,9 @@ impl Warnings<'_> {
                         region: region_index,
                         state,
                     };
-                    !self.possible.is_reachable(id) && !state_holes(holes, state).is_twin
+                    !self.possible.is_reachable(id)
+                        && !self.with_limits.is_some_and(|it| it.is_reachable(id))
+                        && !state_holes(holes, state).is_twin
                 })
                 .collect();
             if unreached.is_empty() {
@@ -99,6 +111,9 @@ impl Warnings<'_> {
                     leading.push(index);
                 }
             }
+            // Removing is proposed where that is not much to look through.
+            let is_small = region.transitions.len() <= MAX_LOOKED_THROUGH
+                && unreached.len() <= MAX_LOOKED_THROUGH;
             for state in unreached {
                 let (Some(declared), Some(leading)) =
                     (region.states.get(state), leading.get(state))
@@ -125,9 +140,46 @@ impl Warnings<'_> {
                         diagnostic = diagnostic.related(transition.span, why);
                     }
                 }
+                if leading.is_empty()
+                    && is_small
+                    && let Some(fix) = self.without_state(container, region_index, state)
+                {
+                    diagnostic = diagnostic.fix(fix);
+                }
                 sink.push(diagnostic);
             }
         }
+    }
+
+    /// Removes a state that no transition leads to, with the transitions from it; nothing where a
+    /// data path names it.
+    fn without_state(&self, container: usize, region_index: usize, state: usize) -> Option<Fix> {
+        let paths = &self.model.containers.get(container)?.paths;
+        if paths.len() > MAX_LOOKED_THROUGH {
+            return None;
+        }
+        let is_wired = paths.iter().flat_map(|path| path.from.iter().chain(&path.to)).any(|end| {
+            matches!(end, PathEnd::State { region, state: other, .. } if (*region, *other) == (region_index, state))
+        });
+        let has_holes = self
+            .holes
+            .containers
+            .get(container)
+            .is_none_or(|it| it.any());
+        if is_wired || has_holes {
+            return None;
+        }
+        let region = self.region(container, region_index)?;
+        let declared = region.states.get(state)?;
+        let text = &self.model.files.get(declared.span.file as usize)?.text;
+        let mut edits = vec![remove_item(text, declared.declaration)];
+        for transition in &region.transitions {
+            if transition.source == Source::State(state) {
+                edits.push(remove_item(text, transition.span));
+            }
+        }
+        let title = format!("remove state `{}`", declared.name);
+        Some(Fix::new(title, edits))
     }
 
     /// Why a transition is never taken.
@@ -607,6 +659,12 @@ impl Warnings<'_> {
             format!("state `{name}` has no way out: no transition leaves it")
         };
         let mut diagnostic = Diagnostic::new(Code::W108, state.declaration, message).hint(hint);
+        let file = self.model.files.get(state.span.file as usize);
+        if let (false, Some(file)) = (matches!(state.kind, StateKind::Simple), file) {
+            let statement = format!("{name} -> {name} on *;");
+            let insert = insert_behind(&file.text, state.declaration, &statement);
+            diagnostic = diagnostic.fix(Fix::one(format!("write `{statement}`"), insert));
+        }
         for _ in 0..MAX_SHOWN {
             let Some(id) = outside else {
                 break;

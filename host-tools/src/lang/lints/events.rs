@@ -8,7 +8,8 @@
 use std::collections::HashMap;
 
 use crate::lang::analysis::holes::{ContainerHoles, Holes};
-use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::cure::remove_from_list;
+use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
 use crate::model::{Action, Container, ContainerEvent, Model, Span, Trigger};
 
 use super::uses::Uses;
@@ -333,9 +334,16 @@ impl Report<'_> {
         let (message, here, there, hint) = match fault {
             Fault::Idle => {
                 let message = format!("event `{name}` is neither sent nor received");
-                return Diagnostic::new(Code::W102, self.event.span, message).hint(
+                let span = self.event.span;
+                let diagnostic = Diagnostic::new(Code::W102, span, message).hint(
                     "remove it, or use it: `… / send E` in one transition, `on E` in another",
                 );
+                let file = self.model.files.get(span.file as usize);
+                let edit = file.and_then(|file| remove_from_list(&file.text, span));
+                return match edit {
+                    Some(edit) => diagnostic.fix(Fix::one("remove the event", edit)),
+                    None => diagnostic,
+                };
             }
             Fault::Unsent if sent.is_empty() => (
                 format!("event `{name}` is never sent"),

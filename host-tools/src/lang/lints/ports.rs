@@ -10,7 +10,7 @@ use crate::lang::diagnostic::Sink;
 use crate::lang::forest::Forest;
 use crate::model::{Container, DataPort, Direction, Model, PathEnd, StateKind};
 
-use super::unused::unused;
+use super::unused::{remove, unused};
 use super::uses::Uses;
 
 /// Reports ports that do nothing.
@@ -58,12 +58,13 @@ pub(super) fn check(model: &Model, holes: &Holes, uses: &Uses, sink: &mut Sink) 
     }
     for (index, (task, holes)) in model.tasks.iter().zip(&holes.tasks).enumerate() {
         if !holes.is_twin {
-            tasks.report(index, &format!("task `{}`", task.name), &task.data, sink);
+            let owner = format!("task `{}`", task.name);
+            tasks.report(index, &owner, &task.data, None, sink);
         }
     }
     for (index, container) in model.containers.iter().enumerate() {
         let owner = format!("container `{}`", container.name);
-        containers.report(index, &owner, &container.data, sink);
+        containers.report(index, &owner, &container.data, Some(model), sink);
     }
 }
 
@@ -279,7 +280,17 @@ impl Ports {
         }
     }
 
-    fn report(&self, index: usize, owner: &str, declared: &[DataPort], sink: &mut Sink) {
+    /// Reports what is not used of the ports of an owner. `removable` is the model where they can
+    /// be removed: what a task has stands in its
+    /// firmware.
+    fn report(
+        &self,
+        index: usize,
+        owner: &str,
+        declared: &[DataPort],
+        removable: Option<&Model>,
+        sink: &mut Sink,
+    ) {
         // What has no state is reported itself.
         if !self.has_state.contains(&index) || self.may_hide.contains(&index) {
             return;
@@ -304,13 +315,14 @@ impl Ports {
             } else if must_be_on_path {
                 continue;
             } else {
-                unused(
-                    port.span,
-                    format!("data port `{name}` of {owner} is on no path"),
-                )
-                .hint(format!(
-                    "write `path` with it where {owner} is used, or remove the port"
-                ))
+                let message = format!("data port `{name}` of {owner} is on no path");
+                let hint =
+                    format!("write `path` with it where {owner} is used, or remove the port");
+                let diagnostic = unused(port.span, message).hint(hint);
+                match removable {
+                    Some(model) => diagnostic.fix(remove("remove the port", port.span, model)),
+                    None => diagnostic,
+                }
             };
             sink.push(diagnostic);
         }

@@ -5,7 +5,8 @@
 use std::collections::HashSet;
 
 use crate::lang::analysis::holes::{Holes, RegionHoles};
-use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::cure::{end_of_item, remove_item};
+use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
 use crate::lang::resolve::Trees;
 use crate::lang::tree::{self, Given};
 use crate::model::{
@@ -31,12 +32,13 @@ pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut 
                 .hint(format!(
                     "run it in a state (`task A: {};`), or remove the declaration",
                     task.name
-                )),
+                ))
+                .fix(remove_body("remove the task", declaration.span, model)),
             );
             continue;
         }
         let owner = format!("task `{}`", task.name);
-        report_flags(&owner, &task.flags, used, sink);
+        report_flags(&owner, &task.flags, used, None, sink);
         for (param, is_named) in task.params.iter().zip(&used.params) {
             if !is_named {
                 let message = format!(
@@ -61,12 +63,15 @@ pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut 
         }
         let name = &container.name;
         if used.is_used {
-            report_flags(&format!("container `{name}`"), &container.flags, used, sink);
+            let owner = format!("container `{name}`");
+            report_flags(&owner, &container.flags, used, Some(model), sink);
         } else {
             sink.push(
-                unused(declaration.span, format!("container `{name}` is not used")).hint(format!(
-                    "use it in a state (`super A: {name};`), or remove the declaration"
-                )),
+                unused(declaration.span, format!("container `{name}` is not used"))
+                    .hint(format!(
+                        "use it in a state (`super A: {name};`), or remove the declaration"
+                    ))
+                    .fix(remove_body("remove the container", declaration.span, model)),
             );
         }
     }
@@ -84,13 +89,37 @@ fn report_slots(model: &Model, users: &Users, sink: &mut Sink) {
                 unused(slot.span, format!("slot {} is not used", slot.number)).hint(format!(
                     "let a task run in it (`slot {}`), or remove it: it takes time from the others",
                     slot.number
-                )),
+                ))
+                .fix(remove("remove the slot", slot.span, model)),
             );
         }
     }
 }
 
-fn report_flags(owner: &str, flags: &[Flag], used: &User, sink: &mut Sink) {
+/// The fix that removes a declaration.
+pub(super) fn remove(title: &str, span: Span, model: &Model) -> Fix {
+    let file = model.files.get(span.file as usize);
+    let text = file.map_or("", |file| file.text.as_str());
+    Fix::one(title, remove_item(text, span))
+}
+
+/// The same for one with a body, by its head.
+fn remove_body(title: &str, head: Span, model: &Model) -> Fix {
+    let file = model.files.get(head.file as usize);
+    let text = file.map_or("", |file| file.text.as_str());
+    let end = end_of_item(text, head.start);
+    remove(title, Span { end, ..head }, model)
+}
+
+/// Reports flags that are not used. `removable` is the model where they can be removed: what a task
+/// has stands in its firmware.
+fn report_flags(
+    owner: &str,
+    flags: &[Flag],
+    used: &User,
+    removable: Option<&Model>,
+    sink: &mut Sink,
+) {
     for (flag, is_used) in flags.iter().zip(&used.flags) {
         if *is_used {
             continue;
@@ -117,7 +146,11 @@ fn report_flags(owner: &str, flags: &[Flag], used: &User, sink: &mut Sink) {
                 ),
             ),
         };
-        sink.push(unused(flag.span, message).hint(hint));
+        let mut diagnostic = unused(flag.span, message).hint(hint);
+        if let Some(model) = removable {
+            diagnostic = diagnostic.fix(remove("remove the flag", flag.span, model));
+        }
+        sink.push(diagnostic);
     }
 }
 

@@ -2,9 +2,11 @@
 
 use crate::model::Span;
 
+use crate::lang::diagnostic::{Edit, Fix};
 use crate::lang::lexer::{Lexer, TokenKind as T};
 use crate::lang::tree::{Container, Event, EventListing, Path, PathEnd};
 
+use super::cures::Cure;
 use super::{Body, Parser};
 
 impl<'t> Parser<'t, '_> {
@@ -102,7 +104,9 @@ impl<'t> Parser<'t, '_> {
                 }
                 T::Identifier if self.at_path() => {
                     let start = self.here();
-                    self.corrected(expected, Some("a data path starts with `path`".into()));
+                    let cure = Cure::say("a data path starts with `path`");
+                    let insert = Edit::before(start, "path ");
+                    self.mended(expected, cure.fix(Fix::one("write `path`", insert)));
                     container.paths.push(self.path(start));
                 }
                 T::Identifier if self.next.kind == T::Arrow => {
@@ -135,6 +139,7 @@ impl<'t> Parser<'t, '_> {
                 // Whether the next `}` is the region's or the container's nobody knows: one more may follow.
                 self.loose_closes += 1;
                 self.region_items(region);
+                self.tell_limits(region);
             }
             None => self.skip_foreign_item(&mut container.skipped),
         }
@@ -181,11 +186,13 @@ impl<'t> Parser<'t, '_> {
             if self.eat(T::Comma) {
                 continue;
             }
+            let behind = self.behind_last();
             if self.at(T::Unknown) && self.next.kind == T::Identifier {
-                self.corrected("`,` or `;`", None);
+                let sign = self.span_between(behind.start, self.token.end);
+                self.mended("`,` or `;`", comma(Edit::replace(sign, ",")));
                 self.bump();
             } else if self.at(T::Identifier) {
-                self.corrected("`,` or `;`", None);
+                self.mended("`,` or `;`", comma(Edit::replace(behind, ",")));
             } else {
                 return;
             }
@@ -231,12 +238,24 @@ impl<'t> Parser<'t, '_> {
                     name,
                 });
                 if self.at(T::Comma) {
-                    let hint = "each forwarded event has its own line";
-                    self.corrected("`;`", Some(hint.into()));
+                    let cure = Cure::say("each forwarded event has its own line");
+                    let word = if listing == EventListing::In {
+                        "in"
+                    } else {
+                        "out"
+                    };
+                    let again = format!("; {word} event");
+                    self.mended("`;`", cure.edit(Edit::replace(self.here(), again)));
                     self.bump();
                     self.event_names(container, listing, docs);
                 }
                 self.end_statement("`;`");
+            }
+            T::Identifier if self.next.kind == T::Colon => {
+                let insert = Edit::before(self.here(), "data ");
+                let cure = Cure::say("a port is declared with `data`").edit(insert);
+                self.lost("`event`, `flag` or `data`", cure);
+                self.skip_item(&mut container.skipped);
             }
             _ => {
                 self.expected("`event`, `flag` or `data`");
@@ -302,4 +321,9 @@ impl<'t> Parser<'t, '_> {
         self.at_end_of_path_end()
             .then_some(PathEnd::Region(first, second, third))
     }
+}
+
+/// A comma that is missing between names.
+fn comma(edit: Edit) -> Cure {
+    Cure::default().fix(Fix::one("write the missing `,`", edit))
 }

@@ -2,10 +2,11 @@
 
 use crate::model::Span;
 
-use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{File, Given, Interpreter, Queue, Rate, Slot, Use};
 
+use super::cures::Cure;
 use super::{Body, Parser, set_if_absent};
 
 impl Parser<'_, '_> {
@@ -48,15 +49,15 @@ impl Parser<'_, '_> {
                 }
                 // A path or number whose word is missing: nothing else starts with one.
                 T::Text => {
-                    self.corrected("`use`", None);
+                    self.mended("`use`", insert_word(self.here(), "use"));
                     file.uses.push(self.use_file(self.here()));
                 }
                 T::Integer if self.next.kind == T::Semicolon => {
-                    self.corrected("`queue`", None);
+                    self.mended("`queue`", insert_word(self.here(), "queue"));
                     file.queues.push(self.queue(self.here()));
                 }
                 T::Integer if self.next.kind == T::Identifier => {
-                    self.corrected("`slot`", None);
+                    self.mended("`slot`", insert_word(self.here(), "slot"));
                     file.slots.push(self.slot(self.here()));
                 }
                 T::Integer if matches!(self.next.kind, T::Integer | T::Text) => {
@@ -67,8 +68,12 @@ impl Parser<'_, '_> {
                     continue;
                 }
                 T::Slot if file.interpreters.is_empty() && self.at_number_of_interpreter() => {
-                    let hint = "did you mean `interpreter slot`?";
-                    self.corrected("`interpreter`", Some(hint.into()));
+                    let cure = Cure::say("did you mean `interpreter slot`?");
+                    let insert = Edit::before(self.here(), "interpreter ");
+                    self.mended(
+                        "`interpreter`",
+                        cure.fix(Fix::one("write `interpreter slot`", insert)),
+                    );
                     file.interpreters.push(self.interpreter(self.here()));
                 }
                 T::Interpreter => {
@@ -87,7 +92,7 @@ impl Parser<'_, '_> {
                     file.slots.push(self.slot(start));
                 }
                 T::Identifier if self.at_task_header() => {
-                    self.corrected("`task`", None);
+                    self.mended("`task`", insert_word(self.here(), "task"));
                     file.tasks.push(self.task(self.here()));
                     closed = Closed::Task;
                     is_told = false;
@@ -116,9 +121,11 @@ impl Parser<'_, '_> {
                     if is_told {
                         self.report_nothing_here();
                     }
-                    self.corrected(
+                    let cure = Cure::say("nothing is open here: remove it");
+                    let remove = Edit::remove(self.here());
+                    self.mended(
                         "a declaration",
-                        Some("nothing is open here: remove it".into()),
+                        cure.fix(Fix::one("remove the `}`", remove)),
                     );
                     self.bump();
                     closed = Closed::Nothing;
@@ -159,6 +166,19 @@ impl Parser<'_, '_> {
                             self.bump();
                             self.skip_item(&mut file.skipped);
                         }
+                    }
+                    continue;
+                }
+                T::Semicolon if self.last_end > 0 => {
+                    let cure = Cure::say("no `;` stands behind a body: remove it");
+                    let remove = Edit::remove(self.here());
+                    self.mended(
+                        "a declaration",
+                        cure.fix(Fix::one("remove the `;`", remove)),
+                    );
+                    self.bump();
+                    if self.at(T::Semicolon) {
+                        self.report_nothing_here();
                     }
                     continue;
                 }
@@ -208,9 +228,14 @@ impl Parser<'_, '_> {
                     path: None,
                 };
             }
-            T::Identifier => {
-                let hint = "the path of the file stands in quotes";
-                self.expected_with("a path such as `\"tasks.esm\"`", Some(hint.into()));
+            T::Identifier | T::Unknown | T::ForeignWord | T::Dot => {
+                let mut cure = Cure::say("the path of the file stands in quotes");
+                if let Some(path) = self.unquoted_path() {
+                    let quoted = self.between(path.start, path.end);
+                    let quoted = quoted.trim_matches(['\'', '<', '>', '`']);
+                    cure = cure.edit(Edit::replace(path, format!("\"{quoted}\"")));
+                }
+                self.lost("a path such as `\"tasks.esm\"`", cure);
                 None
             }
             _ => {
@@ -225,10 +250,23 @@ impl Parser<'_, '_> {
         }
     }
 
+    /// What stands between `use` and the `;` on its line.
+    fn unquoted_path(&self) -> Option<Span> {
+        let (path, _) = self.near_text().split_once(';')?;
+        let end = self.token.start + path.trim_end().len() as u32;
+        let is_path = !path.contains(['"', '{', '}']) && !path.contains("/*");
+        is_path.then(|| self.span_between(self.token.start, end))
+    }
+
     /// `slot 1;`
     pub(super) fn interpreter(&mut self, start: Span) -> Interpreter {
-        self.expect(T::Slot, "`slot`");
+        if self.at(T::Integer) {
+            self.mended("`slot`", insert_word(self.here(), "slot"));
+        } else {
+            self.expect(T::Slot, "`slot`");
+        }
         let slot = self.integer("the number of a slot", 1, u32::MAX);
+        self.no_unit("a slot is named by its number, which has no unit");
         self.end_statement("`;`");
         Interpreter {
             span: self.since(start),
@@ -241,6 +279,7 @@ impl Parser<'_, '_> {
         let capacity = self
             .integer("the capacity of the event queue", 1, u32::from(u8::MAX))
             .and_then(|number| u8::try_from(number.value).ok());
+        self.no_unit("the queue counts events: its number has no unit");
         self.end_statement("`;`");
         Queue {
             span: self.since(start),
@@ -255,12 +294,14 @@ impl Parser<'_, '_> {
         let mut rate = Given::Absent;
         let mut rate_word = "";
         let mut duration_us = Given::Absent;
+        self.no_unit("a slot is named by its number, which has no unit");
         loop {
             if self.at_word("duration") && !rate.is_given() {
                 self.expected("`period` or `rate`");
             }
             let at = self.token;
-            let Some(word) = self.word(&["period", "rate", "duration"]) else {
+            let other = self.other_attribute();
+            let Some(word) = other.or_else(|| self.word(&["period", "rate", "duration"])) else {
                 break;
             };
             // What is wrong with the word is reported where it stands.
@@ -284,15 +325,41 @@ impl Parser<'_, '_> {
                 });
             }
             match word {
+                "period" if self.at_number_with(&["Hz", "kHz"]) => {
+                    self.bump();
+                    let cure = Cure::say(
+                        "a period is a time in `us`, `ms` or `s`: a number of Hz stands behind \
+                            `rate`",
+                    );
+                    let fix = Fix::write(self.span_of(at), "rate");
+                    self.mended("a unit of time", cure.fix(fix));
+                    self.bump();
+                    set_if_absent(&mut rate, Given::Broken);
+                    rate_word = "period";
+                }
                 "period" => {
                     let read = Given::from_read(self.time(1).map(Rate::PeriodUs));
                     set_if_absent(&mut rate, read);
                     rate_word = word;
                 }
+                "rate" if self.at_number_with(&["us", "ms", "s"]) => {
+                    self.bump();
+                    let cure = Cure::say("a rate is in Hz: a time stands behind `period`");
+                    let fix = Fix::write(self.span_of(at), "period");
+                    self.mended("`Hz`", cure.fix(fix));
+                    self.bump();
+                    set_if_absent(&mut rate, Given::Broken);
+                    rate_word = word;
+                }
                 "rate" => {
                     let hertz = self.integer("a rate in Hz", 1, u32::MAX);
                     if self.word(&["Hz"]).is_none() {
-                        self.expected("`Hz`");
+                        let mut cure = Cure::default();
+                        if let Some(hertz) = hertz {
+                            let insert = Edit::behind(hertz.span, " Hz");
+                            cure = Cure::say("write `Hz` behind the number").edit(insert);
+                        }
+                        self.lost("`Hz`", cure);
                     }
                     let read = Given::from_read(hertz.map(|number| Rate::Hertz(number.value)));
                     set_if_absent(&mut rate, read);
@@ -318,4 +385,41 @@ impl Parser<'_, '_> {
             duration_us: duration_us.value(),
         }
     }
+
+    /// Whether a number stands here with one of some units, in whichever letters.
+    fn at_number_with(&self, units: &[&str]) -> bool {
+        let unit = self.text_of(self.next);
+        matches!(self.token.kind, T::Integer | T::Float)
+            && units.iter().any(|known| known.eq_ignore_ascii_case(unit))
+    }
+
+    /// A word of other tools for an attribute of a slot.
+    fn other_attribute(&mut self) -> Option<&'static str> {
+        const OTHERS: [(&str, &str); 9] = [
+            ("every", "period"),
+            ("cycle", "period"),
+            ("interval", "period"),
+            ("freq", "rate"),
+            ("frequency", "rate"),
+            ("for", "duration"),
+            ("length", "duration"),
+            ("budget", "duration"),
+            ("wcet", "duration"),
+        ];
+        let text = self.text_of(self.token);
+        let other = OTHERS
+            .iter()
+            .find(|(other, _)| other.eq_ignore_ascii_case(text));
+        let (_, word) = other.filter(|_| self.next.kind == T::Integer)?;
+        let what = "`period`, `rate` or `duration`";
+        self.mended(what, Cure::meant(self.here(), word));
+        self.bump();
+        Some(word)
+    }
+}
+
+/// A word that is missing before what stands here.
+fn insert_word(here: Span, word: &str) -> Cure {
+    let insert = Edit::before(here, format!("{word} "));
+    Cure::default().fix(Fix::one(format!("write `{word}`"), insert))
 }

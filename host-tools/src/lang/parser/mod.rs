@@ -11,6 +11,7 @@
 //! Recursion happens in guards alone, and is bounded by [`MAX_GUARD_DEPTH`].
 
 mod containers;
+mod cures;
 mod file;
 mod regions;
 mod tasks;
@@ -20,12 +21,12 @@ mod values;
 use std::collections::HashSet;
 
 use crate::model::Span;
-use crate::nearest::nearest;
 
-use crate::lang::diagnostic::{Code, Diagnostic, Sink};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix, Sink};
 use crate::lang::lexer::{Lexer, Token, TokenKind as T, docs};
 use crate::lang::tree::{File, Given, Name};
 
+use cures::{Cure, meant, other_word};
 pub(super) use values::excerpt;
 
 /// How deep `(` and `not` nest in a guard.
@@ -73,7 +74,24 @@ struct Parser<'t, 's> {
     loose_closes: usize,
     /// Words that were used as names and cannot be.
     no_names: HashSet<&'t str>,
+    /// Limits of time that stand at transitions of this region: they are told when all its states
+    /// are known.
+    limits: Vec<Limit>,
+    /// Whether a part of the guard that is read is not known for certain; it is reported.
+    guard_has_gaps: bool,
     sink: &'s mut Sink,
+}
+
+/// A limit of time that stands at a transition.
+struct Limit {
+    /// The state that the transition leaves.
+    source: Option<Name>,
+    /// The time as it is written, with a unit.
+    time: Option<String>,
+    /// What is told of it.
+    diagnostic: Diagnostic,
+    /// What reads the limit of the state instead.
+    edits: Vec<Edit>,
 }
 
 /// A guard that could not be read; why is reported.
@@ -101,6 +119,8 @@ impl<'t, 's> Parser<'t, 's> {
             is_cut: false,
             loose_closes: 0,
             no_names: HashSet::new(),
+            limits: Vec::new(),
+            guard_has_gaps: false,
             sink,
         };
         parser.bump();
@@ -130,9 +150,11 @@ impl<'t, 's> Parser<'t, 's> {
             if !self.is_lost {
                 let found = excerpt(self.text_of(self.next));
                 let message = format!("found `{found}` a second time in a row");
+                let second = self.span_between(self.token.end, self.next.end);
                 self.sink.push(
                     Diagnostic::new(Code::E001, self.span_of(self.next), message)
-                        .hint("remove one of the two"),
+                        .hint("remove one of the two")
+                        .fix(Fix::one("remove one of the two", Edit::remove(second))),
                 );
             }
             while self.is_repeated() {
@@ -262,23 +284,43 @@ impl<'t, 's> Parser<'t, 's> {
             (T::Unknown, "&&" | "&") => Some("write `and`"),
             (T::Unknown, "||" | "|") => Some("write `or`"),
             (T::Unknown, "!") => Some("write `not`"),
+            (T::Unknown, text) if text.starts_with('#') => {
+                let rest = self.span_of(self.token);
+                let mark = Span {
+                    end: rest.start + 1,
+                    ..rest
+                };
+                let cure = Cure::say("a comment starts with `//`").edit(Edit::replace(mark, "//"));
+                return self.lost(what, cure);
+            }
             (T::Unknown, _) => Some("no word or sign of the language starts like this: remove it"),
             (T::UnclosedText, _) => Some("a text ends with `\"` on the same line"),
             (T::EndOfFile, _) => Some("the file stops in the middle of a declaration"),
             _ => None,
         };
-        let hint = hint.map_or_else(|| self.meant_of(what), |hint| Some(hint.to_owned()));
-        self.expected_with(what, hint);
+        if hint.is_none()
+            && let Some(word) = self.word_meant(what)
+        {
+            return self.lost(what, Cure::meant(self.here(), word));
+        }
+        self.expected_with(what, hint.map(str::to_owned));
     }
 
     /// The word that was probably meant, of those that `what` has between backticks.
-    fn meant_of(&self, what: &str) -> Option<String> {
+    fn word_meant<'w>(&self, what: &'w str) -> Option<&'w str> {
         if !self.at(T::Identifier) {
             return None;
         }
         let quoted = what.split('`').skip(1).step_by(2);
-        let words = quoted.filter(|text| text.chars().all(|letter| letter.is_ascii_alphanumeric()));
-        let meant = nearest(self.text_of(self.token), words)?;
+        let words: Vec<&str> = quoted
+            .filter(|text| text.chars().all(|letter| letter.is_ascii_alphanumeric()))
+            .collect();
+        meant(self.text_of(self.token), &words)
+    }
+
+    /// The same as a question.
+    fn meant_of(&self, what: &str) -> Option<String> {
+        let meant = self.word_meant(what)?;
         Some(format!("did you mean `{meant}`?"))
     }
 
@@ -289,19 +331,8 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// Reports that something else was expected here, where it is clear what is meant: the statement goes on.
     fn corrected(&mut self, what: &str, hint: Option<String>) {
-        if self.is_told() {
-            return;
-        }
-        if self.sink.omits_error() {
-            return self.report_nothing_here();
-        }
-        let mut diagnostic = Diagnostic::new(
-            Code::E001,
-            self.here(),
-            format!("expected {what}, found {}", self.found()),
-        );
-        diagnostic.hint = hint;
-        self.report(diagnostic);
+        let fixes = Vec::new();
+        self.mended(what, Cure { hint, fixes });
     }
 
     /// The current token for a message.
@@ -317,8 +348,22 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// Reports an attribute that is there a second time.
     fn attribute_twice(&mut self, what: &str) {
-        let diagnostic = Diagnostic::new(Code::E003, self.here(), format!("{what} is given twice"))
-            .hint("remove one of the two");
+        let mut diagnostic =
+            Diagnostic::new(Code::E003, self.here(), format!("{what} is given twice"))
+                .hint("remove one of the two");
+        // The attribute with its value.
+        let [third] = self.ahead();
+        let end = match what {
+            "`timeout`" | "`wcet`" | "`within`" if third.kind == T::Identifier => Some(third.end),
+            "`slot`" | "`count`" if self.next.kind == T::Integer => Some(self.next.end),
+            "`exclusive`" if self.next.kind == T::Identifier => Some(self.next.end),
+            "`optional`" | "`endless`" => Some(self.token.end),
+            _ => None,
+        };
+        if let Some(end) = end {
+            let second = self.span_between(self.last_end, end);
+            diagnostic = diagnostic.fix(Fix::one("remove the second one", Edit::remove(second)));
+        }
         self.report(diagnostic);
     }
 
@@ -423,7 +468,7 @@ impl<'t, 's> Parser<'t, 's> {
             return;
         }
         let was_lost = self.is_lost;
-        self.expected(expected);
+        self.missing_semicolon(expected);
         if self.at_start_of_item() || matches!(self.token.kind, T::BraceClose | T::EndOfFile) {
             // Nothing but the `;` is missing.
             self.is_lost = was_lost;
@@ -433,6 +478,10 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// The start of a body. Without a brace there can still be a body, if something follows that belongs into one.
     fn open_body(&mut self) -> bool {
+        if self.is_in_body(self.token.kind) && self.at_start_of_item() {
+            let insert = Edit::replace(self.behind_last(), " {");
+            self.lost("`{`", Cure::say("a `{` is missing before it").edit(insert));
+        }
         if self.expect(T::BraceOpen, "`{`") {
             {
                 self.is_lost = false;
@@ -468,15 +517,20 @@ impl<'t, 's> Parser<'t, 's> {
 
     /// Whether what comes next stands in the body that is to be opened, and not behind it.
     fn next_is_in_body(&self) -> bool {
+        self.is_in_body(self.next.kind)
+    }
+
+    /// Whether a token can start something in the body that is to be opened.
+    fn is_in_body(&self, kind: T) -> bool {
         match self.body {
             Body::File => false,
-            Body::Task => matches!(self.next.kind, T::In | T::Out | T::InOut | T::Param),
+            Body::Task => matches!(kind, T::In | T::Out | T::InOut | T::Param),
             Body::Container => matches!(
-                self.next.kind,
+                kind,
                 T::Event | T::In | T::Out | T::InOut | T::Region | T::Path
             ),
             Body::Region => matches!(
-                self.next.kind,
+                kind,
                 T::State | T::Task | T::Super | T::Initial | T::Identifier
             ),
         }
@@ -492,12 +546,11 @@ impl<'t, 's> Parser<'t, 's> {
         if !self.at(T::Identifier) || !follows {
             return None;
         }
-        let meant = nearest(
-            self.text_of(self.token),
-            possible.iter().map(|&(word, _)| word),
-        )?;
+        let words: Vec<&str> = possible.iter().map(|&(word, _)| word).collect();
+        let text = self.text_of(self.token);
+        let meant = meant(text, &words).or_else(|| other_word(text, &words))?;
         let kind = possible.iter().find(|&&(word, _)| word == meant)?.1;
-        self.corrected("a declaration", Some(format!("did you mean `{meant}`?")));
+        self.mended("a declaration", Cure::meant(self.here(), meant));
         Some(kind)
     }
 }

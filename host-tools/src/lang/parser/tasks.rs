@@ -3,9 +3,11 @@
 use crate::model::{Direction, ParamType, Span};
 use crate::nearest::nearest;
 
+use crate::lang::diagnostic::{Edit, Fix};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{DataPort, Flag, Given, Name, Number, Param, Task};
 
+use super::cures::Cure;
 use super::{Body, Parser, set_if_absent};
 
 /// The attributes of a task whose words are not reserved.
@@ -134,6 +136,7 @@ impl Parser<'_, '_> {
         }
         self.bump();
         let read = Given::from_read(self.integer("the number of a slot, or 0", 0, u32::MAX));
+        self.no_unit("a slot is named by its number, which has no unit");
         set_if_absent(slot, read);
     }
 
@@ -205,7 +208,9 @@ impl Parser<'_, '_> {
             _ => "is a `}` missing before it?",
         };
         self.loose_closes += 1;
-        self.expected_with(expected, Some(hint.into()));
+        let close = Edit::replace(self.behind_last(), "\n}");
+        let fix = Fix::one("write the missing `}`", close);
+        self.lost(expected, Cure::say(hint).fix(fix));
     }
 
     /// Skips something that starts here but belongs elsewhere.
@@ -252,7 +257,7 @@ impl Parser<'_, '_> {
                 self.name("the name of a type")
             }
         } else if self.at(T::Identifier) && self.next.kind == T::Semicolon {
-            self.corrected("`:` and a type", None);
+            self.mended("`:` and a type", missing_colon(self.behind_last()));
             self.name("the name of a type")
         } else {
             self.expected("`:` and a type");
@@ -317,7 +322,7 @@ impl Parser<'_, '_> {
         let name = self.name("the name of the parameter");
         if !self.eat(T::Colon) {
             if self.at(T::Identifier) && TYPES.contains(&self.text_of(self.token)) {
-                self.corrected("`:` and a type", None);
+                self.mended("`:` and a type", missing_colon(self.behind_last()));
             } else {
                 self.expected("`:` and a type");
             }
@@ -362,4 +367,12 @@ impl Parser<'_, '_> {
         param.span = self.since(start);
         param
     }
+}
+
+/// A colon that is missing behind a name.
+pub(super) fn missing_colon(behind: Span) -> Cure {
+    Cure::default().fix(Fix::one(
+        "write the missing `:`",
+        Edit::replace(behind, ":"),
+    ))
 }

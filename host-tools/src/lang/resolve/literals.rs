@@ -74,6 +74,39 @@ pub(super) fn is_within(value: Value, (least, greatest): (Value, Value)) -> bool
         && compare(value, greatest).is_none_or(Ordering::is_le)
 }
 
+/// The value of a range that is nearest to one outside of it.
+pub(super) fn nearest_in(value: Value, (least, greatest): (Value, Value)) -> Written {
+    let is_below = compare(value, least) == Some(Ordering::Less);
+    Written(if is_below { least } else { greatest })
+}
+
+/// What was probably meant by digits that are no value of a type.
+pub(super) fn meant(digits: &str, param_type: ParamType) -> Option<&str> {
+    match (param_type, digits) {
+        (ParamType::Bool, "0") => Some("false"),
+        (ParamType::Bool, "1") => Some("true"),
+        (ParamType::I32 | ParamType::U32, _) => {
+            let (whole, rest) = digits.split_once('.')?;
+            rest.bytes().all(|digit| digit == b'0').then_some(whole)
+        }
+        _ => None,
+    }
+}
+
+/// Some value of a parameter: the least that it can have, else 0.
+pub(super) fn some_value(param_type: ParamType, range: Option<(Value, Value)>) -> Written {
+    let zero = match param_type {
+        ParamType::Bool => Value::Bool(false),
+        ParamType::I32 => Value::I32(0),
+        ParamType::U32 => Value::U32(0),
+        ParamType::F32 => Value::F32(0.0),
+    };
+    Written(match range {
+        Some((least, greatest)) if !is_within(zero, (least, greatest)) => least,
+        _ => zero,
+    })
+}
+
 /// A type as it is written.
 pub(super) fn type_word(param_type: ParamType) -> &'static str {
     match param_type {

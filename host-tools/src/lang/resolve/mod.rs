@@ -22,7 +22,8 @@ use crate::model::{
 
 use super::analysis::activity::{Activity, View};
 use super::analysis::holes::{ContainerHoles, Holes, RegionHoles};
-use super::diagnostic::{Code, Diagnostic, Sink};
+use super::cure::remove_item;
+use super::diagnostic::{Code, Diagnostic, Fix, Sink};
 use super::references::{References, Undeclared};
 use super::tree::{self, EventListing, File};
 use scope::{Names, Scope};
@@ -82,6 +83,8 @@ struct StateFacts {
     kind: Kind,
     /// From the word on: where things that concern the whole state are reported.
     span: Span,
+    /// What a `timeout` or `slot` can be written behind.
+    place_of_attributes: Option<Span>,
     /// Whether a timeout is given, readable or not.
     has_limit: bool,
     /// The slot that the state itself names, by index.
@@ -294,7 +297,8 @@ fn declare_queue(set: &Trees<'_>, model: &mut Model, names: &mut Names<'_, '_>) 
         if let Some(first) = first {
             let diagnostic = Diagnostic::new(Code::E003, queue.span, "a second `queue`")
                 .hint("remove one of the two: there is one queue")
-                .related(first, "the first one");
+                .related(first, "the first one")
+                .fix(remove("remove the second `queue`", queue.span, names));
             names.report(diagnostic);
             continue;
         }
@@ -303,6 +307,11 @@ fn declare_queue(set: &Trees<'_>, model: &mut Model, names: &mut Names<'_, '_>) 
             model.queue = capacity;
         }
     }
+}
+
+/// The fix that removes a declaration or statement.
+fn remove(title: &str, span: Span, names: &Names<'_, '_>) -> Fix {
+    Fix::one(title, remove_item(names.file_text(span), span))
 }
 
 /// Declares events, flags and data ports of a container.

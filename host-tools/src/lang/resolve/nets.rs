@@ -2,10 +2,11 @@
 
 use std::collections::{HashMap, HashSet};
 
-use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::cure::{Cure, end_of_item, insert_behind};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::forest::Forest;
 use crate::lang::tree::{self, Name};
-use crate::model::{Container, DataPort, Direction, Model, Path, PathEnd};
+use crate::model::{Container, DataPort, Direction, Model, Path, PathEnd, Span};
 
 use super::regions::list_of;
 use super::scope::{Found, Names, Scope};
@@ -30,7 +31,7 @@ pub(super) fn check<'f>(
         .collect();
     let mut wired: Vec<Wired> = trees.iter().map(|_| Wired::default()).collect();
     for &index in order.unwrap_or(&unordered) {
-        let (Some(tree), Some(container_facts), Some(container)) = (
+        let (Some(&tree), Some(container_facts), Some(container)) = (
             trees.get(index),
             facts.get(index),
             model.containers.get(index),
@@ -39,6 +40,7 @@ pub(super) fn check<'f>(
         };
         let wiring = Wiring {
             container,
+            tree,
             facts: container_facts,
             all_facts: facts,
             tasks,
@@ -130,6 +132,8 @@ fn report_faults(wired: &mut [Wired], facts: &[ContainerFacts<'_>], names: &mut 
 /// One container, and what its paths can refer to.
 struct Wiring<'w, 'f> {
     container: &'w Container,
+    /// The container as it is written.
+    tree: &'f tree::Container,
     facts: &'w ContainerFacts<'f>,
     all_facts: &'w [ContainerFacts<'f>],
     tasks: &'w TaskTable<'f>,
@@ -138,6 +142,22 @@ struct Wiring<'w, 'f> {
     supplied: &'w [Vec<bool>],
     regions: Scope<'f>,
     states: StatePlaces<'f>,
+}
+
+/// As many fixes are proposed for one diagnostic.
+const MAX_FIXES: usize = 4;
+
+/// More states than this are not looked through for what could be meant.
+const MAX_STATES: usize = 1_000;
+
+/// The last path of a container, or its last region: more paths can be written behind it.
+fn last_item(tree: &tree::Container, names: &Names<'_, '_>) -> Option<Span> {
+    let path = tree.paths.last().map(|path| path.span);
+    path.or_else(|| {
+        let head = tree.regions.last()?.span;
+        let end = end_of_item(names.file_text(head), head.start);
+        Some(Span { end, ..head })
+    })
 }
 
 /// Where the states of a container are, by name.
@@ -429,14 +449,19 @@ impl<'f> Wiring<'_, 'f> {
             let full: Vec<String> = regions
                 .map(|region| format!("`{}.{text}.{port}`", region.name))
                 .collect();
-            names.report(
-                Diagnostic::new(
-                    Code::E002,
-                    state.0,
-                    format!("`{text}` is a state of several regions"),
-                )
-                .hint(format!("say which one is meant: {}", full.join(" or "))),
-            );
+            let mut diagnostic = Diagnostic::new(
+                Code::E002,
+                state.0,
+                format!("`{text}` is a state of several regions"),
+            )
+            .hint(format!("say which one is meant: {}", full.join(" or ")));
+            for &(region, _) in places.iter().take(MAX_FIXES) {
+                if let Some(region) = self.container.regions.get(region) {
+                    let meant = format!("{}.{text}", region.name);
+                    diagnostic = diagnostic.fix(Fix::write(state.0, meant));
+                }
+            }
+            names.report(diagnostic);
         } else if !self.states.is_incomplete {
             let is_region = self.regions.find(text) != Found::Nothing;
             unresolved.anything |= is_region;
@@ -447,7 +472,11 @@ impl<'f> Wiring<'_, 'f> {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => format!("no region of `{}` has such a state", self.container.name),
             };
-            names.unknown(state, "state", hint);
+            let mut cure = Cure::say(hint);
+            if let (false, Some(meant)) = (is_region, names.meant(text, &self.states.in_order)) {
+                cure = cure.fix(Fix::write(state.0, meant));
+            }
+            names.unknown(state, "state", cure);
         }
         None
     }
@@ -773,21 +802,99 @@ impl<'f> Wiring<'_, 'f> {
                     Kind::Super(_) => "superstate",
                     _ => "task state",
                 };
-                names.report(
-                    Diagnostic::new(
-                        Code::E008,
-                        state.span,
-                        format!(
-                            "{what} `{name}` needs data on {}, and no path leads there",
-                            list_of("port", open.iter().copied())
-                        ),
-                    )
-                    .hint(format!(
-                        "write `path … -> {name}.{first};`, or declare the port `optional` and without `within`"
-                    )),
-                );
+                let list = list_of("port", open.iter().copied());
+                let diagnostic = Diagnostic::new(
+                    Code::E008,
+                    state.span,
+                    format!("{what} `{name}` needs data on {list}, and no path leads there"),
+                )
+                .hint(format!(
+                    "write `path … -> {name}.{first};`, or declare the port `optional` and without `within`"
+                ));
+                let place = (region_index, state_index);
+                names.report(self.with_paths(diagnostic, place, &open, names));
             }
         }
+    }
+}
+
+impl<'f> Wiring<'_, 'f> {
+    /// Adds what can supply the open ports of a state: the outputs of their types, where there are
+    /// few; else that they are optional.
+    fn with_paths(
+        &self,
+        mut diagnostic: Diagnostic,
+        (region, state): (usize, usize),
+        open: &[&str],
+        names: &Names<'f, '_>,
+    ) -> Diagnostic {
+        let states = &self.facts.states;
+        let Some(facts) = states.get(region).and_then(|states| states.get(state)) else {
+            return diagnostic;
+        };
+        let ports = self.ports_of(facts.kind);
+        let open: Vec<&DataPort> = ports
+            .iter()
+            .filter(|port| open.contains(&port.name.as_str()))
+            .collect();
+        let reader = self.name_of((region, state));
+        if let [port] = open.as_slice()
+            && self.states.in_order.len() <= MAX_STATES
+            && let Some(last) = last_item(self.tree, names)
+        {
+            let writers = self.outputs_of(&port.type_name);
+            if writers.len() <= MAX_FIXES {
+                for writer in writers {
+                    let path = format!("path {writer} -> {reader}.{};", port.name);
+                    let insert = insert_behind(names.file_text(last), last, &path);
+                    diagnostic = diagnostic.fix(Fix::one(format!("write `{path}`"), insert));
+                }
+            }
+        }
+        let ends: Vec<Span> = open.iter().map(|port| port.span).collect();
+        let are_plain = ends.iter().all(|span| names.text(*span).ends_with(';'));
+        // What a task needs says its firmware.
+        if let (Kind::Super(_), true) = (facts.kind, are_plain) {
+            let edits = ends.iter().map(|span| {
+                let end = span.end - 1;
+                Edit::behind(Span { end, ..*span }, " optional")
+            });
+            let title = "declare it `optional`";
+            diagnostic = diagnostic.fix(Fix::new(title, edits.collect()));
+        }
+        diagnostic
+    }
+
+    /// A state as a path names it.
+    fn name_of(&self, (region, state): (usize, usize)) -> String {
+        let region = self.container.regions.get(region);
+        let name = region
+            .and_then(|region| region.states.get(state))
+            .map_or("", |state| state.name.as_str());
+        let is_alone = self.states.places.get(name).is_none_or(|it| it.len() < 2);
+        match region {
+            Some(region) if !is_alone => format!("{}.{name}", region.name),
+            _ => name.to_owned(),
+        }
+    }
+
+    /// The outputs of a type in the container, as paths name them.
+    fn outputs_of(&self, type_name: &str) -> Vec<String> {
+        let mut outputs = Vec::new();
+        for (region, states) in self.facts.states.iter().enumerate() {
+            for (state, facts) in states.iter().enumerate() {
+                let ports = self.ports_of(facts.kind).iter();
+                let fitting =
+                    ports.filter(|it| it.direction == Direction::Out && it.type_name == type_name);
+                for port in fitting.take(MAX_FIXES + 1) {
+                    outputs.push(format!("{}.{}", self.name_of((region, state)), port.name));
+                    if outputs.len() > MAX_FIXES {
+                        return outputs;
+                    }
+                }
+            }
+        }
+        outputs
     }
 }
 

@@ -1,7 +1,8 @@
 //! Regions: states, transitions, guards, actions.
 
 use crate::lang::analysis::holes::{LooseTransition, RegionHoles, StateHoles};
-use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::cure::{Cure, insert_behind, remove_action};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::tree::{
     self, Endpoint, Given, GuardKind, GuardTerm, Literal, Name, Number, SystemFlag,
 };
@@ -10,8 +11,9 @@ use crate::model::{
     StateKind, Target, Transition, Trigger, Value,
 };
 
+use super::literals;
 use super::scope::{Found, Names, Scope};
-use super::slots::SlotTable;
+use super::slots::{MAX_SLOTS_PROPOSED, SlotTable};
 use super::tasks::{self, TaskTable};
 use super::{ContainerFacts, Kind, ResolvedRegion, StateFacts};
 
@@ -30,6 +32,9 @@ pub(super) struct Resolver<'r, 'f> {
 struct Around<'r, 'f> {
     name: &'f str,
     is_machine: bool,
+    /// Up to the brace behind which its declarations start, where that was found.
+    body: Option<Span>,
+    tree: &'f tree::Container,
     facts: &'r ContainerFacts<'f>,
     events: &'r [ContainerEvent],
 }
@@ -77,7 +82,7 @@ impl<'f> Resolver<'_, 'f> {
         index: usize,
         names: &mut Names<'f, '_>,
     ) -> Vec<ResolvedRegion> {
-        let (Some(tree), Some(facts), Some(container)) = (
+        let (Some(&tree), Some(facts), Some(container)) = (
             trees.get(index),
             self.facts.get(index),
             self.model.containers.get(index),
@@ -87,6 +92,8 @@ impl<'f> Resolver<'_, 'f> {
         let around = Around {
             name: tree.name.map_or("", |name| names.text(name.0)),
             is_machine: tree.is_machine,
+            body: start_of_body(tree.span, names),
+            tree,
             facts,
             events: &container.events,
         };
@@ -162,14 +169,19 @@ impl<'f> Resolver<'_, 'f> {
                 .states
                 .first()
                 .map_or("A", |state| state.name.as_str());
-            names.report(
-                Diagnostic::new(
-                    Code::E004,
-                    name.0,
-                    format!("region `{}` has no initial transition", region.name),
-                )
-                .hint(format!("say where it starts: `initial -> {first};`")),
-            );
+            let mut diagnostic = Diagnostic::new(
+                Code::E004,
+                name.0,
+                format!("region `{}` has no initial transition", region.name),
+            )
+            .hint(format!("say where it starts: `initial -> {first};`"));
+            if let Some(state) = region.states.first().filter(|it| !it.name.is_empty()) {
+                let statement = format!("initial -> {first};");
+                let text = names.file_text(state.declaration);
+                let insert = insert_behind(text, state.declaration, &statement);
+                diagnostic = diagnostic.fix(Fix::one(format!("write `{statement}`"), insert));
+            }
+            names.report(diagnostic);
         }
         ResolvedRegion {
             region,
@@ -185,6 +197,7 @@ impl<'f> Resolver<'_, 'f> {
         let mut facts = StateFacts {
             kind: Kind::Unknown,
             span: tree.span,
+            place_of_attributes: tree.place_of_attributes(),
             has_limit: tree.timeout_us.is_given(),
             own_slot: None,
             slot: None,
@@ -195,8 +208,7 @@ impl<'f> Resolver<'_, 'f> {
                 StateKind::Simple
             }
             tree::StateKind::Super { container } => {
-                let container =
-                    container.and_then(|reference| self.container(reference, name, names));
+                let container = container.and_then(|it| self.container(it, name, tree.span, names));
                 facts.kind = container.map_or(Kind::Unknown, Kind::Super);
                 StateKind::Super {
                     container: container.unwrap_or(0),
@@ -211,9 +223,12 @@ impl<'f> Resolver<'_, 'f> {
                 let task = task.and_then(|reference| {
                     names.resolve(&self.tasks.names, reference, "task", |task| {
                         if matches!(self.containers.find(task), Found::Index(_)) {
-                            return format!("it is a container: write `super {name}: {task}`");
+                            let hint = format!("it is a container: write `super {name}: {task}`");
+                            return with_word(hint, tree.span, "task", "super");
                         }
-                        format!("declare it (`task {task} {{ … }}`) or `use` the file that does")
+                        Cure::say(format!(
+                            "declare it (`task {task} {{ … }}`) or `use` the file that does"
+                        ))
                     })
                 });
                 facts.kind = task.map_or(Kind::Unknown, Kind::Task);
@@ -239,12 +254,21 @@ impl<'f> Resolver<'_, 'f> {
     }
 
     /// The container of the superstate `state`.
-    fn container(&self, reference: Name, state: &str, names: &mut Names<'f, '_>) -> Option<usize> {
+    fn container(
+        &self,
+        reference: Name,
+        state: &str,
+        span: Span,
+        names: &mut Names<'f, '_>,
+    ) -> Option<usize> {
         names.resolve(self.containers, reference, "container", |container| {
             if matches!(self.tasks.names.find(container), Found::Index(_)) {
-                return format!("it is a task: write `task {state}: {container}`");
+                let hint = format!("it is a task: write `task {state}: {container}`");
+                return with_word(hint, span, "super", "task");
             }
-            format!("declare it (`container {container} {{ … }}`) or `use` the file that does")
+            Cure::say(format!(
+                "declare it (`container {container} {{ … }}`) or `use` the file that does"
+            ))
         })
     }
 
@@ -257,38 +281,58 @@ impl<'f> Resolver<'_, 'f> {
         facts: &mut StateFacts,
         names: &mut Names<'f, '_>,
     ) -> Option<SlotRef> {
-        let slot = match own {
-            Given::Broken => None,
-            Given::Value(number) => {
-                let slot = self.slots.resolve(number, names);
-                if let Some(SlotRef::Slot(index)) = slot {
-                    facts.own_slot = Some(index);
+        let slot =
+            match own {
+                Given::Broken => None,
+                Given::Value(number) => {
+                    let slot = self.slots.resolve(number, names);
+                    if let Some(SlotRef::Slot(index)) = slot {
+                        facts.own_slot = Some(index);
+                    }
+                    slot
                 }
-                slot
-            }
-            Given::Absent => {
-                let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
-                if task.1.slot == Given::Absent {
-                    let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
-                    names.report(
-                        Diagnostic::new(
-                            Code::E009,
-                            facts.span,
-                            format!("neither task state `{name}` nor its task `{task_name}` names a slot"),
-                        )
-                        .hint(format!(
-                            "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real time"
-                        ))
-                        .related(task.1.span, "the task"),
-                    );
+                Given::Absent => {
+                    let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
+                    if task.1.slot == Given::Absent {
+                        let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
+                        let mut diagnostic = Diagnostic::new(
+                        Code::E009,
+                        facts.span,
+                        format!("neither task state `{name}` nor its task `{task_name}` names a \
+                            slot"),
+                    )
+                    .hint(format!(
+                        "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real \
+                            time"
+                    ))
+                    .related(task.1.span, "the task");
+                        if let Some(place) = facts.place_of_attributes {
+                            for number in self.proposed_slots() {
+                                let insert = Edit::behind(place, format!(" slot {number}"));
+                                let title = format!("run it in slot {number}");
+                                diagnostic = diagnostic.fix(Fix::one(title, insert));
+                            }
+                        }
+                        names.report(diagnostic);
+                    }
+                    task.1.slot.value()
                 }
-                task.1.slot.value()
-            }
-        };
+            };
         if let Some(SlotRef::Slot(index)) = slot {
             facts.slot = Some(index);
         }
         slot
+    }
+
+    /// Slots that a task state can be given: those that do not run the interpreter, and the one
+    /// without real time.
+    fn proposed_slots(&self) -> impl Iterator<Item = u32> {
+        let slots = self.model.slots.iter().enumerate();
+        slots
+            .filter(|(index, _)| self.model.interpreter_slot != Some(*index))
+            .map(|(_, slot)| slot.number)
+            .take(MAX_SLOTS_PROPOSED)
+            .chain([0])
     }
 
     /// One value for each parameter of the task.
@@ -339,7 +383,7 @@ impl<'f> Resolver<'_, 'f> {
                 *value = tasks::read_value(literal, param, names);
             }
         }
-        let missing: Vec<&str> = model
+        let missing: Vec<&crate::model::Param> = model
             .params
             .iter()
             .zip(&facts.param_facts)
@@ -350,30 +394,70 @@ impl<'f> Resolver<'_, 'f> {
                     && !param_facts.has_default
                     && facts.params.is_first(&param.name, *index)
             })
-            .map(|(_, ((param, _), _))| param.name.as_str())
+            .map(|(_, ((param, _), _))| param)
             .collect();
         if let (true, Some(first)) = (is_certain, missing.first()) {
-            names.report(
-                Diagnostic::new(
-                    Code::E009,
-                    span,
-                    format!(
-                        "task state `{state}` gives no value to {} of task `{}`",
-                        list_of("parameter", missing.iter().copied()),
-                        model.name
-                    ),
-                )
-                .hint(format!(
-                    "write `with {{ {first} = … }}`, or give it a default in the task"
-                ))
-                .related(facts.span, "the task"),
-            );
+            let list = list_of("parameter", missing.iter().map(|it| it.name.as_str()));
+            let mut diagnostic = Diagnostic::new(
+                Code::E009,
+                span,
+                format!(
+                    "task state `{state}` gives no value to {list} of task `{}`",
+                    model.name
+                ),
+            )
+            .hint(format!(
+                "write `with {{ {} = … }}`, or give it a default in the task",
+                first.name
+            ))
+            .related(facts.span, "the task");
+            let values: Vec<String> = missing
+                .iter()
+                .map(|it| {
+                    let value = literals::some_value(it.param_type, it.range);
+                    format!("{} = {value}", it.name)
+                })
+                .collect();
+            let values = values.join(", ");
+            let last = with.last().and_then(|(_, literal)| *literal);
+            let edit = match last {
+                Some(last) => Some(Edit::behind(last.span, format!(", {values}"))),
+                None if with.is_empty() && names.text(span).ends_with(';') => {
+                    let end = span.end - 1;
+                    let place = Span { end, ..span };
+                    Some(Edit::behind(place, format!(" with {{ {values} }}")))
+                }
+                None => None,
+            };
+            if let Some(edit) = edit {
+                let title = format!("write `{values}`, and then the values that you want");
+                diagnostic = diagnostic.fix(Fix::one(title, edit));
+            }
+            names.report(diagnostic);
         }
         values
             .into_iter()
             .map(|value| value.unwrap_or(Value::Bool(false)))
             .collect()
     }
+}
+
+/// From the head of a declaration to its `{`.
+fn start_of_body(head: Span, names: &Names<'_, '_>) -> Option<Span> {
+    let behind = names.file_text(head).get(head.end as usize..)?;
+    let brace = behind.find('{')?;
+    let end = head.end + brace as u32 + 1;
+    behind
+        .get(..brace)?
+        .trim()
+        .is_empty()
+        .then_some(Span { end, ..head })
+}
+
+/// A hint with the change that replaces the first word of a declaration.
+fn with_word(hint: String, declaration: Span, word: &str, meant: &str) -> Cure {
+    let end = declaration.start + word.len() as u32;
+    Cure::say(hint).fix(Fix::write(Span { end, ..declaration }, meant))
 }
 
 /// "no parameters", "parameter `a`", "parameters `a`, `b`"
@@ -429,6 +513,14 @@ enum Resolved {
     Loose(LooseTransition),
 }
 
+/// What other tools call the pseudo-states.
+const WORDS_FOR_INITIAL: [&str; 5] = ["start", "begin", "init", "entry", "default"];
+const WORDS_FOR_FINAL: [&str; 5] = ["end", "finish", "finished", "done", "terminate"];
+
+fn is_one_of(text: &str, words: &[&str]) -> bool {
+    words.iter().any(|word| word.eq_ignore_ascii_case(text))
+}
+
 /// Where a transition stands.
 struct Context<'r, 'f> {
     resolver: &'r Resolver<'r, 'f>,
@@ -446,7 +538,8 @@ impl<'f> Context<'_, 'f> {
             Endpoint::State(name) => {
                 let text = names.text(name.0);
                 self.states.find(text) == Found::Nothing
-                    && names.meant(text, &["initial"]).is_some()
+                    && (names.meant(text, &["initial"]).is_some()
+                        || is_one_of(text, &WORDS_FOR_INITIAL))
             }
         }
     }
@@ -470,11 +563,26 @@ impl<'f> Context<'_, 'f> {
         let trigger = self.trigger(tree, source_end, names);
         let guard = match (&tree.guard, tree.trigger) {
             (Given::Value(term), Given::Value(tree::Trigger::Star(_))) => {
-                names.report(
-                    Diagnostic::new(Code::E006, term.span, "`on *` takes no guard").hint(
+                let mut diagnostic = Diagnostic::new(Code::E006, term.span, "`on *` takes no guard")
+                    .hint(
                         "it is taken when the state has finished: write `on pulse [exit and …]` to ask for more",
-                    ),
-                );
+                    );
+                if let Given::Value(tree::Trigger::Star(star)) = tree.trigger {
+                    let is_or = matches!(term.kind, GuardKind::Or(_));
+                    let (open, close) = if is_or {
+                        ("exit and (", ")")
+                    } else {
+                        ("exit and ", "")
+                    };
+                    let edits = vec![
+                        Edit::replace(star, "pulse"),
+                        Edit::before(term.span, open),
+                        Edit::behind(term.span, close),
+                    ];
+                    let title = "write `on pulse [exit and …]`";
+                    diagnostic = diagnostic.fix(Fix::new(title, edits));
+                }
+                names.report(diagnostic);
                 None
             }
             (Given::Value(term), _) => self.guard(term, source_end, names),
@@ -518,19 +626,32 @@ impl<'f> Context<'_, 'f> {
             }
             Found::Perhaps => None,
             Found::Nothing => {
-                let hint = names
+                let words = match pseudo {
+                    "initial" => &WORDS_FOR_INITIAL,
+                    _ => &WORDS_FOR_FINAL,
+                };
+                let meant = names
                     .meant(text, self.states.names())
                     .or_else(|| names.meant(text, &[pseudo]))
-                    .map_or_else(
-                        || {
-                            format!(
-                                "declare it in region `{}`: `state {text};`",
-                                self.region.name
-                            )
-                        },
-                        |meant| format!("did you mean `{meant}`?"),
-                    );
-                names.unknown(name, "state", hint);
+                    .or_else(|| is_one_of(text, words).then_some(pseudo));
+                let cure = match (meant, self.region.states.last()) {
+                    (Some(meant), _) => Cure::meant(name.0, meant),
+                    (None, last) => {
+                        let region = &self.region.name;
+                        let statement = format!("state {text};");
+                        let cure =
+                            Cure::say(format!("declare it in region `{region}`: `{statement}`"));
+                        match last {
+                            Some(last) => {
+                                let file = names.file_text(last.declaration);
+                                let insert = insert_behind(file, last.declaration, &statement);
+                                cure.fix(Fix::one(format!("declare `{statement}`"), insert))
+                            }
+                            None => cure,
+                        }
+                    }
+                };
+                names.unknown(name, "state", cure);
                 None
             }
         }
@@ -561,14 +682,22 @@ impl<'f> Context<'_, 'f> {
                     End::State(name, Kind::Simple) => format!("the simple state `{name}`"),
                     End::State(..) | End::Unknown => return Some(Trigger::Star),
                 };
-                names.report(
-                    Diagnostic::new(
-                        Code::E006,
-                        span,
-                        format!("`on *` from {what}, which never finishes"),
-                    )
-                    .hint("only task states and superstates finish: leave `on *` out to be taken on the pulse"),
+                let mut diagnostic = Diagnostic::new(
+                    Code::E006,
+                    span,
+                    format!("`on *` from {what}, which never finishes"),
+                )
+                .hint(
+                    "only task states and superstates finish: leave `on *` out to be taken on \
+                    the pulse",
                 );
+                let before = names.file_text(span).get(..span.start as usize);
+                if let Some(before) = before.and_then(|it| it.trim_end().strip_suffix("on")) {
+                    let start = before.trim_end().len() as u32;
+                    let edit = Edit::remove(Span { start, ..span });
+                    diagnostic = diagnostic.fix(Fix::one("remove `on *`", edit));
+                }
+                names.report(diagnostic);
                 None
             }
         }
@@ -579,12 +708,30 @@ impl<'f> Context<'_, 'f> {
         let container = self.around.name;
         let is_machine = self.around.is_machine;
         let index = names.resolve(&self.around.facts.events, name, "event", |event| {
+            if is_one_of(event, &["tick", "always", "every", "clock", "true"]) {
+                let hint = "what is looked at in every step is `on pulse`, or has no `on` at all";
+                return Cure::say(hint).fix(Fix::write(name.0, "pulse"));
+            }
+            if is_one_of(event, &["completed", "completion"]) {
+                let hint = "that a task or superstate has finished is `on *`";
+                return Cure::say(hint).fix(Fix::write(name.0, "*"));
+            }
             let forward = if is_machine {
                 ""
             } else {
                 ", or `in event` to receive it from outside"
             };
-            format!("declare it in `{container}`: `event {event};`{forward}")
+            let statement = format!("event {event};");
+            let cure = Cure::say(format!(
+                "declare it in `{container}`: `{statement}`{forward}"
+            ));
+            match self.around.body {
+                Some(body) => {
+                    let insert = Edit::behind(body, format!("\n    {statement}"));
+                    cure.fix(Fix::one(format!("declare `{statement}`"), insert))
+                }
+                None => cure,
+            }
         })?;
         self.around.events.get(index).map(|event| event.event)
     }
@@ -659,18 +806,23 @@ impl<'f> Context<'_, 'f> {
             (self.facts.get(index), self.region.states.get(index))
             && !facts.has_limit
         {
-            names.report(
-                Diagnostic::new(
-                    Code::W109,
-                    word,
-                    format!("state `{state}` has no limit of time, so its `timeout` is never true"),
-                )
-                .hint(format!(
-                    "give it one where it is declared (`{} timeout 1 s;`), or leave `timeout` out of the guard",
-                    self.written(declared)
-                ))
-                .related(facts.span, "the state"),
-            );
+            let mut diagnostic = Diagnostic::new(
+                Code::W109,
+                word,
+                format!("state `{state}` has no limit of time, so its `timeout` is never true"),
+            )
+            .hint(format!(
+                "give it one where it is declared (`{} timeout 1 s;`), or leave `timeout` out of \
+                    the guard",
+                self.written(declared)
+            ))
+            .related(facts.span, "the state");
+            if let Some(place) = facts.place_of_attributes {
+                let title = format!("give `{state}` a limit, `timeout 1 s`");
+                let insert = Edit::behind(place, " timeout 1 s");
+                diagnostic = diagnostic.fix(Fix::one(title, insert));
+            }
+            names.report(diagnostic);
         }
     }
 
@@ -712,8 +864,12 @@ impl<'f> Context<'_, 'f> {
         };
         if kind == Kind::Simple {
             let message = format!("the simple state `{state}` has no flag `{flag}`");
-            let hint = "only task states and superstates have flags";
-            names.report(Diagnostic::new(Code::E006, name.0, message).hint(hint));
+            let mut diagnostic = Diagnostic::new(Code::E006, name.0, message)
+                .hint("only task states and superstates have flags");
+            if matches!(self.around.facts.flags.find(flag), Found::Index(_)) {
+                diagnostic.fixes = with_sign(String::new(), name, "^", names).fixes;
+            }
+            names.report(diagnostic);
             return None;
         }
         let flags = self.flags_of(end)?;
@@ -727,16 +883,78 @@ impl<'f> Context<'_, 'f> {
         };
         let word = if usage == Use::ReadOwn { "out" } else { "in" };
         let index = names.resolve_or(flags.names, name, "flag", |flag, names| {
-            if let Some(hint) = flags.meant(flag, usage, names) {
-                hint
+            if let Some(meant) = flags.meant(flag, usage, names) {
+                Cure::meant(name.0, meant)
             } else if matches!(self.around.facts.flags.find(flag), Found::Index(_)) {
-                format!("`^{flag}` is the flag of container `{}`", self.around.name)
+                let around = self.around.name;
+                let hint = format!("`^{flag}` is the flag of container `{around}`");
+                with_sign(hint, name, "^", names)
+            } else if let Some(other) = self.state_with_flag(flag, names) {
+                Cure::say(match usage {
+                    Use::ReadOwn => format!(
+                        "it is a flag of state `{other}`, and a guard reads those of the state \
+                            that is left: let `{other}` send an event (`/ send E`, and `on E` \
+                            here), or set a flag of the container (`^f`)"
+                    ),
+                    _ => format!(
+                        "it is a flag of state `{other}`, and an action sets those of the state \
+                            that is entered: send an event instead"
+                    ),
+                })
+            } else if matches!(kind, Kind::Task(_)) {
+                Cure::say(format!(
+                    "{owner} has no such flag: what it can be told and asked stands in its \
+                        declaration"
+                ))
             } else {
-                format!("declare it in {owner}: `{word} flag {flag};`")
+                Cure::say(format!("declare it in {owner}: `{word} flag {flag};`"))
             }
         })?;
-        check_direction(flags.directions, index, usage, name, names);
+        let declared = match kind {
+            Kind::Task(task) => self.resolver.model.tasks.get(task).map(|it| &it.flags),
+            Kind::Super(container) => {
+                let containers = &self.resolver.model.containers;
+                containers.get(container).map(|it| &it.flags)
+            }
+            Kind::Unknown | Kind::Simple => None,
+        };
+        let declared = declared
+            .and_then(|flags| flags.get(index))
+            .map(|it| it.span);
+        let owner = Owner {
+            name: &owner,
+            is_task: matches!(kind, Kind::Task(_)),
+            declared,
+        };
+        check_direction(flags.directions, index, usage, name, &owner, names);
         Some(index)
+    }
+
+    /// A state of the container that has a flag of some name.
+    fn state_with_flag(&self, flag: &str, names: &Names<'f, '_>) -> Option<&'f str> {
+        let index = |scope: &Scope<'f>, name: Option<Name>| match scope.find(names.text(name?.0)) {
+            Found::Index(index) => Some(index),
+            Found::Perhaps | Found::Nothing => None,
+        };
+        /// More states than this are not looked through.
+        const MAX_STATES: usize = 1_000;
+        let regions = &self.around.tree.regions;
+        let states = regions.iter().flat_map(|region| &region.states);
+        states.take(MAX_STATES).find_map(|state| {
+            let flags = match state.kind {
+                tree::StateKind::Task { task, .. } => {
+                    let task = index(&self.resolver.tasks.names, task)?;
+                    &self.resolver.tasks.facts(task)?.flags
+                }
+                tree::StateKind::Super { container } => {
+                    let container = index(self.resolver.containers, container)?;
+                    &self.resolver.facts.get(container)?.flags
+                }
+                tree::StateKind::Simple => return None,
+            };
+            let has_flag = matches!(flags.find(flag), Found::Index(_));
+            has_flag.then(|| names.text(state.name.map_or(Span::default(), |name| name.0)))
+        })
     }
 
     /// The flags of a state, where it has some and they are known.
@@ -764,14 +982,18 @@ impl<'f> Context<'_, 'f> {
         names: &mut Names<'f, '_>,
     ) -> Option<usize> {
         if self.around.is_machine {
-            names.report(
-                Diagnostic::new(
-                    Code::E005,
-                    name.0,
-                    format!("`^{}`: nothing is around a machine", names.text(name.0)),
-                )
-                .hint("use an event between regions, or `.` for a flag of the state itself"),
-            );
+            let flag = names.text(name.0);
+            let mut diagnostic = Diagnostic::new(
+                Code::E005,
+                name.0,
+                format!("`^{flag}`: nothing is around a machine"),
+            )
+            .hint("use an event between regions, or `.` for a flag of the state itself");
+            let own = self.flags_of(end).map(|own| own.names.find(flag));
+            if matches!(own, Some(Found::Index(_))) {
+                diagnostic.fixes = with_sign(String::new(), name, ".", names).fixes;
+            }
+            names.report(diagnostic);
             return None;
         }
         let flags = Flags {
@@ -780,12 +1002,13 @@ impl<'f> Context<'_, 'f> {
         };
         let index = names.resolve_or(flags.names, name, "flag", |flag, names| {
             let own = self.flags_of(end);
-            if let Some(hint) = flags.meant(flag, usage, names) {
-                hint
+            if let Some(meant) = flags.meant(flag, usage, names) {
+                Cure::meant(name.0, meant)
             } else if let (End::State(state, _), Some(Found::Index(_))) =
                 (end, own.map(|own| own.names.find(flag)))
             {
-                format!("`.{flag}` is the flag of state `{state}`")
+                let hint = format!("`.{flag}` is the flag of state `{state}`");
+                with_sign(hint, name, ".", names)
             } else {
                 let word = if usage == Use::ReadParent {
                     "in"
@@ -793,10 +1016,25 @@ impl<'f> Context<'_, 'f> {
                     "out"
                 };
                 let container = self.around.name;
-                format!("declare it in container `{container}`: `{word} flag {flag};`")
+                let statement = format!("{word} flag {flag};");
+                let cure = Cure::say(format!(
+                    "declare it in container `{container}`: `{statement}`"
+                ));
+                match self.around.body {
+                    Some(body) => {
+                        let insert = Edit::behind(body, format!("\n    {statement}"));
+                        cure.fix(Fix::one(format!("declare `{statement}`"), insert))
+                    }
+                    None => cure,
+                }
             }
         })?;
-        check_direction(flags.directions, index, usage, name, names);
+        let owner = Owner {
+            name: &format!("container `{}`", self.around.name),
+            is_task: false,
+            declared: None,
+        };
+        check_direction(flags.directions, index, usage, name, &owner, names);
         Some(index)
     }
 
@@ -828,7 +1066,7 @@ struct Flags<'r, 'f> {
 
 impl<'f> Flags<'_, 'f> {
     /// Proposes the flag that was probably meant: one that can be used like this, else any.
-    fn meant(self, text: &str, usage: Use, names: &mut Names<'f, '_>) -> Option<String> {
+    fn meant(self, text: &str, usage: Use, names: &mut Names<'f, '_>) -> Option<&'f str> {
         let fits = |name: &&&str| {
             let Found::Index(index) = self.names.find(name) else {
                 return false;
@@ -839,8 +1077,28 @@ impl<'f> Flags<'_, 'f> {
         names
             .meant(text, &fitting)
             .or_else(|| names.meant(text, self.names.names()))
-            .map(|meant| format!("did you mean `{meant}`?"))
     }
+}
+
+/// A hint with the change that replaces the sign before the name of a flag.
+fn with_sign(hint: String, name: Name, sign: &str, names: &Names<'_, '_>) -> Cure {
+    let cure = Cure::say(hint);
+    let start = name.0.start.saturating_sub(1);
+    let place = Span { start, ..name.0 };
+    if !names.text(place).starts_with(['.', '^']) {
+        // Blanks stand between.
+        return cure;
+    }
+    cure.fix(Fix::write(place, format!("{sign}{}", names.text(name.0))))
+}
+
+/// Whose flags these are.
+struct Owner<'n> {
+    /// "task `T`"
+    name: &'n str,
+    is_task: bool,
+    /// Where the flag is declared, where that is worth showing.
+    declared: Option<Span>,
 }
 
 /// Reports a flag that is used against its direction.
@@ -849,28 +1107,55 @@ fn check_direction(
     index: usize,
     usage: Use,
     name: Name,
+    owner: &Owner<'_>,
     names: &mut Names<'_, '_>,
 ) {
     let Some(Some(direction)) = directions.get(index) else {
         return;
     };
-    let (message, hint) = match usage {
+    let (word, what) = match usage {
         Use::ReadParent => return,
-        Use::ReadOwn => (
-            "is an `in` flag: a transition cannot read it from its state",
-            "`in` flags are set on the way into a state; declare it `out` to read it on the way out",
-        ),
-        Use::WriteOwn => (
-            "is an `out` flag: a transition cannot write it from outside",
-            "`out` flags are set by the task or container itself; declare it `in` to set it on the way in",
-        ),
-        Use::WriteParent => (
-            "is an `in` flag: it cannot be written inside its container",
-            "`in` flags are set from outside; declare it `out` to set it here",
-        ),
+        Use::ReadOwn => ("in", "a transition cannot read it from its state"),
+        Use::WriteOwn => ("out", "a transition cannot write it from outside"),
+        Use::WriteParent => ("in", "it cannot be written inside its container"),
     };
-    if Some(*direction) == usage.against() {
-        let message = format!("`{}` {message}", names.text(name.0));
-        names.report(Diagnostic::new(Code::E005, name.0, message).hint(hint));
+    if Some(*direction) != usage.against() {
+        return;
     }
+    let hint = match (usage, owner.is_task) {
+        (Use::ReadOwn, true) => {
+            "`in` flags are set on the way into a state, and it is the task that reads them: to \
+                remember here what was set use a flag of the container, `^f`, or a state of its \
+                own"
+        }
+        (Use::WriteOwn, true) => {
+            "only the task sets it, in the firmware, and entering the state resets it: leave the \
+                action out; to tell the task something set one of its `in` flags, to tell others \
+                send an event or set a flag of the container, `^f`"
+        }
+        (Use::WriteParent, _) => "`in` flags are set from outside; declare it `out` to set it here",
+        (Use::WriteOwn, false) => {
+            "`out` flags are set inside the container itself (`/ set ^f`); declare it `in` to set \
+                it on the way in"
+        }
+        _ => {
+            "`in` flags are set on the way into a state; declare it `out` to read it on the way out"
+        }
+    };
+    let flag = names.text(name.0);
+    let message = format!("`{flag}` is an `{word}` flag of {}: {what}", owner.name);
+    let mut diagnostic = Diagnostic::new(Code::E005, name.0, message).hint(hint);
+    if let Some(declared) = owner.declared {
+        diagnostic = diagnostic.related(declared, "the flag");
+    }
+    if usage == Use::WriteOwn {
+        let text = names.file_text(name.0);
+        // What entering resets need not be cleared.
+        if let Some(edit) = remove_action(text, name.0, "clear") {
+            diagnostic = diagnostic.fix(Fix::one(format!("remove `clear .{flag}`"), edit));
+        } else if let Some(edit) = remove_action(text, name.0, "set") {
+            diagnostic = diagnostic.fix(Fix::one(format!("remove `set .{flag}`"), edit));
+        }
+    }
+    names.report(diagnostic);
 }

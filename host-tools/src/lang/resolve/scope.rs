@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Sink};
 use crate::lang::lexer::{Lexer, docs_text};
 use crate::lang::references::{Record, References, Undeclared};
@@ -112,6 +113,13 @@ impl<'f, 's> Names<'f, 's> {
         }
     }
 
+    /// The text of the file in which a span lies.
+    pub(super) fn file_text(&self, span: Span) -> &'f str {
+        self.files
+            .get(span.file as usize)
+            .map_or("", |file| file.text.as_str())
+    }
+
     /// The text that a span covers.
     pub(super) fn text(&self, span: Span) -> &'f str {
         self.files
@@ -196,28 +204,29 @@ impl<'f, 's> Names<'f, 's> {
 
     /// The index of a name that must be in a scope. An unknown one is reported with the nearest name of the scope, or, where none is
     /// near, with `otherwise`.
-    pub(super) fn resolve(
+    pub(super) fn resolve<C: Into<Cure>>(
         &mut self,
         scope: &Scope<'f>,
         name: Name,
         what: &str,
-        otherwise: impl FnOnce(&str) -> String,
+        otherwise: impl FnOnce(&str) -> C,
     ) -> Option<usize> {
         self.resolve_or(scope, name, what, |text, names| {
             names.meant(text, scope.names()).map_or_else(
-                || otherwise(text),
-                |meant| format!("did you mean `{meant}`?"),
+                || otherwise(text).into(),
+                |meant| Cure::meant(name.0, meant),
             )
         })
     }
 
-    /// The index of a name that must be in a scope. An unknown one is reported with the hint that is given for it.
+    /// The index of a name that must be in a scope. An unknown one is reported with the cure that
+    /// is given for it.
     pub(super) fn resolve_or(
         &mut self,
         scope: &Scope<'f>,
         name: Name,
         what: &str,
-        hint: impl FnOnce(&str, &mut Self) -> String,
+        cure: impl FnOnce(&str, &mut Self) -> Cure,
     ) -> Option<usize> {
         let text = self.text(name.0);
         match scope.find(text) {
@@ -227,22 +236,27 @@ impl<'f, 's> Names<'f, 's> {
             }
             Found::Perhaps => None,
             Found::Nothing => {
-                let hint = hint(text, self);
-                self.unknown(name, what, hint);
+                let cure = cure(text, self);
+                self.unknown(name, what, cure);
                 None
             }
         }
     }
 
     /// Reports an unknown name. Of a word that cannot be a name that is reported already.
-    pub(super) fn unknown(&mut self, name: Name, what: &str, hint: String) {
+    pub(super) fn unknown(&mut self, name: Name, what: &str, cure: impl Into<Cure>) {
         let text = self.text(name.0);
         if Lexer::new(text).next_token().kind.is_no_name() {
             return;
         }
-        self.report(
-            Diagnostic::new(Code::E002, name.0, format!("unknown {what} `{text}`")).hint(hint),
-        );
+        let cure = cure.into();
+        let mut diagnostic =
+            Diagnostic::new(Code::E002, name.0, format!("unknown {what} `{text}`"));
+        if let Some(hint) = cure.hint {
+            diagnostic = diagnostic.hint(hint);
+        }
+        diagnostic.fixes = cure.fixes;
+        self.report(diagnostic);
     }
 
     /// The name that was probably meant.

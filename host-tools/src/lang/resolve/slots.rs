@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::tree::{Name, Number, Rate};
 use crate::model::{Model, Slot, SlotRef, Span};
 
@@ -10,6 +10,9 @@ use super::Trees;
 use super::scope::Names;
 
 const US_PER_SECOND: u32 = 1_000_000;
+
+/// As many slots are proposed where one is missing.
+pub(super) const MAX_SLOTS_PROPOSED: usize = 4;
 
 /// All slots of the set, by number.
 pub(super) struct SlotTable {
@@ -187,7 +190,12 @@ pub(super) fn declare_interpreter(
             let diagnostic =
                 Diagnostic::new(Code::E003, interpreter.span, "a second `interpreter`")
                     .hint("remove one of the two: one slot runs the interpreter")
-                    .related(first, "the first one");
+                    .related(first, "the first one")
+                    .fix(super::remove(
+                        "remove the second `interpreter`",
+                        interpreter.span,
+                        names,
+                    ));
             names.report(diagnostic);
             continue;
         }
@@ -201,14 +209,19 @@ pub(super) fn declare_interpreter(
                 });
     }
     if let (Some(machine), None, false) = (machine, first, set.is_incomplete()) {
-        names.report(
-            Diagnostic::new(
-                Code::E013,
-                machine,
-                "no slot is said to run the interpreter of this machine",
-            )
-            .hint("name one: `interpreter slot 1;`"),
-        );
+        let mut diagnostic = Diagnostic::new(
+            Code::E013,
+            machine,
+            "no slot is said to run the interpreter of this machine",
+        )
+        .hint("name one: `interpreter slot 1;`");
+        for slot in model.slots.iter().take(MAX_SLOTS_PROPOSED) {
+            let declaration = format!("interpreter slot {};", slot.number);
+            let title = format!("write `{declaration}`");
+            let insert = Edit::before(machine, format!("{declaration}\n\n"));
+            diagnostic = diagnostic.fix(Fix::one(title, insert));
+        }
+        names.report(diagnostic);
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use crate::lang::analysis::holes::TaskHoles;
-use crate::lang::diagnostic::{Code, Diagnostic};
+use crate::lang::diagnostic::{Code, Diagnostic, Fix};
 use crate::lang::parser::excerpt;
 use crate::lang::references::Undeclared;
 use crate::lang::tree::{self, Given, Literal};
@@ -259,6 +259,10 @@ pub(super) fn read_value(
                     Written(greatest)
                 ))
                 .related(param.span, "the parameter")
+                .fix(Fix::write(
+                    literal.span,
+                    literals::nearest_in(value, (least, greatest)).to_string(),
+                ))
             }
             _ => return Some(value),
         },
@@ -276,9 +280,13 @@ pub(super) fn read_value(
                     param.name
                 ),
             };
-            Diagnostic::new(Code::E009, literal.span, message)
+            let mut diagnostic = Diagnostic::new(Code::E009, literal.span, message)
                 .hint(literals::how_to_write(param.param_type))
-                .related(param.span, "the parameter")
+                .related(param.span, "the parameter");
+            if let Some(meant) = literals::meant(digits, param.param_type) {
+                diagnostic = diagnostic.fix(Fix::write(literal.span, meant));
+            }
+            diagnostic
         }
     };
     names.report(diagnostic);
