@@ -27,9 +27,9 @@ use rt_firmware::rover::{
     BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
 };
 use rt_firmware::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
-    LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
-    SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall,
+    LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner,
+    SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, TaskBank};
 

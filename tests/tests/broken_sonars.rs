@@ -2,10 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::path::Path;
-use std::sync::OnceLock;
-
-use esm_tests::command::{esm, root};
+use esm_tests::command::root;
+use esm_tests::subject;
 use host_tools::host_board;
 use host_tools::lockstep::plant_side::SonarBreak;
 use host_tools::plant::SonarFault;
@@ -36,12 +34,30 @@ struct Subject {
 }
 
 const SUBJECTS: [Subject; 6] = [
-    Subject { mission: "missions/patrol.esm", world: "office" },
-    Subject { mission: "missions/follow_wall.esm", world: "corridor" },
-    Subject { mission: "missions/watch_timing.esm", world: "office" },
-    Subject { mission: "missions/on_a_lead.esm", world: "corridor" },
-    Subject { mission: "missions/tutorial/5_obstacle.esm", world: "track" },
-    Subject { mission: "missions/tutorial/6_everything.esm", world: "track" },
+    Subject {
+        mission: "missions/patrol.esm",
+        world: "office",
+    },
+    Subject {
+        mission: "missions/follow_wall.esm",
+        world: "corridor",
+    },
+    Subject {
+        mission: "missions/watch_timing.esm",
+        world: "office",
+    },
+    Subject {
+        mission: "missions/on_a_lead.esm",
+        world: "corridor",
+    },
+    Subject {
+        mission: "missions/tutorial/5_obstacle.esm",
+        world: "track",
+    },
+    Subject {
+        mission: "missions/tutorial/6_everything.esm",
+        world: "track",
+    },
 ];
 
 /// How a run ended.
@@ -54,22 +70,10 @@ struct Ended {
 }
 
 impl Subject {
-    fn blob(&self, folder: &Path) -> std::path::PathBuf {
-        let blob = folder.join("mission.blob");
-        esm(&["build", self.mission, "-o", blob.to_str().unwrap()]).good();
-        blob
-    }
-
     fn driven(&self, sonar_breaks: Vec<SonarBreak>) -> Ended {
-        static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
-        let folder = FOLDER.get_or_init(|| tempfile::tempdir().unwrap()).path();
-        let folder = folder.join(self.mission.replace('/', "_"));
-        std::fs::create_dir_all(&folder).unwrap();
-        let blob = match folder.join("mission.blob") {
-            blob if blob.exists() => blob,
-            _ => self.blob(&folder),
-        };
-        let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
+        let file = root().join(self.mission);
+        let blob = subject::build_file(&file).unwrap().blob;
+        let verified = esm_core::verify(blob).unwrap();
         let world = format!("missions/worlds/{}.world", self.world);
         let plan = Plan {
             flash: None,
@@ -84,7 +88,7 @@ impl Subject {
             missions: vec![Planned {
                 warm: false,
                 at_us: 0,
-                mission: Mission::new(&blob, verified).unwrap(),
+                mission: Mission::new(&file, verified).unwrap(),
                 handover: Handover::default(),
             }],
             replay: None,
@@ -125,7 +129,9 @@ fn broken(sonar: usize, fault: SonarFault) -> SonarBreak {
 }
 
 fn says_fault(trace: &str) -> bool {
-    let lines = trace.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let lines = trace
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
     lines
         .filter(|line| line["kind"] == "transition")
         .any(|line| line["to"] == "sonars/Broken")
@@ -157,7 +163,10 @@ fn all_sonars(subject: &Subject, fault: SonarFault) {
     let breaks = (0..SONARS).map(|sonar| broken(sonar, fault)).collect();
     let ended = subject.driven(breaks);
     let what = format!("{}, all sonars {fault}", subject.mission);
-    println!("{what}: {} collisions, {:.3} m/s", ended.collisions, ended.hardest_m_per_s);
+    println!(
+        "{what}: {} collisions, {:.3} m/s",
+        ended.collisions, ended.hardest_m_per_s
+    );
     assert_eq!(ended.collisions, 0, "{what}");
 }
 

@@ -677,13 +677,31 @@ mod tests {
         };
         let word = |word: &str| word.to_owned();
         for (text, expected) in [
-            ("sonar 0 dead at 20 s", broken(0, SonarFault::Dead, 20_000_000)),
-            (" sonar 7  deaf at 1500ms", broken(7, SonarFault::Deaf, 1_500_000)),
+            (
+                "sonar 0 dead at 20 s",
+                broken(0, SonarFault::Dead, 20_000_000),
+            ),
+            (
+                " sonar 7  deaf at 1500ms",
+                broken(7, SonarFault::Deaf, 1_500_000),
+            ),
             ("sonar 3 blind at 0 s", broken(3, SonarFault::Blind, 0)),
-            ("sonar 8 dead at 1 s", Err(BreakError::Sonar { word: word("8") })),
-            ("sonar -1 dead at 1 s", Err(BreakError::Sonar { word: word("-1") })),
-            ("sonar 0 mute at 1 s", Err(BreakError::Fault { word: word("mute") })),
-            ("sonar 0 dead at 1", Err(BreakError::Time(TimeError::NoUnit))),
+            (
+                "sonar 8 dead at 1 s",
+                Err(BreakError::Sonar { word: word("8") }),
+            ),
+            (
+                "sonar -1 dead at 1 s",
+                Err(BreakError::Sonar { word: word("-1") }),
+            ),
+            (
+                "sonar 0 mute at 1 s",
+                Err(BreakError::Fault { word: word("mute") }),
+            ),
+            (
+                "sonar 0 dead at 1",
+                Err(BreakError::Time(TimeError::NoUnit)),
+            ),
             ("sonar 0 dead", Err(BreakError::Form)),
             ("wheel 0 dead at 1 s", Err(BreakError::Form)),
             ("", Err(BreakError::Form)),

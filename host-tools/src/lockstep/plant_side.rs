@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use rt_firmware::body::{Reply, Request};
 
 use super::pace::Pace;
-use crate::plant::{Plant, SonarFault};
 use crate::plant::flash::Flash;
+use crate::plant::{Plant, SonarFault};
 
 /// A sonar that breaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

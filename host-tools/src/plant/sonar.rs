@@ -144,8 +144,7 @@ impl SonarRing {
             let until_us = now_us.min(pulse.falls_at_us);
             until_us.saturating_sub(pulse.rises_at_us) as u16
         };
-        let is_high =
-            |pulse: Pulse| (pulse.rises_at_us..pulse.falls_at_us).contains(&now_us);
+        let is_high = |pulse: Pulse| (pulse.rises_at_us..pulse.falls_at_us).contains(&now_us);
         let high = (pulses.iter().rev()).fold(0, |bits, pulse| {
             bits << 1 | u8::from(pulse.is_some_and(is_high))
         });

@@ -278,12 +278,20 @@ fn a_sonar_that_sees_nothing_says_so_and_a_broken_one_says_what_it_can() {
         let mut plant = plant(World::parse(open).unwrap());
         drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000);
         for sonar in [0, 4] {
-            fault.into_iter().for_each(|fault| plant.break_sonar(sonar, fault));
+            fault
+                .into_iter()
+                .for_each(|fault| plant.break_sonar(sonar, fault));
         }
         // What it showed before is gone with the trigger.
         let sensors = &drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000)[0];
-        assert!(ahead_us.contains(&sensors.echo_us[0]), "{fault:?} {sensors:?}");
-        assert!(behind_us.contains(&sensors.echo_us[4]), "{fault:?} {sensors:?}");
+        assert!(
+            ahead_us.contains(&sensors.echo_us[0]),
+            "{fault:?} {sensors:?}"
+        );
+        assert!(
+            behind_us.contains(&sensors.echo_us[4]),
+            "{fault:?} {sensors:?}"
+        );
         assert_eq!(sensors.echo_high, 0);
     }
     plant(cell()).break_sonar(SONARS, SonarFault::Dead);

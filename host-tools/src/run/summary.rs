@@ -102,8 +102,9 @@ impl fmt::Display for Summary {
             ),
         )?;
         row("distance", format!("{:.2} m", self.distance_m))?;
-        let hardest = (self.hardest_collision_m_per_s)
-            .map_or_else(String::new, |speed| format!(", the hardest at {speed:.2} m/s"));
+        let hardest = (self.hardest_collision_m_per_s).map_or_else(String::new, |speed| {
+            format!(", the hardest at {speed:.2} m/s")
+        });
         row("collisions", format!("{}{hardest}", self.collisions))?;
         let rooms = match self.rooms_entered.as_slice() {
             [] => "none".to_owned(),

@@ -34,9 +34,9 @@ use crate::drivers::{
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall, LineMonitor,
-    LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor,
-    SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall,
+    LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner,
+    SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 
 /// Radius of the wheels, in metres.
@@ -181,11 +181,7 @@ where
     /// Drivers on the parts, and the tasks on the drivers.
     pub fn into_tasks(self) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
         HardwareTasks {
-            sonar_ring: SonarRing::new(
-                self.sonar_triggers,
-                self.echo_timers,
-                Bearing::ALL,
-            ),
+            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, Bearing::ALL),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),

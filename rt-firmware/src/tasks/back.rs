@@ -38,7 +38,8 @@ impl Task for Back {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let (Some(ranges), Some(pose)) = (io.try_read(Self::RANGES), io.try_read(Self::POSE)) else {
+        let (Some(ranges), Some(pose)) = (io.try_read(Self::RANGES), io.try_read(Self::POSE))
+        else {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Run;
         };
@@ -94,7 +95,9 @@ mod tests {
             let mut bench = TaskBench::new(Back::default());
             bench.param(Back::SPEED_M_PER_S, 0.15);
             bench.param(Back::DISTANCE_M, 0.2);
-            bench.give(Back::RANGES, Ranges::FREE).give(Back::POSE, Pose::START);
+            bench
+                .give(Back::RANGES, Ranges::FREE)
+                .give(Back::POSE, Pose::START);
             bench.step();
             if has_pose {
                 bench.take_away(Back::RANGES);

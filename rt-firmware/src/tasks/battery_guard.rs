@@ -64,7 +64,9 @@ mod tests {
         bench.param(BatteryGuard::STOP_V, 6.2).period_us(100_000);
         for given in [true, false] {
             if given {
-                bench.give(BatteryGuard::BATTERY, Battery { voltage_v: 7.0 }).step();
+                bench
+                    .give(BatteryGuard::BATTERY, Battery { voltage_v: 7.0 })
+                    .step();
                 bench.take_away(BatteryGuard::BATTERY);
             }
             let mut steps = 0;

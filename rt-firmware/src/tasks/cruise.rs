@@ -134,7 +134,14 @@ mod tests {
     #[test]
     fn it_stands_where_the_way_ahead_is_not_known() {
         // The sonar that does not know; whether the robot stands.
-        for (sonar, stands) in [(0, true), (1, true), (7, true), (2, false), (4, false), (6, false)] {
+        for (sonar, stands) in [
+            (0, true),
+            (1, true),
+            (7, true),
+            (2, false),
+            (4, false),
+            (6, false),
+        ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[sonar] = 0.0;
             let mut bench = TaskBench::new(Cruise);

@@ -63,11 +63,7 @@ impl Task for FollowWall {
             return Step::Run;
         };
         let distance_m = io.param(Self::DISTANCE_M);
-        let all_m = [
-            ranges.ahead_m(),
-            ranges.ahead_right_m(),
-            ranges.right_m(),
-        ];
+        let all_m = [ranges.ahead_m(), ranges.ahead_right_m(), ranges.right_m()];
         let known = all_m.iter().all(|range_m| *range_m > 0.0);
         let too_far_m =
             (ranges.right_m() - distance_m).clamp(-DISTANCE_ERROR_LIMIT_M, DISTANCE_ERROR_LIMIT_M);
@@ -178,7 +174,9 @@ mod tests {
             bench.give(FollowWall::RANGES, ranges).step();
             assert_eq!(bench.flag(FollowWall::AHEAD), ahead, "{ahead_m} {right_m}");
             assert_eq!(bench.flag(FollowWall::LOST), lost, "{ahead_m} {right_m}");
-            let known = [ahead_m, ahead_right_m, right_m].iter().all(|range_m| *range_m > 0.0);
+            let known = [ahead_m, ahead_right_m, right_m]
+                .iter()
+                .all(|range_m| *range_m > 0.0);
             let stands = bench.output(FollowWall::TWIST) == Some(Twist::STILL);
             assert_eq!(stands, !known, "{ahead_m} {ahead_right_m} {right_m}");
         }

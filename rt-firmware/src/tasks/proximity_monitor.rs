@@ -29,7 +29,9 @@ task! {
 impl Task for ProximityMonitor {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let close_m = io.param(Self::CLOSE_M);
-        let close = io.try_read(Self::RANGES).is_none_or(|ranges| ranges.nearest_m() < close_m);
+        let close = io
+            .try_read(Self::RANGES)
+            .is_none_or(|ranges| ranges.nearest_m() < close_m);
         io.set(Self::CLOSE, close);
         Step::Run
     }

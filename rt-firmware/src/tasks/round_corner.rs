@@ -38,11 +38,7 @@ impl Task for RoundCorner {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Run;
         };
-        let all_m = [
-            ranges.ahead_m(),
-            ranges.ahead_right_m(),
-            ranges.right_m(),
-        ];
+        let all_m = [ranges.ahead_m(), ranges.ahead_right_m(), ranges.right_m()];
         if all_m.iter().any(|range_m| *range_m <= 0.0) {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Finished;

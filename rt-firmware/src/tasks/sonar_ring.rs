@@ -237,10 +237,8 @@ impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
         let mut parts = triggers.into_iter().zip(echo_timers);
         let mut places = bearings.into_iter().zip(windows);
         let channels = array::from_fn(|_| {
-            let ((trigger, echo_timer), (bearing, window)) = parts
-                .next()
-                .zip(places.next())
-                .expect("each has N of them");
+            let ((trigger, echo_timer), (bearing, window)) =
+                parts.next().zip(places.next()).expect("each has N of them");
             Channel {
                 sonar: Sonar::new(trigger, echo_timer),
                 bearing,
@@ -426,7 +424,12 @@ mod tests {
             echo_us: [5_828; SONARS],
             ..Sensors::default()
         });
-        for (step, triggers) in [0b1010_1010, 0b0101_0101].into_iter().cycle().take(8).enumerate() {
+        for (step, triggers) in [0b1010_1010, 0b0101_0101]
+            .into_iter()
+            .cycle()
+            .take(8)
+            .enumerate()
+        {
             rig.bench.step();
             assert_eq!(pins.take_actuators().sonar_triggers, triggers);
             assert_eq!(rig.bench.output(Ring::RANGES).is_some(), step >= 4);
@@ -488,7 +491,12 @@ mod tests {
         // No sonar at all, and what was known is old: entered anew, it knows nothing.
         rig.bench.enter_anew();
         let silent = [0; SONARS];
-        let ranges = rig.round(silent).round(silent).round(silent).round(silent).ranges();
+        let ranges = rig
+            .round(silent)
+            .round(silent)
+            .round(silent)
+            .round(silent)
+            .ranges();
         assert_eq!(ranges.nearest_m(), 0.0);
         assert_eq!(ranges.dead, 0xFF);
         // It answers again.
