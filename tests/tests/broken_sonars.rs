@@ -2,10 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::path::Path;
-use std::sync::OnceLock;
-
-use esm_tests::command::{esm, root};
+use esm_tests::command::root;
+use esm_tests::subject;
 use host_tools::host_board;
 use host_tools::lockstep::plant_side::SonarBreak;
 use host_tools::plant::SonarFault;
@@ -72,22 +70,10 @@ struct Ended {
 }
 
 impl Subject {
-    fn blob(&self, folder: &Path) -> std::path::PathBuf {
-        let blob = folder.join("mission.blob");
-        esm(&["build", self.mission, "-o", blob.to_str().unwrap()]).good();
-        blob
-    }
-
     fn driven(&self, sonar_breaks: Vec<SonarBreak>) -> Ended {
-        static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
-        let folder = FOLDER.get_or_init(|| tempfile::tempdir().unwrap()).path();
-        let folder = folder.join(self.mission.replace('/', "_"));
-        std::fs::create_dir_all(&folder).unwrap();
-        let blob = match folder.join("mission.blob") {
-            blob if blob.exists() => blob,
-            _ => self.blob(&folder),
-        };
-        let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
+        let file = root().join(self.mission);
+        let blob = subject::build_file(&file).unwrap().blob;
+        let verified = esm_core::verify(blob).unwrap();
         let world = format!("missions/worlds/{}.world", self.world);
         let plan = Plan {
             flash: None,
@@ -102,7 +88,7 @@ impl Subject {
             missions: vec![Planned {
                 warm: false,
                 at_us: 0,
-                mission: Mission::new(&blob, verified).unwrap(),
+                mission: Mission::new(&file, verified).unwrap(),
                 handover: Handover::default(),
             }],
             replay: None,
