@@ -27,9 +27,9 @@ use rt_firmware::rover::{
     BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
 };
 use rt_firmware::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowLine, FollowWall,
-    LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner,
-    SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Count, Cruise, DriveDistance, FollowLine,
+    FollowWall, LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor,
+    RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, TaskBank};
 
@@ -736,6 +736,8 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         cruise: Bank::new(array::from_fn(|_| Cruise)),
         back: Bank::new(array::from_fn(|_| Back::default())),
         turn: Bank::new(array::from_fn(|_| Turn::default())),
+        drive_distance: Bank::new(array::from_fn(|_| DriveDistance::default())),
+        count: Bank::new(array::from_fn(|_| Count::default())),
         follow_wall: Bank::new([FollowWall]),
         round_corner: Bank::new([RoundCorner]),
         stop: Bank::new(array::from_fn(|_| Stop)),
