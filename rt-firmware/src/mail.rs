@@ -253,11 +253,11 @@ impl Bytes {
     };
 
     /// The first bytes of these, as many as fit.
-    pub(crate) fn first_of<'a>(source: impl IntoIterator<Item = &'a u8>) -> Self {
+    pub(crate) fn first_of(source: &[u8]) -> Self {
         let mut bytes = Self::EMPTY;
+        bytes.len = source.len().min(MAX_PART);
         for (place, byte) in bytes.bytes.iter_mut().zip(source) {
             *place = *byte;
-            bytes.len += 1;
         }
         bytes
     }

@@ -28,9 +28,8 @@ use crate::link::message::SafeReason;
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
 use crate::task::{
-    CountText, Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn,
-    OptInOut, Out, OutFlag, Param, ParamType, PortDeclaration, PortType, Source, Step, Task,
-    same_text,
+    Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
+    OutFlag, Param, ParamType, PortDeclaration, PortType, Step, Task, same_text,
 };
 
 /// Buffers of one output port.
@@ -311,10 +310,6 @@ pub trait TaskBank: Sync + sealed::Sealed {
     /// Number of tasks.
     fn capacity(&self) -> usize;
 
-    /// The number of tasks, as declarations have it.
-    #[doc(hidden)]
-    fn count_text(&self) -> &'static [u8];
-
     /// Buffers of a port, if there is that task and it writes that port.
     #[doc(hidden)]
     fn output(&self, place: usize, port: usize) -> Option<&dyn PortBuffers>;
@@ -342,10 +337,6 @@ impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
 
     fn capacity(&self) -> usize {
         N
-    }
-
-    fn count_text(&self) -> &'static [u8] {
-        const { &CountText::of(N) }.as_bytes()
     }
 
     fn output(&self, place: usize, port: usize) -> Option<&dyn PortBuffers> {
@@ -679,13 +670,6 @@ impl<'m> Registry<'m> {
     /// Declaration of a task type.
     pub fn declaration(&self, index: usize) -> Option<&'static Declaration> {
         self.bank(index).map(|bank| bank.declaration())
-    }
-
-    /// What a task type declares as `.esm` text, in parts: the declaration itself, and within it how many there are.
-    pub fn source(&self, index: usize) -> Option<[&'static [u8]; 3]> {
-        let bank = self.bank(index)?;
-        let Source { head, body } = bank.declaration().source;
-        Some([head.as_bytes(), bank.count_text(), body.as_bytes()])
     }
 
     /// Number of task states of this type that a mission can have.

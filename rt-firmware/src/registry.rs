@@ -32,19 +32,22 @@ use crate::features::MISSIONS;
 /// # drop(executor);
 /// ```
 ///
+/// A bank that is only there with a feature of the crate says so behind its number: `blink: Blink[2] if "lamps"`.
+///
 /// Generics stand in brackets, as in [`task!`](crate::task!): `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`.
 #[macro_export]
 macro_rules! registry {
     (
         $(#[$meta:meta])*
         $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)? {
-            $($(#[$bank_meta:meta])* $bank:ident : $task:ty [$count:expr]),+ $(,)?
+            $($(#[$bank_meta:meta])* $bank:ident : $task:ty [$count:expr] $(if $feature:literal)?),+ $(,)?
         }
     ) => {
         $(#[$meta])*
         $visibility struct $robot $(<$($generics)*>)? {
             $(
                 $(#[$bank_meta])*
+                $(#[cfg(feature = $feature)])?
                 #[doc = concat!("Tasks of type `", stringify!($task), "`.")]
                 pub $bank: $crate::Bank<$task, { $count }>,
             )+
@@ -52,11 +55,11 @@ macro_rules! registry {
 
         impl $(<$($generics)*>)? $robot $(<$($argument),+>)? {
             /// Number of task types.
-            pub const BANKS: usize = [$(stringify!($bank)),+].len();
+            pub const BANKS: usize = [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len();
 
             /// The banks, to be made a robot of by `assemble`.
-            pub fn banks(&mut self) -> [&mut (dyn $crate::TaskBank + '_); [$(stringify!($bank)),+].len()] {
-                [$(&mut self.$bank),+]
+            pub fn banks(&mut self) -> [&mut (dyn $crate::TaskBank + '_); [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len()] {
+                [$($(#[cfg(feature = $feature)])? &mut self.$bank),+]
             }
         }
     };

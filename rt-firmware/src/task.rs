@@ -183,6 +183,9 @@ pub struct PortDeclaration {
     pub optional: bool,
     /// How old a value may be, in microseconds, where the task says so: what is older counts as none.
     pub within_us: Option<u32>,
+    /// What the port is for.
+    #[doc(hidden)]
+    pub docs: Docs,
 }
 
 /// A control flag as its task declares it.
@@ -192,6 +195,9 @@ pub struct FlagDeclaration {
     pub name: &'static str,
     /// [`Direction::In`] or [`Direction::Out`].
     pub direction: Direction,
+    /// What the flag is for.
+    #[doc(hidden)]
+    pub docs: Docs,
 }
 
 /// The type of a parameter.
@@ -227,6 +233,11 @@ pub struct ParamDeclaration {
     pub kind: ParamKind,
     /// Bits of its least and its greatest value, where it has bounds.
     pub bounds: Option<[u32; 2]>,
+    /// What stands behind the type in `.esm` text: default value and bounds.
+    pub attributes: &'static str,
+    /// What the parameter is for.
+    #[doc(hidden)]
+    pub docs: Docs,
 }
 
 impl ParamDeclaration {
@@ -262,53 +273,43 @@ pub struct Declaration {
     pub signature_hash: u64,
     /// The task never finishes.
     pub endless: bool,
-    /// The declaration as `.esm` text, with what it is for, default slot, ranges and default values.
-    pub source: Source,
+    /// What stands behind the name in `.esm` text: default slot, execution time, group, `endless`.
+    pub attributes: &'static str,
+    /// What the task is for.
+    #[doc(hidden)]
+    pub docs: Docs,
 }
 
-/// A declaration as `.esm` text, in two parts: how many of the task a firmware has room for stands between them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Source {
-    /// Up to the task's last attribute.
-    pub head: &'static str,
-    /// From the opening brace on.
-    pub body: &'static str,
-}
-
-/// ` count N`, as declarations have it. Made at compile time, as no firmware formats numbers for its texts.
+/// What something is for, as lines of `.esm` text with their ends.
+#[cfg(feature = "docs")]
 #[doc(hidden)]
-#[derive(Clone, Copy)]
-pub struct CountText {
-    bytes: [u8; Self::MAX_BYTES],
-    len: usize,
+#[derive(Clone, Copy, Debug)]
+pub struct Docs(pub &'static str);
+
+/// What something is for: a firmware without the feature `docs` does not say it.
+#[cfg(not(feature = "docs"))]
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub struct Docs;
+
+impl Docs {
+    const fn text(self) -> &'static str {
+        #[cfg(feature = "docs")]
+        let Docs(text) = self;
+        #[cfg(not(feature = "docs"))]
+        let text = "";
+        text
+    }
 }
 
-impl CountText {
-    const WORD: &'static [u8] = b" count ";
-    /// A registry counts up to 255 tasks of a type.
-    const MAX_BYTES: usize = Self::WORD.len() + 3;
-
-    /// The text for so many.
-    pub const fn of(count: usize) -> Self {
-        let mut bytes = [0; Self::MAX_BYTES];
-        let (mut len, mut unit) = (0, 100);
-        while len < Self::WORD.len() {
-            bytes[len] = Self::WORD[len];
-            len += 1;
+/// Tells a number in decimal, digit by digit.
+fn tell_number(number: u32, tell: &mut dyn FnMut(&[u8])) {
+    const MAX_DIGITS: u32 = u32::MAX.ilog10() + 1;
+    for place in (0..MAX_DIGITS).rev() {
+        let unit = 10u32.pow(place);
+        if unit == 1 || unit <= number {
+            tell(&[b'0' + (number / unit % 10) as u8]);
         }
-        while unit > 0 {
-            if count >= unit || unit == 1 {
-                bytes[len] = b'0' + (count / unit % 10) as u8;
-                len += 1;
-            }
-            unit /= 10;
-        }
-        Self { bytes, len }
-    }
-
-    /// Its bytes.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(..self.len).unwrap_or_default()
     }
 }
 
@@ -343,6 +344,63 @@ impl Declaration {
             same = same && text.starts(&["param ", param.name, ":", param.kind.word(), ";"]);
         }
         same && text.0 == b"}"
+    }
+
+    /// Tells the declaration as `.esm` text, piece by piece, with what it is for, default slot, ranges and default values.
+    /// `count` is how many of the task a firmware has room for.
+    pub fn tell_source(&self, count: u32, tell: &mut dyn FnMut(&[u8])) {
+        let mut texts = |pieces: &[&str], number: Option<u32>, end: &str| {
+            pieces.iter().for_each(|piece| tell(piece.as_bytes()));
+            if let Some(number) = number {
+                tell_number(number, tell);
+            }
+            tell(end.as_bytes());
+        };
+        let head = [
+            self.docs.text(),
+            "task ",
+            self.name,
+            self.attributes,
+            " count ",
+        ];
+        texts(&head, Some(count), " {\n");
+        for port in self.ports {
+            let optional = if port.optional { " optional" } else { "" };
+            let (within, time, unit) = match port.within_us {
+                None => ("", None, ""),
+                Some(us) if us % 1_000_000 == 0 => (" within ", Some(us / 1_000_000), " s"),
+                Some(us) if us % 1_000 == 0 => (" within ", Some(us / 1_000), " ms"),
+                Some(us) => (" within ", Some(us), " us"),
+            };
+            let direction = port.direction.word();
+            let names = ["    ", direction, " data ", port.name, ": ", port.type_name];
+            texts(&[port.docs.text()], None, "");
+            texts(&names, None, optional);
+            texts(&[within], time, unit);
+            texts(&[";\n"], None, "");
+        }
+        for flag in self.flags {
+            let pieces = [
+                flag.docs.text(),
+                "    ",
+                flag.direction.word(),
+                " flag ",
+                flag.name,
+            ];
+            texts(&pieces, None, ";\n");
+        }
+        for param in self.params {
+            let pieces = [
+                param.docs.text(),
+                "    param ",
+                param.name,
+                ": ",
+                param.kind.word(),
+                param.attributes,
+            ];
+            texts(&pieces, None, ";\n");
+        }
+        texts(&["}\n"], None, "");
     }
 }
 
@@ -701,12 +759,14 @@ macro_rules! task {
                             direction: $crate::__task_direction!($direction),
                             optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,
                             within_us: $crate::__task_within!($($($time $unit)?)*),
+                            docs: $crate::__task_docs!("    " $($port_doc)*),
                         },
                     )*)?],
                     flags: &[$($(
                         $crate::task::FlagDeclaration {
                             name: stringify!($flag),
                             direction: $crate::__task_direction!($flag_direction),
+                            docs: $crate::__task_docs!("    " $($flag_doc)*),
                         },
                     )*)?],
                     params: &[$($(
@@ -714,27 +774,21 @@ macro_rules! task {
                             name: stringify!($param),
                             kind: <$param_type as $crate::task::ParamType>::KIND,
                             bounds: $crate::__task_bounds!($param_type $($min $max)?),
+                            attributes: concat!(
+                                $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)?
+                            ),
+                            docs: $crate::__task_docs!("    " $($param_doc)*),
                         },
                     )*)?],
                     signature_hash: $crate::task::signature_hash(<Self as $crate::task::Declared>::SIGNATURE),
                     endless: false $(|| $crate::__task_endless!($endless))?,
-                    source: $crate::task::Source {
-                        head: concat!(
-                            $($crate::__task_doc!("" $doc),)*
-                            "task ", stringify!($name),
-                            $(" slot ", stringify!($slot),)?
-                            $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
-                            $(" exclusive ", stringify!($group),)?
-                            $($crate::__task_endless!($endless " endless"),)?
-                        ),
-                        body: concat!(
-                            " {\n",
-                            $($($($crate::__task_doc!("    " $port_doc),)* "    ", stringify!($direction), " data ", stringify!($port), ": ", stringify!($port_type), $(" ", stringify!($attribute), $(" ", stringify!($time), " ", stringify!($unit),)?)* ";\n",)*)?
-                            $($($($crate::__task_doc!("    " $flag_doc),)* "    ", stringify!($flag_direction), " flag ", stringify!($flag), ";\n",)*)?
-                            $($($($crate::__task_doc!("    " $param_doc),)* "    param ", stringify!($param), ": ", stringify!($param_type), $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)? ";\n",)*)?
-                            "}\n"
-                        ),
-                    },
+                    attributes: concat!(
+                        $(" slot ", stringify!($slot),)?
+                        $(" wcet ", stringify!($wcet), " ", stringify!($wcet_unit),)?
+                        $(" exclusive ", stringify!($group),)?
+                        $($crate::__task_endless!($endless " endless"),)?
+                    ),
+                    docs: $crate::__task_docs!("" $($doc)*),
                 }
             };
             type Outputs = $crate::__task_outputs!([$($($direction $port_type,)*)?] $($($direction $port_type,)*)?);
@@ -810,23 +864,23 @@ macro_rules! __task_endless {
     };
 }
 
-/// A line that says what something is for.
+/// The lines that say what something is for.
 #[cfg(feature = "docs")]
 #[doc(hidden)]
 #[macro_export]
-macro_rules! __task_doc {
-    ($indent:literal $doc:literal) => {
-        concat!($indent, "///", $doc, "\n")
+macro_rules! __task_docs {
+    ($indent:literal $($doc:literal)*) => {
+        $crate::task::Docs(concat!($($indent, "///", $doc, "\n",)*))
     };
 }
 
-/// No line that says what something is for.
+/// No lines that say what something is for.
 #[cfg(not(feature = "docs"))]
 #[doc(hidden)]
 #[macro_export]
-macro_rules! __task_doc {
-    ($indent:literal $doc:literal) => {
-        ""
+macro_rules! __task_docs {
+    ($indent:literal $($doc:literal)*) => {
+        $crate::task::Docs
     };
 }
 
@@ -959,7 +1013,7 @@ mod tests {
                  in data odd:Scan within 1234567;out data cmd:Twist;in flag go;out flag near;\
                  param speed:f32;param limit:u32;}",
                 "/// Has all that a task can have.\n///\n/// And \"more\".\n\
-                 task Everything slot 3 wcet 1 ms exclusive motion endless {\n    /// What it sees.\n    \
+                 task Everything slot 3 wcet 1 ms exclusive motion endless count 7 {\n    /// What it sees.\n    \
                  in data scan: Scan optional within 80 ms;\n    inout data pose: Twist within 4000 s;\n    \
                  in data odd: Scan within 1234567 us;\n    out data cmd: Twist;\n    /// Go!\n    in flag go;\n    \
                  out flag near;\n    /// In metres per second.\n    param speed: f32 = 0.25 min -1.0 max 0.5;\n    \
@@ -969,7 +1023,7 @@ mod tests {
                 *declaration_of::<Nothing>(),
                 Nothing::SIGNATURE,
                 "task Nothing{}",
-                "task Nothing {\n}\n",
+                "task Nothing count 7 {\n}\n",
             ),
         ];
         for (declaration, text, signature, source) in cases {
@@ -984,26 +1038,24 @@ mod tests {
             }
             assert!(!declaration.has_signature(std::format!("{text};").as_bytes()));
             assert_eq!(declaration.signature_hash, signature_hash(signature));
-            let Source { head, body } = declaration.source;
+            let mut told = Vec::new();
+            declaration.tell_source(7, &mut |piece| told.extend_from_slice(piece));
             let source = match cfg!(feature = "docs") {
                 true => source.to_owned(),
                 false => (source.split_inclusive('\n'))
                     .filter(|line| !line.trim_start().starts_with("///"))
                     .collect(),
             };
-            assert_eq!([head, body].concat(), source);
+            assert_eq!(String::from_utf8(told).unwrap(), source);
         }
     }
 
     #[test]
-    fn the_number_of_tasks_is_written_in_decimal() {
-        for (count, text) in [
-            (0, " count 0"),
-            (7, " count 7"),
-            (40, " count 40"),
-            (255, " count 255"),
-        ] {
-            assert_eq!(CountText::of(count).as_bytes(), text.as_bytes());
+    fn numbers_are_told_in_decimal() {
+        for number in [0, 7, 10, 255, 1_000_000, 4_000_000_000, u32::MAX] {
+            let mut told = Vec::new();
+            tell_number(number, &mut |piece| told.extend_from_slice(piece));
+            assert_eq!(told, number.to_string().into_bytes());
         }
     }
 

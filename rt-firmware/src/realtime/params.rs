@@ -283,6 +283,8 @@ mod tests {
             name: "p",
             kind,
             bounds,
+            attributes: "",
+            docs: crate::__task_docs!(""),
         };
         let f32 = |value: f32| value.to_bits();
         let outside = |min, max| Err(LinkError::ParamOutside { min, max });

@@ -34,10 +34,12 @@ use crate::drivers::{
 use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Count, Cruise, DriveDistance, FollowLine,
-    FollowWall, LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor,
-    RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
+    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowWall, LineSensor,
+    LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop,
+    Turn, WheelSpeed,
 };
+#[cfg(feature = "all-tasks")]
+use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor};
 
 /// Radius of the wheels, in metres.
 pub const WHEEL_RADIUS_M: f32 = 0.033;
@@ -219,15 +221,15 @@ registry! {
         cruise: Cruise[2],
         back: Back[3],
         turn: Turn[4],
-        drive_distance: DriveDistance[4],
-        count: Count[4],
+        drive_distance: DriveDistance[4] if "all-tasks",
+        count: Count[4] if "all-tasks",
         follow_wall: FollowWall[1],
         round_corner: RoundCorner[1],
         stop: Stop[3],
         logger: Logger[1],
-        line_sensor: LineSensor<A>[1],
-        line_monitor: LineMonitor[4],
-        follow_line: FollowLine[2],
+        line_sensor: LineSensor<A>[1] if "all-tasks",
+        line_monitor: LineMonitor[4] if "all-tasks",
+        follow_line: FollowLine[2] if "all-tasks",
         slot_monitor: SlotMonitor[1],
         link_monitor: LinkMonitor[1],
         battery_guard: BatteryGuard[1],
@@ -258,14 +260,19 @@ where
             cruise: Bank::new(array::from_fn(|_| Cruise)),
             back: Bank::new(array::from_fn(|_| Back::default())),
             turn: Bank::new(array::from_fn(|_| Turn::default())),
+            #[cfg(feature = "all-tasks")]
             drive_distance: Bank::new(array::from_fn(|_| DriveDistance::default())),
+            #[cfg(feature = "all-tasks")]
             count: Bank::new(array::from_fn(|_| Count::default())),
             follow_wall: Bank::new([FollowWall]),
             round_corner: Bank::new([RoundCorner]),
             stop: Bank::new(array::from_fn(|_| Stop)),
             logger: Bank::new([Logger]),
+            #[cfg(feature = "all-tasks")]
             line_sensor: Bank::new([hardware.line_sensor]),
+            #[cfg(feature = "all-tasks")]
             line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
+            #[cfg(feature = "all-tasks")]
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
             slot_monitor: Bank::new([SlotMonitor::default()]),
             link_monitor: Bank::new([LinkMonitor::default()]),
@@ -290,10 +297,14 @@ mod tests {
         let mut banks = rover.banks();
         let mut nets = nets::<4>();
         let (_, registry) = assemble(&mut banks, &mut nets).unwrap();
-        let sources = (0..registry.len()).map(|index| registry.source(index).unwrap().concat());
-        sources
-            .map(|source| String::from_utf8(source).unwrap())
-            .collect()
+        let source = |index| {
+            let mut told = Vec::new();
+            let count = registry.capacity(index) as u32;
+            let declaration = registry.declaration(index).unwrap();
+            declaration.tell_source(count, &mut |piece| told.extend_from_slice(piece));
+            String::from_utf8(told).unwrap()
+        };
+        (0..registry.len()).map(source).collect()
     }
 
     /// The missions build on this file; it is right as long as it says what the firmware says.

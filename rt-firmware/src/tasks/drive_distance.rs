@@ -55,7 +55,7 @@ impl Task for DriveDistance {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Run;
         };
-        let line = self.line.get_or_insert_with(|| Track::from_pose(*pose));
+        let line = self.line.get_or_insert_with(|| Track::from_pose(pose));
         let seen = line.locate(pose);
         let distance_m = io.param(Self::DISTANCE_M);
         let is_backwards = distance_m < 0.0;
@@ -120,7 +120,7 @@ mod tests {
                     y_m: 1.0,
                     heading_rad,
                 };
-                let seen = Track::from_pose(start).locate(&driven(start, distance_m));
+                let seen = Track::from_pose(&start).locate(&driven(start, distance_m));
                 assert!(
                     (seen.along_m - distance_m).abs() < 0.006 && seen.left_m.abs() < 0.001,
                     "{distance_m} {heading_rad}: {seen:?}"

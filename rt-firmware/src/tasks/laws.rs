@@ -23,7 +23,9 @@ impl Approach {
 /// A straight line on the floor: from a pose on, the way that it looked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    start: Pose,
+    x_m: f32,
+    y_m: f32,
+    heading_rad: f32,
     sine: f32,
     cosine: f32,
 }
@@ -41,10 +43,12 @@ pub struct OnTrack {
 
 impl Track {
     /// The line from here on.
-    pub fn from_pose(start: Pose) -> Self {
+    pub fn from_pose(start: &Pose) -> Self {
         let (sine, cosine) = sine_and_cosine(start.heading_rad);
         Self {
-            start,
+            x_m: start.x_m,
+            y_m: start.y_m,
+            heading_rad: start.heading_rad,
             sine,
             cosine,
         }
@@ -52,11 +56,11 @@ impl Track {
 
     /// Where this pose is.
     pub fn locate(&self, pose: &Pose) -> OnTrack {
-        let (x_m, y_m) = (pose.x_m - self.start.x_m, pose.y_m - self.start.y_m);
+        let (x_m, y_m) = (pose.x_m - self.x_m, pose.y_m - self.y_m);
         OnTrack {
             along_m: x_m * self.cosine + y_m * self.sine,
             left_m: y_m * self.cosine - x_m * self.sine,
-            turned_rad: wrapped_rad(pose.heading_rad - self.start.heading_rad),
+            turned_rad: wrapped_rad(pose.heading_rad - self.heading_rad),
         }
     }
 }
@@ -126,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_pose_is_seen_from_a_line() {
-        let line = Track::from_pose(Pose {
+        let line = Track::from_pose(&Pose {
             x_m: 1.0,
             y_m: 2.0,
             heading_rad: FRAC_PI_2,
@@ -149,7 +153,7 @@ mod tests {
     fn a_robot_beside_a_line_gets_back_onto_it_forwards_and_backwards() {
         for is_backwards in [false, true] {
             for (left_m, turned_rad) in [(0.2, 0.0), (-0.2, 0.4), (0.0, -1.0), (0.5, 1.0)] {
-                let line = Track::from_pose(Pose::START);
+                let line = Track::from_pose(&Pose::START);
                 let mut pose = Pose {
                     x_m: 0.0,
                     y_m: left_m,

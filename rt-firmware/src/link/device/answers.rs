@@ -140,15 +140,28 @@ impl Desk<'_, '_> {
     }
 
     pub(super) fn task_text(&mut self, index: u8, offset: u16) -> Result<Response<'_>, LinkError> {
-        let source = self
-            .registry
-            .source(usize::from(index))
-            .ok_or(LinkError::NoSuchIndex)?;
-        let total: usize = source.iter().map(|place| place.len()).sum();
-        let text = source.into_iter().flatten().skip(usize::from(offset));
+        let index = usize::from(index);
+        let declaration = self.registry.declaration(index);
+        let declaration = declaration.ok_or(LinkError::NoSuchIndex)?;
+        let count = self.registry.capacity(index) as u32;
+        // Written where it is kept until it is sent.
+        self.note(Bytes::EMPTY)?;
+        let Some(Letter::Note(bytes)) = self.letter.as_deref_mut() else {
+            return Err(LinkError::Busy);
+        };
+        let mut total = 0_u16;
+        declaration.tell_source(count, &mut |piece| {
+            for byte in piece {
+                if total >= offset {
+                    // What does not fit is in a later part.
+                    bytes.push([*byte]);
+                }
+                total = total.saturating_add(1);
+            }
+        });
         Ok(Response::TaskText {
-            total: total as u16,
-            text: self.note(Bytes::first_of(text))?,
+            total,
+            text: bytes.as_slice(),
         })
     }
 }
