@@ -79,7 +79,7 @@ const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "load",
-        what: "each request at the line's rate for 10 minutes of robot time, in the emulator (hours)",
+        what: "each request at the line's rate for 10 minutes of robot time, in the emulator (20 min)",
         package: "esm-tests",
         target: &["--test", "line_load"],
         tests: "whatever_fills_the_line",

@@ -16,16 +16,21 @@ pub struct Headlight<P> {
 }
 
 task! {
+    /// Lights the lamp while something is near ahead, or nobody knows whether something is.
     impl[P: OutputPin + Send] Headlight<P> {
         slot 2;
         wcet 100 us;
+        endless;
         data {
-            in ranges: Ranges;
+            /// What is around the robot. Five periods of the sonars' slot.
+            in ranges: Ranges optional within 200 ms;
         }
         flags {
+            /// The lamp is lit.
             out lit;
         }
         params {
+            /// How near is near, in metres from the rim.
             near_m: f32 = 0.6, 0.1..=2.0;
         }
     }
@@ -46,7 +51,9 @@ impl<P: OutputPin + Send> Task for Headlight<P> {
         } else {
             near_m
         };
-        let near = io.read(Self::RANGES).ahead_m() < limit_m;
+        // Who does not know what is ahead has the light on.
+        let ranges = io.try_read(Self::RANGES).unwrap_or(&Ranges::NONE);
+        let near = ranges.ahead_m() < limit_m;
         // A pin that does not answer leaves the lamp as it is, and the flag says what it is.
         let _ = self.lamp.set(near);
         io.set(Self::LIT, self.lamp.is_lit());
