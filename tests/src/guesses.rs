@@ -16,7 +16,7 @@ task Cruise slot 2 wcet 1 ms {
 }
 
 task Motor slot 2 {
-    in data twist: Twist;
+    in data twist: Twist within 100 ms;
     out flag stuck;
 }
 

@@ -67,16 +67,6 @@ const NOT_TAKEN: &[(&str, &str, &str)] = &[
     ),
     (
         "patrol",
-        "position: Track -> Track on pulse",
-        "the task never finishes",
-    ),
-    (
-        "follow_wall",
-        "position: Track -> Track on pulse",
-        "the task never finishes",
-    ),
-    (
-        "patrol",
         "sonars: Listen -> Broken on pulse",
         "no sonar breaks in these runs; others break them",
     ),

@@ -32,7 +32,7 @@ task Sonar slot 2 {
 }
 
 task Motor slot 2 {
-    in data twist: Twist;
+    in data twist: Twist within 60 ms;
 }
 ";
 

@@ -295,7 +295,7 @@ fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
     assert_eq!(
         told,
         "\
-16.120 s, patrol: macro step 806, micro step 0, on pulse
+16.280 s, patrol: macro step 814, micro step 0, on pulse
   motion/Roam/steps/Ahead -> motion/Roam/steps/AvoidLeft
     [.near and .left_freer]   .near = true, .left_freer = true
     sets motion/Roam/steps/AvoidLeft.left
