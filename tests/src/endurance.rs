@@ -19,7 +19,7 @@ use rt_firmware::link::message::{
 use rt_firmware::rover::PinRover;
 use rt_firmware::{
     About, Background, Board, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart, RealTime,
-    split,
+    TaskBank, split,
 };
 
 use crate::random::Random;
@@ -98,7 +98,7 @@ impl Run {
 }
 
 /// A board whose time is made up.
-struct MadeUp<'p> {
+struct MadeUp<'p, 'b> {
     ticks: u64,
     random: Random,
     /// When the timer was last set to come; of the first occurrence, this is its nominal start.
@@ -111,21 +111,23 @@ struct MadeUp<'p> {
     first_wrong: Option<String>,
     pins: &'p PinImage,
     exchange: PlantExchange,
-    body: Body,
+    body: Body<'b>,
 }
 
 /// What is behind the pins.
-pub enum Body {
+pub enum Body<'b> {
     /// A robot in a world.
     InWorld(Box<Plant>),
     /// A robot that stands on a block, with nothing around it: quickly worked out.
     OnBlock,
+    /// Whatever answers these requests.
+    Answering(&'b mut dyn FnMut(&body::Request) -> Reply),
 }
 
 /// What the battery's input reads on the block: 8 V.
 const BATTERY_COUNTS: u16 = 3_300;
 
-impl Body {
+impl Body<'_> {
     /// A robot at the start of the world in this file.
     ///
     /// # Errors
@@ -145,6 +147,7 @@ impl Body {
         }
         match self {
             Body::InWorld(plant) => plant.exchange(request),
+            Body::Answering(answer) => answer(request),
             Body::OnBlock => Reply {
                 sequence: request.sequence,
                 sensors: Sensors {
@@ -158,12 +161,12 @@ impl Body {
     fn distance_m(&self) -> f64 {
         match self {
             Body::InWorld(plant) => plant.distance_m(),
-            Body::OnBlock => 0.0,
+            Body::OnBlock | Body::Answering(_) => 0.0,
         }
     }
 }
 
-impl MadeUp<'_> {
+impl MadeUp<'_, '_> {
     /// Compares an occurrence with what is to be. None is lost or doubled if each slot's starts go on by its period.
     fn compare(&mut self, occurrence: &OccurrenceStart) {
         let origin_ticks = *self.origin_ticks.get_or_insert(self.due_ticks);
@@ -192,7 +195,7 @@ impl MadeUp<'_> {
     }
 }
 
-impl Board for MadeUp<'_> {
+impl Board for MadeUp<'_, '_> {
     const TICKS_PER_US: u32 = TICKS_PER_US;
 
     fn now_ticks(&mut self) -> u64 {
@@ -240,8 +243,8 @@ impl LinkPort for Line {
 }
 
 /// The robot with its line.
-struct Robot<'q, 'm, 'p> {
-    board: MadeUp<'p>,
+struct Robot<'q, 'm, 'p, 'b> {
+    board: MadeUp<'p, 'b>,
     real_time: RealTime<'q, 'm, SLOTS>,
     background: Background<'q, 'm>,
     link: LinkSide<'q, 'm>,
@@ -249,7 +252,7 @@ struct Robot<'q, 'm, 'p> {
     seq: u8,
 }
 
-impl Robot<'_, '_, '_> {
+impl Robot<'_, '_, '_, '_> {
     /// The timer's interrupt, and what else is to be done then.
     fn turn(&mut self) {
         self.board.due_ticks = self.real_time.on_timer(&mut self.board);
@@ -320,12 +323,29 @@ impl Robot<'_, '_, '_> {
 ///
 /// # Errors
 /// Says what stood in the way, for a person. What the run shows is not judged here: see [`Run::problems`].
-pub fn drive(mission: &Path, body: Body, duration_us: u64) -> Result<Run, String> {
+pub fn drive(mission: &Path, body: Body<'_>, duration_us: u64) -> Result<Run, String> {
     let built = subject::build_file(mission)?;
-    let slots: Vec<Slot> = subject::verified(&built.blob)?.tables().slots().collect();
     let pins = PinImage::new();
     let mut rover = PinRover::new(pins.parts().into());
-    let mut banks = rover.banks();
+    drive_robot(&built.blob, &pins, &mut rover.banks(), body, duration_us)
+}
+
+/// Lets a robot of these tasks, on these pins, run a compiled mission for a time.
+///
+/// # Errors
+/// As [`drive`].
+pub fn drive_robot(
+    blob: &[u8],
+    pins: &PinImage,
+    banks: &mut [&mut (dyn TaskBank + '_)],
+    body: Body<'_>,
+    duration_us: u64,
+) -> Result<Run, String> {
+    let slots: Vec<Slot> = subject::verified(blob)?.tables().slots().collect();
+    let mut banks: Vec<&mut dyn TaskBank> = banks
+        .iter_mut()
+        .map(|bank| &mut **bank as &mut dyn TaskBank)
+        .collect();
     let mut memory = Memory::<4096, 256, SLOTS, 32, 32, 4, 1024>::new();
     let mut mail = Mail::new();
     let (real_time, background, link) = split(
@@ -345,7 +365,7 @@ pub fn drive(mission: &Path, body: Body, duration_us: u64) -> Result<Run, String
             begun: vec![(0, 0); slots.len()],
             slots,
             first_wrong: None,
-            pins: &pins,
+            pins,
             exchange: PlantExchange::new(),
             body,
         },
@@ -361,7 +381,7 @@ pub fn drive(mission: &Path, body: Body, duration_us: u64) -> Result<Run, String
         record: true,
     };
     robot.ask(streams, |_| Some(()))?;
-    robot.upload(&built.blob)?;
+    robot.upload(blob)?;
     loop {
         robot.turn();
         robot.line.to_host.clear();
@@ -378,7 +398,7 @@ pub fn drive(mission: &Path, body: Body, duration_us: u64) -> Result<Run, String
 }
 
 /// Asks the robot what it has counted.
-fn finished(mut robot: Robot<'_, '_, '_>, duration_us: u64) -> Result<Run, String> {
+fn finished(mut robot: Robot<'_, '_, '_, '_>, duration_us: u64) -> Result<Run, String> {
     let status = robot.ask(Request::Status, |response| match response {
         Response::Status(status) => Some(status),
         _ => None,

@@ -176,7 +176,8 @@ pub enum Freshness {
 #[derive(Debug, Default)]
 pub struct PlantExchange {
     next_sequence: u32,
-    last_motor_write_us: u64,
+    /// Of the left motor and of the right one.
+    last_motor_writes_us: [u64; 2],
     stale_in_a_row: u8,
     stale_frames: u32,
 }
@@ -186,20 +187,24 @@ impl PlantExchange {
     pub const fn new() -> Self {
         Self {
             next_sequence: 0,
-            last_motor_write_us: 0,
+            last_motor_writes_us: [0; 2],
             stale_in_a_row: 0,
             stale_frames: 0,
         }
     }
 
     /// The request that opens the occurrence whose nominal start is `start_us`; `effect_us` is the nominal end of the occurrence
-    /// before (of any slot), both in microseconds of plant time. Takes the sonar triggers from `pins`, and switches the motors off
-    /// if no task has written them for [`DEADMAN_US`].
+    /// before (of any slot), both in microseconds of plant time. Takes the sonar triggers from `pins`, and switches off each motor
+    /// that no task has written for [`DEADMAN_US`].
     pub fn request(&mut self, pins: &PinImage, start_us: u64, effect_us: u64) -> Request {
-        if pins.take_motors_written() {
-            self.last_motor_write_us = start_us;
-        } else if start_us.saturating_sub(self.last_motor_write_us) > DEADMAN_US {
-            pins.motors_off();
+        for (motor, last_write_us) in
+            (pins.motors().into_iter()).zip(&mut self.last_motor_writes_us)
+        {
+            if motor.take_written() {
+                *last_write_us = start_us;
+            } else if start_us.saturating_sub(*last_write_us) > DEADMAN_US {
+                motor.off();
+            }
         }
         let request = Request {
             sequence: self.next_sequence,
@@ -339,6 +344,30 @@ mod tests {
         ] {
             let request = exchange.request(&pins, start_us, 0);
             assert_eq!(request.actuators.right_duty, expected, "at {start_us}");
+        }
+    }
+
+    #[test]
+    fn a_motor_stops_that_nobody_writes_though_the_other_one_is_written() {
+        for left_is_written in [true, false] {
+            let pins = PinImage::new();
+            let mut exchange = PlantExchange::new();
+            let mut parts = pins.parts();
+            parts.left_pwm.set_duty_cycle(300).unwrap();
+            parts.right_pwm.set_duty_cycle(300).unwrap();
+            let mut duties = (0, 0);
+            for start_us in (0..2 * DEADMAN_US).step_by(20_000) {
+                let written = if left_is_written {
+                    &mut parts.left_pwm
+                } else {
+                    &mut parts.right_pwm
+                };
+                written.set_duty_cycle(300).unwrap();
+                let actuators = exchange.request(&pins, start_us, 0).actuators;
+                duties = (actuators.left_duty, actuators.right_duty);
+            }
+            let expected = if left_is_written { (300, 0) } else { (0, 300) };
+            assert_eq!(duties, expected);
         }
     }
 }

@@ -36,7 +36,7 @@ pub const FULL_DUTY: u16 = 1_000;
 /// ADC counts at the reference voltage (12 bits).
 pub const ADC_FULL_SCALE: u16 = 4_095;
 
-/// Motors that no task has written for longer than this are switched off, in microseconds.
+/// A motor that no task has written for longer than this is switched off, in microseconds, whatever is written to the other.
 ///
 /// Long enough for a swap of missions to go unnoticed, short enough that a robot at walking pace goes on for a hand's breadth.
 pub const DEADMAN_US: u64 = 250_000;
@@ -73,9 +73,11 @@ pub struct Sensors {
 
 /// The pins of one motor driver.
 #[derive(Debug)]
-struct MotorPins {
+pub(super) struct MotorPins {
     duty: AtomicU16,
     backwards: AtomicBool,
+    /// Set by each write of a duty, taken by the deadman check.
+    written: AtomicBool,
 }
 
 impl MotorPins {
@@ -83,6 +85,7 @@ impl MotorPins {
         Self {
             duty: AtomicU16::new(0),
             backwards: AtomicBool::new(false),
+            written: AtomicBool::new(false),
         }
     }
 
@@ -96,8 +99,15 @@ impl MotorPins {
         }
     }
 
-    fn off(&self) {
+    pub(super) fn off(&self) {
         self.duty.store(0, Relaxed);
+    }
+
+    /// Whether the duty was written since the last call.
+    pub(super) fn take_written(&self) -> bool {
+        let written = self.written.load(Relaxed);
+        self.written.store(false, Relaxed);
+        written
     }
 }
 
@@ -109,8 +119,6 @@ impl MotorPins {
 pub struct PinImage {
     left: MotorPins,
     right: MotorPins,
-    /// Set by each write of a duty, taken by the deadman check.
-    motors_written: AtomicBool,
     /// A trigger pulse is shorter than a slot, so the image latches it until the next snapshot.
     sonar_triggers: [AtomicBool; SONARS],
     aux_outputs: [AtomicBool; AUX_OUTPUTS],
@@ -134,7 +142,6 @@ impl PinImage {
         Self {
             left: MotorPins::new(),
             right: MotorPins::new(),
-            motors_written: AtomicBool::new(false),
             sonar_triggers: [const { AtomicBool::new(false) }; SONARS],
             aux_outputs: [const { AtomicBool::new(false) }; AUX_OUTPUTS],
             left_count: AtomicU16::new(0),
@@ -149,15 +156,9 @@ impl PinImage {
     /// The HAL objects of all pins, for the drivers. Meant to be called once: two objects of one output would write over each other.
     pub fn parts(&self) -> Parts<'_> {
         Parts {
-            left_pwm: MotorPwm {
-                motor: &self.left,
-                written: &self.motors_written,
-            },
+            left_pwm: MotorPwm { motor: &self.left },
             left_direction: DirectionPin { motor: &self.left },
-            right_pwm: MotorPwm {
-                motor: &self.right,
-                written: &self.motors_written,
-            },
+            right_pwm: MotorPwm { motor: &self.right },
             right_direction: DirectionPin { motor: &self.right },
             left_encoder: EncoderCount {
                 count: &self.left_count,
@@ -216,11 +217,9 @@ impl PinImage {
         actuators
     }
 
-    /// Whether a motor's duty was written since the last call.
-    pub fn take_motors_written(&self) -> bool {
-        let written = self.motors_written.load(Relaxed);
-        self.motors_written.store(false, Relaxed);
-        written
+    /// The left and the right motor.
+    pub(super) fn motors(&self) -> [&MotorPins; 2] {
+        [&self.left, &self.right]
     }
 
     /// Puts new values on the inputs.
@@ -292,7 +291,6 @@ pub struct Parts<'a> {
 #[derive(Debug)]
 pub struct MotorPwm<'a> {
     motor: &'a MotorPins,
-    written: &'a AtomicBool,
 }
 
 impl pwm::ErrorType for MotorPwm<'_> {
@@ -307,7 +305,7 @@ impl SetDutyCycle for MotorPwm<'_> {
     /// A duty above [`FULL_DUTY`] counts as full.
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         self.motor.duty.store(duty.min(FULL_DUTY), Relaxed);
-        self.written.store(true, Relaxed);
+        self.motor.written.store(true, Relaxed);
         Ok(())
     }
 }
