@@ -338,7 +338,7 @@ fn times_are_looked_for_in_each_run_of_a_robot_that_was_reset() {
         assert!(moment.t_us >= t_s * SECOND, "{moment}");
         Some((moment.stretch, moment.t_us))
     };
-    let late = (0, 16_120_000);
+    let late = (0, 16_280_000);
     assert_eq!(at(15), Some(late));
     let early = at(1).unwrap();
     assert_eq!(early.0, 0);

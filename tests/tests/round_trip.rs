@@ -101,7 +101,7 @@ fn what_comes_back_reads_like_what_was_written() {
         "        task Away: Turn with { angle_rad = 1.1 };",
         "        Retreat -> Away on pulse [exit and ^left] / set .left;",
         "        Away -> final on *;",
-        "    path Track.pose -> Roam.pose, Write.pose;",
+        "    path Track.pose -> Listen.pose, Roam.pose, Write.pose;",
         "        state Pause timeout 2 s;",
     ] {
         assert!(
