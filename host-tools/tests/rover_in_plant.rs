@@ -113,7 +113,8 @@ fn the_robot_drives_as_fast_as_asked_and_knows_where_it_is() {
         params: [0.3, 0.35],
     };
     let end = drive(HALL, &cruise, 20, 1);
-    assert!((end.distance_m - 6.0).abs() < 0.2, "{end:?}");
+    // It stands until the sonars have looked around, for half a second or so.
+    assert!((end.distance_m - 5.85).abs() < 0.2, "{end:?}");
     // The slip and a ruler's error on wheels and wheel base: a few parts in a hundred.
     let real_x_m = end.real.position.x_m - 10.0;
     let real_y_m = end.real.position.y_m - 10.0;

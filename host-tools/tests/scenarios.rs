@@ -81,7 +81,7 @@ fn a_run_tells_of_every_scenario_and_of_what_failed() {
         "./broken.1.scenario: its mission does not compile:\n",
         "unknown state `Q`",
         "./broken.2.scenario: its mission does not compile: see above\n",
-        "./lamp/late.scenario:2:17: expected `r/On` at 10 ms, but after the macro step at 10 ms current was r/Watch\n    before: 0 ms: r/initial -> r/Watch on pulse\n",
+        "./lamp/late.scenario:2:17: expected `r/On` at 10 ms, but after the macro step at 10 ms current was r/Watch\n     0 ms  r/initial -> r/Watch on pulse\n    10 ms  current: r/Watch\n  > 10 ms  line 2: at 10 ms expect r/On\n",
         "./lamp/wrong.scenario:1:4: error: the unit of a time is",
         "./lamp/wrong.scenario:1:20: error: region `r` has no state `Onn`: did you mean `On`?\n",
         "./lamp/wrong.scenario:3:18: error: region `r` has no state `Off`",

@@ -200,8 +200,10 @@ mod tests {
 
     /// The text with an edit made; `<…>` marks the span.
     fn edited(text: &str, edit: impl Fn(&str, Span) -> Option<Edit>) -> Option<String> {
-        let (start, end) = (text.find('<')?, text.find('>')? - 1);
-        let plain = text.replacen('<', "", 1).replacen('>', "", 1);
+        let (before, marked) = text.split_once('<')?;
+        let (marked, behind) = marked.split_once('>')?;
+        let (start, end) = (before.len(), before.len() + marked.len());
+        let plain = [before, marked, behind].concat();
         let span = Span {
             file: 0,
             start: start as u32,

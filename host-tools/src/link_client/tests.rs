@@ -51,7 +51,7 @@ fn a_robot_says_who_it_is_and_what_it_can() {
     assert!(
         declarations
             .iter()
-            .any(|text| text.starts_with("task Cruise "))
+            .any(|text| text.contains("\ntask Cruise "))
     );
     let refused = client.task_declaration(info.task_types).unwrap_err();
     assert_eq!(refused.refusal(), Some(LinkError::NoSuchIndex));

@@ -10,12 +10,21 @@ use crate::compile::test_models::{container, flag, model, port, pulse, region, s
 use crate::host_board;
 use crate::lockstep::plant_side::PlantFault;
 use crate::model::{
-    Action, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind, Task,
-    Trigger, Value,
+    Action, DataPort, Direction, Model, Param, ParamType, Path, PathEnd, SlotRef, Span, StateKind,
+    Task, Trigger, Value,
 };
 use crate::recording::file::RunEnd;
 use crate::schedule::handover::Handover;
 use crate::world::World;
+
+/// A port of the rover that wants values of the last five periods, and does without.
+fn fresh(name: &str, type_name: &str) -> DataPort {
+    DataPort {
+        optional: true,
+        within_us: Some(100_000),
+        ..port(name, Direction::In, type_name)
+    }
+}
 
 /// Tasks of the rover, in the order of [`State`]s below.
 fn tasks() -> Vec<Task> {
@@ -46,11 +55,8 @@ fn tasks() -> Vec<Task> {
         ),
         Task {
             flags: vec![flag("blocked", Out)],
-            ..with(
-                "WheelSpeed",
-                &[("twist", In, "Twist"), ("speeds", In, "WheelSpeeds")],
-                &["acceleration_m_per_s2"],
-            )
+            data: vec![fresh("twist", "Twist"), fresh("speeds", "WheelSpeeds")],
+            ..with("WheelSpeed", &[], &["acceleration_m_per_s2"])
         },
         Task {
             flags: vec![flag("low", Out)],
@@ -63,11 +69,8 @@ fn tasks() -> Vec<Task> {
         ),
         Task {
             flags: vec![flag("left", In)],
-            ..with(
-                "Turn",
-                &[("pose", In, "Pose"), ("twist", Out, "Twist")],
-                &["angle_rad", "rate_rad_per_s"],
-            )
+            data: vec![fresh("pose", "Pose"), port("twist", Out, "Twist")],
+            ..with("Turn", &[], &["angle_rad", "rate_rad_per_s"])
         },
     ]
 }

@@ -239,7 +239,8 @@ impl PortType for Ranges {
     const NAME: &'static str = "Ranges";
     const INIT: Self = Self::NONE;
 
-    fields! { sonars: u8, range_m: [f32; 8], age_ms: [u16; 8], dead: u8, deaf: u8 }
+    // Ages are for tasks: with them, all values of a mission would no longer fit into one sample.
+    fields! { range_m: [f32; 8], dead: u8, deaf: u8 }
 }
 
 /// State of the battery.

@@ -974,7 +974,7 @@ impl Parser<'_, '_> {
                     self.bump();
                     self.written_flag(kind == T::Set, actions);
                 }
-                T::Identifier | T::Dot | T::Caret | T::Not => self.foreign_action(),
+                T::Identifier | T::Dot | T::Caret | T::Not => self.foreign_action(actions),
                 _ => self.expected("`send`, `set` or `clear`"),
             }
             let is_and = self.at(T::And) || self.at(T::Unknown) && self.text_of(self.token) == "&&";
@@ -1050,7 +1050,7 @@ impl Parser<'_, '_> {
     }
 
     /// An action as other tools write it: `E`, `raise E`, `.f = true`, `not .f`.
-    fn foreign_action(&mut self) {
+    fn foreign_action(&mut self, actions: &mut Vec<Action>) {
         const WHAT: &str = "`send`, `set` or `clear`";
         const WORDS: [(&str, &str); 9] = [
             ("raise", "send"),
@@ -1078,10 +1078,15 @@ impl Parser<'_, '_> {
             {
                 self.mended(WHAT, Cure::meant(here, word.unwrap_or_default()));
                 self.bump();
-                if matches!(self.token.kind, T::Dot | T::Caret) {
+                let is_flag = matches!(self.token.kind, T::Dot | T::Caret);
+                if is_flag {
                     self.bump();
                 }
-                self.name("a name");
+                let name = self.name("a name");
+                // It is clear what was meant: the event is sent.
+                if let (Some(name), Some("send"), false) = (name, word, is_flag) {
+                    actions.push(Action::Send(name));
+                }
             }
             T::Identifier if matches!(self.next.kind, T::Comma | T::Semicolon) => {
                 let name = excerpt(text);
