@@ -1,7 +1,7 @@
 //! A task that is executed and writes nothing any more: how long until its robot stands.
 //!
-//! Each writer freezes in turn, on a robot that drives: its slot goes on, what it wrote last stays on its nets and pins.
-//! Each bound follows from the times behind `within` in the readers' declarations, or from the board's deadman time.
+//! Each writer freezes in turn, on a robot that drives: its slot goes on, what it wrote last stays on its nets and
+//! pins. Each bound follows from the times behind `within` in the readers' declarations, or from the deadman time.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -230,7 +230,7 @@ fn with_robot<R>(
 
 /// How long a robot is watched once its task is frozen, in microseconds: longer than each bound.
 const WATCHED_US: u64 = 2_000_000;
-/// The slowest task of these missions runs each 40 ms, all others each 20 ms, and the pins are exchanged as often.
+/// The slowest tasks of these missions run each 40 ms, the others each 20 ms. The pins are exchanged as often.
 const PERIOD_US: u64 = 20_000;
 const SLOW_PERIOD_US: u64 = 40_000;
 /// Time in which wheels that are asked to stand have done so, on the way down from 0.4 m/s with the 1.2 m/s² of
