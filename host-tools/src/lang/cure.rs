@@ -168,6 +168,11 @@ pub(super) fn remove_action(text: &str, name: Span, word: &str) -> Option<Edit> 
     let before = before.strip_suffix(['.', '^'])?.trim_end();
     let before = before.strip_suffix(word)?.trim_end();
     let rest = behind.trim_start();
+    // What ends a comment separates nothing.
+    let line = before.lines().next_back()?;
+    if line.ends_with("*/") || line.contains("//") {
+        return None;
+    }
     let last = before.chars().next_back()?;
     let start = before.len() as u32 - 1;
     match last {
