@@ -64,7 +64,8 @@ pub fn of(checked: &Checked, origin: &str) -> Option<TaskPage> {
 /// The number of the slot that a task's declaration names. The slot itself need not be declared.
 fn slot(checked: &Checked, task: &Task) -> Option<u32> {
     let file = checked.trees().get(task.span.file as usize)?;
-    let tree = (file.tasks.iter()).find(|tree| tree.name.is_some_and(|name| name.0 == task.span))?;
+    let tree =
+        (file.tasks.iter()).find(|tree| tree.name.is_some_and(|name| name.0 == task.span))?;
     match tree.slot {
         Given::Value(number) => Some(number.value),
         Given::Absent | Given::Broken => None,
@@ -80,7 +81,10 @@ fn add(text: &mut String, task: &Task, slot: Option<u32>, file: &str) {
         }
         text.push('\n');
     }
-    let _ = write!(text, "![What goes into {name} and comes out of it]({PICTURES}/{file})\n\n");
+    let _ = write!(
+        text,
+        "![What goes into {name} and comes out of it]({PICTURES}/{file})\n\n"
+    );
 
     text.push_str("| slot | wcet | count | exclusive | finishes |\n|---|---|---|---|---|\n");
     let or_none = |value: Option<String>| value.unwrap_or_else(|| "–".to_owned());
@@ -98,7 +102,9 @@ fn add(text: &mut String, task: &Task, slot: Option<u32>, file: &str) {
         if task.endless { "never" } else { "yes" }
     );
     if !task.data.is_empty() {
-        text.push_str("\n| data | | type | without a value | what it is |\n|---|---|---|---|---|\n");
+        text.push_str(
+            "\n| data | | type | without a value | what it is |\n|---|---|---|---|---|\n",
+        );
         for port in &task.data {
             add_port(text, port);
         }
@@ -112,7 +118,9 @@ fn add(text: &mut String, task: &Task, slot: Option<u32>, file: &str) {
         }
     }
     if !task.params.is_empty() {
-        text.push_str("\n| parameter | type | default | bounds | what it is |\n|---|---|---|---|---|\n");
+        text.push_str(
+            "\n| parameter | type | default | bounds | what it is |\n|---|---|---|---|---|\n",
+        );
         for param in &task.params {
             add_param(text, param);
         }
@@ -148,7 +156,9 @@ fn add_param(text: &mut String, param: &Param) {
         ParamType::U32 => "u32",
         ParamType::F32 => "f32",
     };
-    let default = param.default.map_or_else(|| "none: a mission gives it".to_owned(), literal);
+    let default = param
+        .default
+        .map_or_else(|| "none: a mission gives it".to_owned(), literal);
     let bounds = match param.range {
         Some((least, most)) => format!("{} to {}", literal(least), literal(most)),
         None => "–".to_owned(),
@@ -275,20 +285,33 @@ mod tests {
             "| `mirrored` | bool | false | – |  |",
             "| – | – | – | – | yes |",
         ] {
-            assert!(page.text.lines().any(|told| told == line), "{line}\n{}", page.text);
+            assert!(
+                page.text.lines().any(|told| told == line),
+                "{line}\n{}",
+                page.text
+            );
         }
-        let files: Vec<&str> = page.pictures.iter().map(|(file, _)| file.as_str()).collect();
+        let files: Vec<&str> = page
+            .pictures
+            .iter()
+            .map(|(file, _)| file.as_str())
+            .collect();
         assert_eq!(files, ["Follow.svg", "Other.svg"]);
     }
 
     #[test]
     fn what_a_stranger_says_brings_no_html() {
-        let page = page("/// <script>a</script> `Vec<u8>` & <b>`\ntask Odd { /// <i>\n in flag it; }");
+        let page =
+            page("/// <script>a</script> `Vec<u8>` & <b>`\ntask Odd {\n /// <i>\n in flag it; }");
         for line in [
             "&lt;script>a&lt;/script> `Vec<u8>` &amp; &lt;b>`",
             "| `it` | in | &lt;i> |",
         ] {
-            assert!(page.text.lines().any(|told| told == line), "{line}\n{}", page.text);
+            assert!(
+                page.text.lines().any(|told| told == line),
+                "{line}\n{}",
+                page.text
+            );
         }
     }
 }

@@ -234,7 +234,10 @@ fn the_page_of_the_tasks_is_what_the_declarations_make() {
     if std::env::var_os("ESM_BLESS").is_some() {
         std::fs::write(&page, &text).unwrap();
     }
-    assert!(read(&page) == text, "tasks.md is another now: ESM_BLESS=1 writes it");
+    assert!(
+        read(&page) == text,
+        "tasks.md is another now: ESM_BLESS=1 writes it"
+    );
     for name in &pictures {
         let drawn = read(made.join("img/tasks").join(name));
         assert_is_picture(&format!("tasks/{name}"), &drawn);
@@ -242,7 +245,9 @@ fn the_page_of_the_tasks_is_what_the_declarations_make() {
     assert_eq!(names(&root().join("docs/src/img/tasks")), pictures);
     // A section for each task, each with something to say, and nothing left without a word.
     let declared = read(rover);
-    let tasks = declared.lines().filter_map(|line| line.strip_prefix("task "));
+    let tasks = declared
+        .lines()
+        .filter_map(|line| line.strip_prefix("task "));
     let mut sections = 0;
     for task in tasks {
         let name = task.split(' ').next().unwrap();
@@ -251,7 +256,10 @@ fn the_page_of_the_tasks_is_what_the_declarations_make() {
         sections += 1;
     }
     assert_eq!(text.matches("\n## ").count(), sections);
-    assert!(!text.contains("|  |"), "something is without a word of what it is");
+    assert!(
+        !text.contains("|  |"),
+        "something is without a word of what it is"
+    );
 }
 
 #[test]

@@ -4,9 +4,10 @@
 
 use std::path::{Path, PathBuf};
 
-use esm_tests::command::{esm, root};
+use esm_tests::command::root;
 use esm_tests::subject;
 use host_tools::host_board;
+use host_tools::lang;
 use host_tools::plant::Plant;
 use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
@@ -33,7 +34,10 @@ impl Ended {
         let right_m = end.position.x_m - start.position.x_m;
         let up_m = end.position.y_m - start.position.y_m;
         let turned = end.heading_rad.to_degrees() - start.heading_deg;
-        (right_m.hypot(up_m), (turned + 180.0).rem_euclid(360.0) - 180.0)
+        (
+            right_m.hypot(up_m),
+            (turned + 180.0).rem_euclid(360.0) - 180.0,
+        )
     }
 }
 
@@ -90,7 +94,10 @@ fn the_square_ends_where_it_began_and_the_mission_has_finished() {
         let (off_m, off_degrees) = ended.off(start);
         println!("seed {seed}: {off_m:.4} m, {off_degrees:.2} degrees off");
         assert!(off_m < MOST_M, "seed {seed}: {off_m} m");
-        assert!(off_degrees.abs() < MOST_DEGREES, "seed {seed}: {off_degrees} degrees");
+        assert!(
+            off_degrees.abs() < MOST_DEGREES,
+            "seed {seed}: {off_degrees} degrees"
+        );
         // It has been at all four corners, to a few centimetres.
         for (x_m, y_m) in [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
             let nearest_m = ended.plant.statistics().path().iter().map(|sample| {
@@ -99,10 +106,17 @@ fn the_square_ends_where_it_began_and_the_mission_has_finished() {
             });
             let nearest_m = nearest_m.fold(f64::INFINITY, f64::min);
             println!("    {nearest_m:.4} m from the corner at {x_m},{y_m}");
-            assert!(nearest_m < 0.05, "seed {seed}: {nearest_m} m from {x_m},{y_m}");
+            assert!(
+                nearest_m < 0.05,
+                "seed {seed}: {nearest_m} m from {x_m},{y_m}"
+            );
         }
         assert_eq!(ended.plant.collisions(), 0);
-        assert!(ended.finished_s.is_some_and(|at_s| at_s < 30.0), "{:?}", ended.finished_s);
+        assert!(
+            ended.finished_s.is_some_and(|at_s| at_s < 30.0),
+            "{:?}",
+            ended.finished_s
+        );
     }
 }
 
@@ -111,15 +125,24 @@ fn a_box_on_a_side_stops_it_before_it_is_touched() {
     let boxed = empty_hall() + "wall 2.6,1.9 2.8,1.9 2.8,2.1 2.6,2.1 2.6,1.9\n";
     let ended = driven(&shipped(), World::parse(&boxed).unwrap(), 1);
     assert_eq!(ended.plant.collisions(), 0);
-    assert!(ended.plant.distance_m() < 0.6, "{} m", ended.plant.distance_m());
+    assert!(
+        ended.plant.distance_m() < 0.6,
+        "{} m",
+        ended.plant.distance_m()
+    );
     assert_eq!(ended.finished_s, None);
     assert!(ended.trace.contains(r#""to":"motion/Halted""#));
 }
 
 /// Lines without comments, blanks around them and empty lines.
 fn bare(text: &str) -> Vec<String> {
-    let lines = text.lines().map(|line| line.split("//").next().unwrap().trim());
-    lines.filter(|line| !line.is_empty()).map(str::to_owned).collect()
+    let lines = text
+        .lines()
+        .map(|line| line.split("//").next().unwrap().trim());
+    lines
+        .filter(|line| !line.is_empty())
+        .map(str::to_owned)
+        .collect()
 }
 
 /// The parts of a text that stand indented in a machine: regions whole, and all else line by line.
@@ -145,14 +168,23 @@ fn parts(block: &str) -> Vec<String> {
 fn put(mission: &mut Vec<String>, part: String) {
     // A region by its name, a path by its first source, a state by all before its parameters, a slot by its number.
     let key = |part: &str| {
-        let words: Vec<&str> = part.split([' ', ',', ':']).filter(|word| !word.is_empty()).collect();
+        let words: Vec<&str> = part
+            .split([' ', ',', ':'])
+            .filter(|word| !word.is_empty())
+            .collect();
         words[..2.min(words.len())].join(" ")
     };
     let first = key(&part);
     if part.trim_start().starts_with("task ") {
-        let motion = mission.iter_mut().find(|part| part.starts_with("    region motion"));
+        let motion = mission
+            .iter_mut()
+            .find(|part| part.starts_with("    region motion"));
         let motion = motion.unwrap();
-        let old = motion.lines().find(|line| key(line) == first).unwrap().to_owned();
+        let old = motion
+            .lines()
+            .find(|line| key(line) == first)
+            .unwrap()
+            .to_owned();
         *motion = motion.replace(&old, &part);
         return;
     }
@@ -161,13 +193,19 @@ fn put(mission: &mut Vec<String>, part: String) {
         return;
     }
     let place = match first.split(' ').next().unwrap() {
-        "event" => mission.iter().position(|part| part.starts_with("machine")).map(|at| at + 1),
+        "event" => mission
+            .iter()
+            .position(|part| part.starts_with("machine"))
+            .map(|at| at + 1),
         "slot" => mission.iter().position(|part| part.starts_with("machine")),
         "region" => mission.iter().position(|part| part.starts_with("    path")),
         "path" => mission.iter().position(|part| part == "}"),
         _ => None,
     };
-    mission.insert(place.unwrap_or_else(|| panic!("where does this go: {part}")), part);
+    mission.insert(
+        place.unwrap_or_else(|| panic!("where does this go: {part}")),
+        part,
+    );
 }
 
 #[test]
@@ -175,7 +213,6 @@ fn the_page_leads_to_the_mission_step_by_step() {
     let page = std::fs::read_to_string(root().join("docs/src/square.md")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("square.esm");
-    let at = file.to_str().unwrap();
     let mut mission: Vec<String> = Vec::new();
     let mut ends = Vec::new();
     let blocks: Vec<&str> = page.split("```").skip(1).step_by(2).collect();
@@ -184,14 +221,21 @@ fn the_page_leads_to_the_mission_step_by_step() {
             if mission.is_empty() {
                 mission = parts(text);
             } else {
-                parts(text).into_iter().for_each(|part| put(&mut mission, part));
+                parts(text)
+                    .into_iter()
+                    .for_each(|part| put(&mut mission, part));
             }
         } else if block.contains("esm check square.esm") {
             let top = root().to_str().unwrap();
-            let text = mission.join("\n").replace("\"missions/", &format!("\"{top}/missions/"));
+            let text = mission
+                .join("\n")
+                .replace("\"missions/", &format!("\"{top}/missions/"));
             std::fs::write(&file, &text).unwrap();
-            let checked = esm(&["check", at]).good();
-            assert!(checked.out.contains("no errors, no warnings"), "{text}\n{}", checked.out);
+            let checked = lang::load(&file).unwrap();
+            let complaints = checked.render(false);
+            assert!(checked.model.is_some(), "{text}\n{complaints}");
+            // What it does not use of the robot is no mistake of the step.
+            assert!(!complaints.contains("square.esm"), "{text}\n{complaints}");
             let world = World::parse(&empty_hall()).unwrap();
             let start = world.start;
             ends.push(driven(&file, world, 1).off(start));
@@ -200,6 +244,28 @@ fn the_page_leads_to_the_mission_step_by_step() {
     println!("{ends:?}");
     assert_eq!(ends.len(), 4);
     // What the page says of where they end.
+    let words: Vec<&str> = page.split_whitespace().collect();
+    let words = words.join(" ");
+    let [
+        (open_m, open_degrees),
+        (closed_m, closed_degrees),
+        (last_m, _),
+    ] = [ends[1], ends[2], ends[3]];
+    for told in [
+        format!(
+            "ends {:.0} cm from where it began, and looks {:.0} degrees too far to the right",
+            open_m * 100.0,
+            -open_degrees
+        ),
+        format!(
+            "it ends {:.1} cm and {:.1} degrees from its start",
+            closed_m * 100.0,
+            closed_degrees.abs()
+        ),
+    ] {
+        assert!(words.contains(&told), "{told}");
+    }
+    assert!(last_m < MOST_M);
     let shipped = std::fs::read_to_string(shipped()).unwrap();
     let sorted = |text: &str| {
         let mut parts = parts(&bare_but_indented(text));
@@ -212,6 +278,8 @@ fn the_page_leads_to_the_mission_step_by_step() {
 
 /// A text without comments and blanks at the ends of lines.
 fn bare_but_indented(text: &str) -> String {
-    let lines = text.lines().map(|line| line.split("//").next().unwrap().trim_end());
+    let lines = text
+        .lines()
+        .map(|line| line.split("//").next().unwrap().trim_end());
     lines.collect::<Vec<_>>().join("\n")
 }

@@ -71,12 +71,18 @@ pub fn execute(
     if let Some(file) = &args.file {
         let checked = mission::read(file)?;
         mission::tell(&checked, Audience::Person, console)?;
-        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+        let name = file
+            .file_name()
+            .unwrap_or(file.as_os_str())
+            .to_string_lossy();
         return write_page(&checked, &name, args.page.as_deref(), console);
     }
     let (text, origin) = declarations(args, robot, console)?;
     if args.page.is_none() {
-        write!(console.out(), "// The tasks of {origin}, as `esm tasks` printed them.\n{text}")?;
+        write!(
+            console.out(),
+            "// The tasks of {origin}, as `esm tasks` printed them.\n{text}"
+        )?;
         return Ok(());
     }
     let checked = lang::load_text("tasks.esm", &text);
@@ -110,7 +116,10 @@ fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandE
         let declaration = robot.task_declaration(index)?;
         let _ = writeln!(text, "\n{}", declaration.trim_end());
     }
-    Ok((text, format!("{} on the board {}", info.firmware, info.board)))
+    Ok((
+        text,
+        format!("{} on the board {}", info.firmware, info.board),
+    ))
 }
 
 fn write_page(

@@ -140,7 +140,12 @@ fn carried(port: &DataPort) -> String {
         words.push_str(" optional");
     }
     if let Some(within_us) = port.within_us {
-        words += &format!(" within {}", Time { us: within_us.into() });
+        words += &format!(
+            " within {}",
+            Time {
+                us: within_us.into()
+            }
+        );
     }
     words
 }
@@ -219,7 +224,10 @@ mod tests {
     use crate::pictures::scene::{Anchor, Shape, Text};
 
     fn drawn(text: &str) -> (Scene, Vec<Text>) {
-        let scene = draw(&load_text("case.esm", text).model.unwrap().tasks[0], Some(2));
+        let scene = draw(
+            &load_text("case.esm", text).model.unwrap().tasks[0],
+            Some(2),
+        );
         let text_of = |shape: &Shape| match shape {
             Shape::Text(text) => Some(text.clone()),
             _ => None,
@@ -249,7 +257,13 @@ mod tests {
             left_edge(text.unwrap_or_else(|| panic!("no {words}: {texts:?}")))
         };
         let middle = at("Follow");
-        for words in ["Line optional within 100 ms", "line", "Budget", "budget", "left"] {
+        for words in [
+            "Line optional within 100 ms",
+            "line",
+            "Budget",
+            "budget",
+            "left",
+        ] {
             assert!(at(words) < middle, "{words}");
         }
         for words in ["twist", "Twist", "seen"] {
@@ -262,7 +276,9 @@ mod tests {
     fn all_of_it_stands_on_the_sheet_and_nothing_on_another() {
         let long = "n".repeat(200);
         let ports: String = (0..8)
-            .map(|at| format!("in data {long}{at}: T{long} within 100 ms; out data o{long}{at}: U;"))
+            .map(|at| {
+                format!("in data {long}{at}: T{long} within 100 ms; out data o{long}{at}: U;")
+            })
             .collect();
         let crowd = format!("task T{long} slot 2 {{ {ports} out flag f{long}; in flag g{long}; }}");
         for text in [TASK, "task T { }", &crowd] {
@@ -276,7 +292,10 @@ mod tests {
                     let from = left_edge(other);
                     let to = from + font::width(&other.words, other.size, other.weight);
                     let apart = right <= from || to <= left;
-                    assert!(apart || (text.at[1] - other.at[1]).abs() > 7.0, "{text:?} {other:?}");
+                    assert!(
+                        apart || (text.at[1] - other.at[1]).abs() > 7.0,
+                        "{text:?} {other:?}"
+                    );
                 }
             }
         }
