@@ -34,6 +34,7 @@ pub mod schedule;
 pub mod serial;
 pub mod sim;
 mod superstates;
+pub mod task_page;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;

@@ -218,6 +218,51 @@ fn the_diagrams_of_the_book_are_what_draw_draws() {
 }
 
 #[test]
+fn the_page_of_the_tasks_is_what_the_declarations_make() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = folder.path();
+    let rover = "missions/rover.esm";
+    esm(&["tasks", "--page", made.to_str().unwrap(), rover]).good();
+    let text = read(made.join("tasks.md"));
+    let names = |folder: &Path| -> BTreeSet<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.collect()
+    };
+    let pictures = names(&made.join("img/tasks"));
+    let page = root().join("docs/src/tasks.md");
+    if std::env::var_os("ESM_BLESS").is_some() {
+        std::fs::write(&page, &text).unwrap();
+    }
+    assert!(
+        read(&page) == text,
+        "tasks.md is another now: ESM_BLESS=1 writes it"
+    );
+    for name in &pictures {
+        let drawn = read(made.join("img/tasks").join(name));
+        assert_is_picture(&format!("tasks/{name}"), &drawn);
+    }
+    assert_eq!(names(&root().join("docs/src/img/tasks")), pictures);
+    // A section for each task, each with something to say, and nothing left without a word.
+    let declared = read(rover);
+    let tasks = declared
+        .lines()
+        .filter_map(|line| line.strip_prefix("task "));
+    let mut sections = 0;
+    for task in tasks {
+        let name = task.split(' ').next().unwrap();
+        assert!(text.contains(&format!("\n## {name}\n\n")), "{name}");
+        assert!(pictures.contains(&format!("{name}.svg")), "{name}");
+        sections += 1;
+    }
+    assert_eq!(text.matches("\n## ").count(), sections);
+    assert!(
+        !text.contains("|  |"),
+        "something is without a word of what it is"
+    );
+}
+
+#[test]
 fn the_schedules_of_the_book_are_what_schedule_shows() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
@@ -455,6 +500,8 @@ fn stock() -> tempfile::TempDir {
     for name in ["patrol.esm", "patrol_faster.esm"] {
         std::fs::write(path(name), &text).unwrap();
     }
+    let square = read("missions/square.esm").replace("use \"", "use \"missions/");
+    std::fs::write(path("square.esm"), square).unwrap();
     for name in ["patrol", "drive"] {
         let [recording, trace] = ["rec", "jsonl"].map(|ending| path(&format!("{name}.{ending}")));
         let run = ["run", patrol, "--board", "host", "--until", "120 s"];

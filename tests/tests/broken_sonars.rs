@@ -34,7 +34,7 @@ struct Subject {
     world: &'static str,
 }
 
-const SUBJECTS: [Subject; 6] = [
+const SUBJECTS: [Subject; 7] = [
     Subject {
         mission: "missions/patrol.esm",
         world: "office",
@@ -50,6 +50,10 @@ const SUBJECTS: [Subject; 6] = [
     Subject {
         mission: "missions/on_a_lead.esm",
         world: "corridor",
+    },
+    Subject {
+        mission: "missions/square.esm",
+        world: "empty",
     },
     Subject {
         mission: "missions/tutorial/5_obstacle.esm",

@@ -55,7 +55,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
     pub board: String,
 
-    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor` or `track` [default: office]
+    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track` or `empty` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 

@@ -23,7 +23,7 @@ use crate::schedule::handover::{self, Handover, SlotTable};
 use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
-const SHIPPED_WORLDS: [(&str, &str); 3] = [
+const SHIPPED_WORLDS: [(&str, &str); 4] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -35,6 +35,10 @@ const SHIPPED_WORLDS: [(&str, &str); 3] = [
     (
         "track",
         include_str!("../../../missions/worlds/track.world"),
+    ),
+    (
+        "empty",
+        include_str!("../../../missions/worlds/empty.world"),
     ),
 ];
 
@@ -301,7 +305,7 @@ mod tests {
                 Some(Path::new("yard")),
                 None,
                 Err(
-                    "there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor, track",
+                    "there is no world `yard`: name a world file, or one of the worlds that ship: office, corridor, track, empty",
                 ),
             ),
             (

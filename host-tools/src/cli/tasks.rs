@@ -1,31 +1,47 @@
 //! `esm tasks`: what a firmware can do.
 
+use std::fmt::Write as _;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::{Context, anyhow};
 use clap::Args;
 
 use super::argument::Port;
 use super::console::Console;
 use super::exit::CommandError;
+use super::file;
+use super::mission::{self, Audience};
 use super::robot::{self, LineArgs, Robot};
 use super::stage;
 use crate::host_board::RobotMaker;
+use crate::lang;
 use crate::link_client::{LinkClient, RobotInfo};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
 use crate::plant::{BodyParameters, Plant};
 use crate::run::board::{LinkWay, RunningBoard};
+use crate::task_page;
 
 /// Prints a firmware's task declarations as `.esm`, so that nobody copies signatures by hand
 ///
-/// Asks the robot at PORT, or else a board that is started for the question.
+/// Asks the robot at PORT, or else a board that is started for the question. With --page it writes a page for people
+/// instead, with a picture of each task; it can make that from a FILE of declarations, too.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm tasks > rover_tasks.esm
-  esm tasks --port /dev/ttyUSB0 > rover_tasks.esm")]
+  esm tasks --port /dev/ttyUSB0 > rover_tasks.esm
+  esm tasks --page docs missions/rover.esm")]
 pub struct TasksArgs {
+    /// Declarations to make the page from, instead of a robot's
+    #[arg(value_name = "FILE", requires = "page", conflicts_with_all = ["port", "board"])]
+    pub file: Option<PathBuf>,
+
+    /// Writes a page for people into this folder, `tasks.md`, and a picture of each task into `img/tasks` in it
+    #[arg(long, value_name = "FOLDER")]
+    pub page: Option<PathBuf>,
+
     /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
     #[arg(long, value_name = "PORT", conflicts_with = "board")]
     pub port: Option<Port>,
@@ -52,9 +68,37 @@ pub fn execute(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(), CommandError> {
+    if let Some(file) = &args.file {
+        let checked = mission::read(file)?;
+        mission::tell(&checked, Audience::Person, console)?;
+        let name = file
+            .file_name()
+            .unwrap_or(file.as_os_str())
+            .to_string_lossy();
+        return write_page(&checked, &name, args.page.as_deref(), console);
+    }
+    let (text, origin) = declarations(args, robot, console)?;
+    if args.page.is_none() {
+        write!(
+            console.out(),
+            "// The tasks of {origin}, as `esm tasks` printed them.\n{text}"
+        )?;
+        return Ok(());
+    }
+    let checked = lang::load_text("tasks.esm", &text);
+    mission::tell(&checked, Audience::Person, console)?;
+    write_page(&checked, &origin, args.page.as_deref(), console)
+}
+
+/// What a robot declares, and which robot it is.
+fn declarations(
+    args: &TasksArgs,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(String, String), CommandError> {
     if let Some(port) = &args.port {
         let (mut client, info) = robot::connect(port, args.line, console)?;
-        return print(&mut client, &info, console);
+        return ask(&mut client, &info);
     }
     // A board by itself, in a world that it never drives in.
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
@@ -63,19 +107,47 @@ pub fn execute(
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let (_running, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart)?;
     let (mut client, info) = LinkClient::connect(line)?;
-    print(&mut client, &info, console)
+    ask(&mut client, &info)
 }
 
-fn print(robot: &mut Robot, info: &RobotInfo, console: &mut Console) -> Result<(), CommandError> {
-    writeln!(
-        console.out(),
-        "// The tasks of {} on the board {}, as `esm tasks` printed them.",
-        info.firmware,
-        info.board
-    )?;
+fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandError> {
+    let mut text = String::new();
     for index in 0..info.task_types {
         let declaration = robot.task_declaration(index)?;
-        writeln!(console.out(), "\n{}", declaration.trim_end())?;
+        let _ = writeln!(text, "\n{}", declaration.trim_end());
     }
+    Ok((
+        text,
+        format!("{} on the board {}", info.firmware, info.board),
+    ))
+}
+
+fn write_page(
+    checked: &lang::Checked,
+    origin: &str,
+    folder: Option<&Path>,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let (Some(page), Some(folder)) = (task_page::of(checked, origin), folder) else {
+        return Err(CommandError::Told);
+    };
+    if page.pictures.is_empty() {
+        return Err(CommandError::Input(anyhow!("{origin} declares no task")));
+    }
+    let pictures = folder.join(task_page::PICTURES);
+    std::fs::create_dir_all(&pictures)
+        .with_context(|| format!("cannot make the folder {}", pictures.display()))
+        .map_err(CommandError::World)?;
+    for (name, scene) in &page.pictures {
+        file::write_whole(&pictures.join(name), scene.to_svg().as_bytes(), "picture")?;
+    }
+    let path = folder.join(task_page::PAGE);
+    file::write_whole(&path, page.text.as_bytes(), "page")?;
+    console.note(&format!(
+        "{} tasks are in {}, their pictures in {}",
+        page.pictures.len(),
+        path.display(),
+        pictures.display()
+    ));
     Ok(())
 }

@@ -17,7 +17,7 @@ pub const DETAIL_ROWS: i32 = 2;
 /// Rows of the name of a task state or simple state.
 pub const NAME_ROWS: i32 = 3;
 /// Rows below the last line of a box.
-const FOOT_ROWS: i32 = 1;
+pub const FOOT_ROWS: i32 = 1;
 /// Cells between the names of ports on the left and on the right.
 const BETWEEN_NAMES: i32 = 2;
 /// Cells on each side of a name.

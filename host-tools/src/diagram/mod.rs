@@ -27,6 +27,7 @@ mod legend;
 mod notes;
 pub mod pack;
 pub mod paint;
+pub mod task;
 pub mod wires;
 
 #[cfg(test)]
