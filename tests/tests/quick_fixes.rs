@@ -156,7 +156,7 @@ fn cases(folder: &Path, found: &mut Vec<Vec<PathBuf>>) {
 fn each_change_makes_go_away_what_it_is_for() {
     let folder = Path::new("cases/wrong");
     let mut all = Vec::new();
-    cases(&folder, &mut all);
+    cases(folder, &mut all);
     let (mut wrong, mut fixes) = (String::new(), 0);
     for case in &all {
         let mut checked = match lang::load(&case[0]) {
@@ -173,7 +173,7 @@ fn each_change_makes_go_away_what_it_is_for() {
                 fixes += 1;
                 let after = check(&mended(&checked, fix));
                 if count(&after, found) >= count(&checked, found) {
-                    let name = case[0].strip_prefix(&folder).unwrap().display();
+                    let name = case[0].strip_prefix(folder).unwrap().display();
                     writeln!(
                         wrong,
                         "─── {name}: {} {}\n  {fix:?}\n{}",

@@ -35,7 +35,7 @@ impl Ended {
         let up_m = end.position.y_m - start.position.y_m;
         let turned = end.heading_rad.to_degrees() - start.heading_deg;
         (
-            right_m.hypot(up_m),
+            libm::hypot(right_m, up_m),
             (turned + 180.0).rem_euclid(360.0) - 180.0,
         )
     }
@@ -102,7 +102,8 @@ fn the_square_ends_where_it_began_and_the_mission_has_finished() {
         for (x_m, y_m) in [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
             let nearest_m = ended.plant.statistics().path().iter().map(|sample| {
                 let at = sample.pose.position;
-                (at.x_m - start.position.x_m - x_m).hypot(at.y_m - start.position.y_m - y_m)
+                let (right_m, up_m) = (at.x_m - start.position.x_m, at.y_m - start.position.y_m);
+                libm::hypot(right_m - x_m, up_m - y_m)
             });
             let nearest_m = nearest_m.fold(f64::INFINITY, f64::min);
             println!("    {nearest_m:.4} m from the corner at {x_m},{y_m}");
