@@ -519,11 +519,16 @@ fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
     const MOST_US: u64 = 25_000;
     /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
     const ON_THE_LINE_US: u64 = 2 * 3_125;
+    /// Then another robot goes on: on one battery it drives for some 30,000.
+    const STOPS_A_BATTERY: u64 = 10_000;
     let stops = environment::number("ESM_LOAD_STOPS", 12);
-    let (_emulator, line, motors) = watched_robot();
+    let (mut _emulator, mut line, mut motors) = watched_robot();
     let mut random = Random::new(11);
     let (mut longest_us, mut told) = (0, 0);
     for stop in 0..stops {
+        if stop > 0 && stop % STOPS_A_BATTERY == 0 {
+            (_emulator, line, motors) = watched_robot();
+        }
         // It drives.
         let mut client = LinkClient::connect(line.clone()).unwrap().0;
         client.start().unwrap();
