@@ -42,7 +42,7 @@ class HostBoard(unittest.TestCase):
             client = Client(port)
             robot = client.hello()
             self.assertEqual((robot.protocol, robot.board, robot.mission), (4, "host", None))
-            self.assertTrue(all(client.task(index).startswith("task ") for index in range(robot.task_types)))
+            self.assertTrue(all("\ntask " in "\n" + client.task(index) for index in range(robot.task_types)))
             with self.assertRaises(Refused) as refused:
                 client.upload(self.blob[:-1] + b"?")
             self.assertEqual(refused.exception.error.fields["refusal"], "checksum")
