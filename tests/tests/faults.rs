@@ -223,10 +223,10 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
 fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
     let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
     upload(&robot, "task Fatal: Panic; Quiet -> Fatal [timeout];");
-    let status = robot.status_when("three starts", |status| {
-        status["last_words"]["bad_starts"] == 3
+    // Where its answer was lost in the first reset, the upload is made again, and is one start more.
+    robot.status_when("three starts and no more", |status| {
+        status["last_words"]["bad_starts"].as_u64() >= Some(3) && status["mode"] == "empty"
     });
-    assert_eq!(status["mode"], "empty", "{status:#}");
     // Another one is as good as ever.
     upload(&robot, "");
     robot.status_when("the next mission", |status| {
