@@ -359,7 +359,7 @@ impl Copy {
         let text = std::fs::read_to_string(&manifest).map_err(of_file)?;
         let line = "esm = { path = \"../../esm\" }\n";
         let changed = format!("esm = {{ path = {:?} }}\n", root.join("esm"));
-        if text.matches("../").count() != 1 || !text.contains(line) {
+        if text.matches("../../").count() != 1 || !text.contains(line) {
             return Err(Failure::Content {
                 path: manifest,
                 problem: "must name the framework in one line, as the book shows it",
