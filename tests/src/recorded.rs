@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use host_tools::compile::compile;
 use host_tools::recording::writer::Counts;
-use host_tools::run::board::{Board, LinkWay};
+use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
@@ -208,23 +208,16 @@ fn made(missions: Vec<Planned>, world: &str, seed: u64, until_s: u64) -> Made {
     let world = root().join(format!("missions/worlds/{world}.world"));
     let world = World::load(&world).unwrap_or_else(|error| panic!("{error}"));
     let plan = Plan {
-        flash: None,
-        key: None,
-        board: Board::Host {
-            robot: host_board::rover,
-        },
-        world,
         seed,
         until_us: Some(until_s * 1_000_000),
-        realtime: false,
-        missions,
-        replay: None,
         record: Some(Box::new(recording.clone())),
-        plant_fault: None,
-        sonar_breaks: Vec::new(),
-        cut_link_us: None,
-        link: LinkWay::Uart,
-        noise: None,
+        ..Plan::new(
+            Board::Host {
+                robot: host_board::rover,
+            },
+            world,
+            missions,
+        )
     };
     let run = Interrupt::take_over()
         .map_err(|error| error.to_string())

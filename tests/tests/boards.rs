@@ -15,11 +15,10 @@ use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
 use host_tools::model::{Action, Container, Model, Region, Source, StateKind, Target, Trigger};
 use host_tools::qemu::folder::RunFolder;
-use host_tools::run::board::{Board, LinkWay};
+use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::schedule::handover::Handover;
 use host_tools::world::World;
 use rt_firmware::body::Parts;
 use rt_firmware::drivers::{BatteryGauge, DcMotor, LineArray, WheelEncoder};
@@ -763,27 +762,12 @@ fn a_changed_task_breaks_the_equality() {
     ] {
         let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
         let plan = Plan {
-            flash: None,
-            key: None,
-            board: Board::Host { robot },
-            world: World::load(&root().join(format!("missions/worlds/{}.world", run.world)))
-                .unwrap(),
-            seed: 1, // the default of `esm run`
             until_us: Some(RUN_S * 1_000_000),
-            realtime: false,
-            missions: vec![Planned {
-                warm: false,
-                at_us: 0,
-                mission: Mission::new(&blob, verified).unwrap(),
-                handover: Handover::default(),
-            }],
-            replay: None,
-            record: None,
-            plant_fault: None,
-            sonar_breaks: Vec::new(),
-            cut_link_us: None,
-            link: LinkWay::Uart,
-            noise: None,
+            ..Plan::new(
+                Board::Host { robot },
+                World::load(&root().join(format!("missions/worlds/{}.world", run.world))).unwrap(),
+                vec![Planned::first(Mission::new(&blob, verified).unwrap())],
+            )
         };
         let interrupt = Interrupt::take_over().unwrap();
         let driven = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

@@ -11,7 +11,6 @@ use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::schedule::handover::Handover;
 use host_tools::world::World;
 use rt_firmware::body::SONARS;
 use serde_json::Value;
@@ -81,28 +80,16 @@ impl Subject {
         let verified = esm_core::verify(blob).unwrap();
         let world = format!("missions/worlds/{}.world", self.world);
         let plan = Plan {
-            flash: None,
-            key: None,
-            board: Board::Host {
-                robot: host_board::rover,
-            },
-            world: World::load(&root().join(world)).unwrap(),
-            seed: 1, // the default of `esm run`
             until_us: Some(RUN_S * 1_000_000),
-            realtime: false,
-            missions: vec![Planned {
-                warm: false,
-                at_us: 0,
-                mission: Mission::new(&file, verified).unwrap(),
-                handover: Handover::default(),
-            }],
-            replay: None,
-            record: None,
-            plant_fault: None,
             sonar_breaks,
-            cut_link_us: None,
             link: LinkWay::Exchange,
-            noise: None,
+            ..Plan::new(
+                Board::Host {
+                    robot: host_board::rover,
+                },
+                World::load(&root().join(world)).unwrap(),
+                vec![Planned::first(Mission::new(&file, verified).unwrap())],
+            )
         };
         let interrupt = Interrupt::take_over().unwrap();
         let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

@@ -13,7 +13,6 @@ use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::schedule::handover::Handover;
 use host_tools::world::{StartPose, World};
 
 /// How far from its start the robot may be at the end.
@@ -47,29 +46,18 @@ fn shipped() -> PathBuf {
 
 fn driven(file: &Path, world: World, seed: u64) -> Ended {
     let blob = subject::build_file(file).unwrap().blob;
+    let mission = Mission::new(file, esm_core::verify(blob).unwrap()).unwrap();
     let plan = Plan {
-        flash: None,
-        key: None,
-        board: Board::Host {
-            robot: host_board::rover,
-        },
-        world,
         seed,
         until_us: Some(32_000_000),
-        realtime: false,
-        missions: vec![Planned {
-            warm: false,
-            at_us: 0,
-            mission: Mission::new(file, esm_core::verify(blob).unwrap()).unwrap(),
-            handover: Handover::default(),
-        }],
-        replay: None,
-        record: None,
-        plant_fault: None,
-        sonar_breaks: Vec::new(),
-        cut_link_us: None,
         link: LinkWay::Exchange,
-        noise: None,
+        ..Plan::new(
+            Board::Host {
+                robot: host_board::rover,
+            },
+            world,
+            vec![Planned::first(mission)],
+        )
     };
     let interrupt = Interrupt::take_over().unwrap();
     let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

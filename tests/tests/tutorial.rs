@@ -8,11 +8,10 @@ use esm_tests::command::{esm, root};
 use host_tools::host_board;
 use host_tools::lang;
 use host_tools::plant::{PathSample, Plant};
-use host_tools::run::board::{Board, LinkWay};
+use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::schedule::handover::Handover;
 use host_tools::world::{Point, World};
 
 /// How far from the line the robot's centre gets: at a sharp corner it goes on until the sensors ahead of it have been off the line for a while.
@@ -110,28 +109,14 @@ fn driven(file: &str, until_s: u64) -> (Plant, String) {
     esm(&["build", file, "-o", blob.to_str().unwrap()]).good();
     let verified = esm_core::verify(std::fs::read(&blob).unwrap()).unwrap();
     let plan = Plan {
-        flash: None,
-        key: None,
-        board: Board::Host {
-            robot: host_board::rover,
-        },
-        world: World::load(&root().join("missions/worlds/track.world")).unwrap(),
-        seed: 1, // the default of `esm run`
         until_us: Some(until_s * 1_000_000),
-        realtime: false,
-        missions: vec![Planned {
-            warm: false,
-            at_us: 0,
-            mission: Mission::new(&blob, verified).unwrap(),
-            handover: Handover::default(),
-        }],
-        replay: None,
-        record: None,
-        plant_fault: None,
-        sonar_breaks: Vec::new(),
-        cut_link_us: None,
-        link: LinkWay::Uart,
-        noise: None,
+        ..Plan::new(
+            Board::Host {
+                robot: host_board::rover,
+            },
+            World::load(&root().join("missions/worlds/track.world")).unwrap(),
+            vec![Planned::first(Mission::new(&blob, verified).unwrap())],
+        )
     };
     let interrupt = Interrupt::take_over().unwrap();
     let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();

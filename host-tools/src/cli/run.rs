@@ -22,7 +22,7 @@ use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
 use crate::recording::file::MAX_FILE_BYTES;
 use crate::recording::player::Recording;
 use crate::run::board::{BoardError, LinkWay};
-use crate::run::drive::{Heard, Plan, Planned, Run, RunError, drive};
+use crate::run::drive::{DEFAULT_SEED, Heard, Plan, Planned, Run, RunError, drive};
 use crate::run::entered::Entered;
 use crate::run::interrupt::Interrupt;
 use crate::run::summary::MissionSummary;
@@ -92,7 +92,7 @@ pub struct RunArgs {
     pub out: Option<PathBuf>,
 
     /// Seed of the noise in sensors and wheels; a run with the same seed is the same run
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_SEED)]
     pub seed: u64,
 
     /// Lets the plant fall silent at that robot time, to see how the robot takes it

@@ -48,6 +48,9 @@ const LINK_MONITOR: &str = "LinkMonitor";
 /// How often a robot with such a mission is called.
 const CALL_INTERVAL: Duration = Duration::from_millis(50);
 
+/// Seed of the plant's noise where none is said.
+pub const DEFAULT_SEED: u64 = 1;
+
 /// A mission and when it is to take over.
 pub struct Planned {
     /// Robot time in microseconds; 0 for the first.
@@ -94,7 +97,40 @@ pub struct Plan {
     pub cut_link_us: Option<u64>,
 }
 
+impl Planned {
+    /// The first mission of a run, or the only one.
+    pub fn first(mission: Mission) -> Self {
+        Planned {
+            at_us: 0,
+            mission,
+            warm: false,
+            handover: Handover::default(),
+        }
+    }
+}
+
 impl Plan {
+    /// A run of these missions as `esm run` makes it where nothing else is said, over the UART and without an end.
+    pub fn new(board: Board, world: World, missions: Vec<Planned>) -> Self {
+        Plan {
+            board,
+            link: LinkWay::Uart,
+            noise: None,
+            world,
+            seed: DEFAULT_SEED,
+            until_us: None,
+            realtime: false,
+            missions,
+            replay: None,
+            record: None,
+            plant_fault: None,
+            sonar_breaks: Vec::new(),
+            flash: None,
+            key: None,
+            cut_link_us: None,
+        }
+    }
+
     /// Looks for what would be refused when the run starts, before anything is made for it.
     ///
     /// # Errors

@@ -14,7 +14,6 @@ use crate::model::{
     Task, Trigger, Value,
 };
 use crate::recording::file::RunEnd;
-use crate::schedule::handover::Handover;
 use crate::world::World;
 
 /// A port of the rover that wants values of the last five periods, and does without.
@@ -140,32 +139,18 @@ fn mission(name: &str, model: &Model) -> Mission {
 
 fn plan(missions: Vec<(u64, Mission)>, replay: Option<Entered>) -> Plan {
     let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+    let board = Board::Host {
+        robot: host_board::rover,
+    };
+    let missions = missions.into_iter().map(|(at_us, mission)| Planned {
+        at_us,
+        ..Planned::first(mission)
+    });
     Plan {
-        flash: None,
-        key: None,
-        board: Board::Host {
-            robot: host_board::rover,
-        },
-        world,
-        link: LinkWay::Uart,
-        noise: None,
         seed: 3,
         until_us: Some(6_000_000),
-        realtime: false,
-        missions: missions
-            .into_iter()
-            .map(|(at_us, mission)| Planned {
-                warm: false,
-                at_us,
-                mission,
-                handover: Handover::default(),
-            })
-            .collect(),
         replay,
-        record: None,
-        plant_fault: None,
-        sonar_breaks: Vec::new(),
-        cut_link_us: None,
+        ..Plan::new(board, world, missions.collect())
     }
 }
 

@@ -6,38 +6,34 @@ use esm_core::tables::Tables;
 
 use super::RealTime;
 use super::execution::{apply_flags, find_inputs};
+use super::occurrence::Occurrence;
 use super::tasks::TaskTable;
 use crate::link::message::Mode;
 use crate::link::trace::TraceRecord;
 use crate::ports::Harvest;
 
-/// Where the end of a slot-0 run becomes known.
-#[derive(Clone, Copy)]
-pub(super) struct Ending {
-    /// The occurrence that takes it back.
-    pub(super) occurrence: u64,
-    /// Nominal start of the macro step that notes it, on the robot's clock.
-    pub(super) step_us: u64,
-}
-
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
-    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last.
+    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last. It has no macro step.
     #[inline(never)]
-    pub(super) fn change_jobs(&mut self, start_us: u64) {
+    pub(super) fn change_jobs(&mut self, slot: usize, start_us: u64) {
         if self.mode != Mode::Running {
             return;
         }
         let Some(mission) = &self.mission else {
             return;
         };
-        let number = mission.occurrences.saturating_sub(1);
-        let ending = mission.ending(start_us, number, false);
-        self.take_job_back(Some(ending));
-        self.start_job(start_us, number);
+        let occurrence = Occurrence {
+            slot,
+            start_us,
+            number: mission.occurrences.saturating_sub(1),
+            interpreter: false,
+        };
+        self.take_job_back(Some(&occurrence));
+        self.start_job(start_us, occurrence.number);
     }
 
-    /// Takes back a slot-0 run that has ended; that becomes known there.
-    pub(super) fn take_job_back(&mut self, ending: Option<Ending>) {
+    /// Takes back a slot-0 run that has ended; that becomes known in this occurrence. There is none where there is no mission.
+    pub(super) fn take_job_back(&mut self, occurrence: Option<&Occurrence>) {
         let Some(place) = self.from_background.dequeue() else {
             return;
         };
@@ -46,13 +42,13 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         self.tasks.look_again();
         let running = self.running.take();
         let Some(job) = job else { return };
-        let Some(mission) = &mut self.mission else {
+        let (Some(mission), Some(occurrence)) = (&mut self.mission, occurrence) else {
             self.executor.harvest(job, 0, |_| None);
             return;
         };
         let tables = mission.interpreter.tables();
         let index = usize::from(running.unwrap_or(u16::MAX));
-        let step_us = ending.map_or(0, |ending| ending.step_us);
+        let step_us = mission.noting_step_us(occurrence);
         let harvest = self
             .executor
             .harvest(job, step_us, |port| net_of(&tables, index, port));
@@ -75,12 +71,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.tasks.disable(instance);
             self.trace.write_next_in_full();
         }
-        if let Some(ending) = ending {
-            self.trace.record(TraceRecord::JobEnded {
-                task_instance: instance,
-                occurrence: ending.occurrence,
-            });
-        }
+        self.trace.record(TraceRecord::JobEnded {
+            task_instance: instance,
+            occurrence: occurrence.number,
+        });
     }
 
     /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.

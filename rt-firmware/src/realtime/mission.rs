@@ -5,7 +5,7 @@
 use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter, Pairing};
 
-use super::jobs::Ending;
+use super::occurrence::Occurrence;
 use super::params::LiveParams;
 use super::upcoming::{Lists, Prepared, Resting, Room};
 use super::{RealTime, params, tasks};
@@ -44,20 +44,17 @@ impl Mission<'_> {
         self.origin.us + start_us
     }
 
-    /// Where a slot-0 run's end becomes known that is taken back in this occurrence, whose nominal start is so long after the
-    /// origin: the next macro step notes it, or that of the occurrence itself.
-    pub(super) fn ending(&self, start_us: u64, occurrence: u64, has_step: bool) -> Ending {
-        let mut step_us = self.robot_us(start_us);
-        if !has_step {
-            let period_us = interpreter_period_us(&self.interpreter.tables());
-            let since_us = u32::try_from(step_us.saturating_sub(self.step_us)).unwrap_or(u32::MAX);
-            let steps = u64::from(since_us.checked_div(period_us).unwrap_or(0)) + 1;
-            step_us = self.step_us + steps * u64::from(period_us);
+    /// The macro step, on the robot's clock, that notes the end of a slot-0 run that is taken back in this occurrence: its own,
+    /// or else the next one.
+    pub(super) fn noting_step_us(&self, occurrence: &Occurrence) -> u64 {
+        let robot_us = self.robot_us(occurrence.start_us);
+        if occurrence.interpreter {
+            return robot_us;
         }
-        Ending {
-            occurrence,
-            step_us,
-        }
+        let period_us = interpreter_period_us(&self.interpreter.tables());
+        let since_us = u32::try_from(robot_us.saturating_sub(self.step_us)).unwrap_or(u32::MAX);
+        let steps = u64::from(since_us.checked_div(period_us).unwrap_or(0)) + 1;
+        self.step_us + steps * u64::from(period_us)
     }
 
     /// Its origin, and the interpreter's period: what the slots of another mission go on with.

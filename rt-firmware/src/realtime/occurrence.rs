@@ -50,11 +50,6 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         let delay_ticks = u32::try_from(began_ticks - start_ticks).unwrap_or(u32::MAX);
         let Some(mission) = &self.mission else { return };
         let start_us = mission.robot_us(occurrence.start_us);
-        let ending = mission.ending(
-            occurrence.start_us,
-            occurrence.number,
-            occurrence.interpreter,
-        );
         let start = OccurrenceStart {
             slot: occurrence.slot,
             number: occurrence.number,
@@ -83,7 +78,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         {
             self.fail_safe(board, reason);
         }
-        self.take_job_back(Some(ending));
+        self.take_job_back(Some(occurrence));
         if occurrence.interpreter {
             self.send_answered();
             self.listen(start_us);

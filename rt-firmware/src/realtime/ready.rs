@@ -121,7 +121,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.end_tasks(board, &taken, delay_ticks, begun, step);
         }
         if self.from_background.ready() || self.tasks.look_for_jobs() {
-            self.change_jobs(taken.start_us);
+            self.change_jobs(taken.slot, taken.start_us);
         }
         let now_ticks = board.now_low_ticks();
         let took_ticks = now_ticks

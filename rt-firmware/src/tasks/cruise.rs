@@ -68,16 +68,17 @@ impl Task for Cruise {
             .min(ranges.free_unless_seen_m(Bearing::AheadRight));
         let free_m = ranges.ahead_m().min(diagonal_m / DIAGONAL_PART);
         let brake = ((free_m - near_m) / BRAKING_WAY_M).clamp(SLOWEST_PART, 1.0);
+        let surplus_m = left_surplus_m(ranges);
         *io.write(Self::TWIST) = if free_m > 0.0 {
             Twist {
                 forward_m_per_s: io.param(Self::SPEED_M_PER_S) * brake,
-                turn_rad_per_s: STEERING_RAD_PER_S_M * left_surplus_m(ranges),
+                turn_rad_per_s: STEERING_RAD_PER_S_M * surplus_m,
             }
         } else {
             Twist::STILL
         };
         io.set(Self::NEAR, free_m < near_m);
-        io.set(Self::LEFT_FREER, left_surplus_m(ranges) > 0.0);
+        io.set(Self::LEFT_FREER, surplus_m > 0.0);
         Step::Run
     }
 }

@@ -3,6 +3,7 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+use super::laws::ramped;
 use super::values::{Chassis, Twist};
 use crate::drivers::DcMotor;
 use crate::ports::Io;
@@ -64,8 +65,7 @@ impl<P: SetDutyCycle, D: OutputPin> OpenWheel<P, D> {
         most_change_m_per_s: f32,
         part: f32,
     ) -> bool {
-        let change = asked_m_per_s - self.speed_m_per_s;
-        self.speed_m_per_s += change.clamp(-most_change_m_per_s, most_change_m_per_s);
+        self.speed_m_per_s = ramped(self.speed_m_per_s, asked_m_per_s, most_change_m_per_s);
         let power = if self.speed_m_per_s.abs() < Chassis::STANDING_M_PER_S {
             0.0
         } else {

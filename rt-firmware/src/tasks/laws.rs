@@ -20,6 +20,11 @@ impl Approach {
     }
 }
 
+/// A value on its way to a goal, `most_change` nearer at most.
+pub fn ramped(value: f32, goal: f32, most_change: f32) -> f32 {
+    value + (goal - value).clamp(-most_change, most_change)
+}
+
 /// A straight line on the floor: from a pose on, the way that it looked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {

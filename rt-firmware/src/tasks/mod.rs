@@ -73,7 +73,7 @@ pub use drive_distance::DriveDistance;
 pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
-pub use laws::{Approach, OnTrack, Track};
+pub use laws::{Approach, OnTrack, Track, ramped};
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
 pub use link_monitor::LinkMonitor;

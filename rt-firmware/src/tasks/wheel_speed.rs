@@ -3,6 +3,7 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+use super::laws::ramped;
 use super::values::{Chassis, Twist, WheelSpeeds};
 use crate::drivers::DcMotor;
 use crate::ports::Io;
@@ -105,9 +106,7 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
 
     /// Drives the wheel towards `asked_m_per_s`. Returns whether it follows.
     fn control(&mut self, asked_m_per_s: f32, speed_m_per_s: f32, around: &Surroundings) -> bool {
-        let change_m_per_s = asked_m_per_s - self.goal_m_per_s;
-        let most_m_per_s = around.most_change_m_per_s;
-        self.goal_m_per_s += change_m_per_s.clamp(-most_m_per_s, most_m_per_s);
+        self.goal_m_per_s = ramped(self.goal_m_per_s, asked_m_per_s, around.most_change_m_per_s);
         let power = if self.goal_m_per_s.abs() < Chassis::STANDING_M_PER_S {
             self.integral_power = 0.0;
             0.0

@@ -102,7 +102,7 @@ impl Desk<'_, '_> {
             });
         };
         let (words, place) = kept.last_words();
-        let file = self.note(Bytes::first_of(place.as_bytes()))?;
+        let file = self.note(Bytes::first_of(place.as_bytes()))?.as_slice();
         Ok(Response::LastWords { words, file })
     }
 
@@ -125,17 +125,17 @@ impl Desk<'_, '_> {
         {
             next = Some(record.sequence.wrapping_add(1));
         }
-        let records = self.note(bytes)?;
+        let records = self.note(bytes)?.as_slice();
         Ok(Response::BlackBox { end, records })
     }
 
     /// Keeps bytes until they are sent, in the letter that nobody writes now.
-    fn note(&mut self, bytes: Bytes) -> Result<&[u8], LinkError> {
-        let letter = self.letter.as_mut().ok_or(LinkError::Busy)?;
-        **letter = Letter::Note(bytes);
-        match &**letter {
-            Letter::Note(bytes) => Ok(bytes.as_slice()),
-            _ => Ok(&[]),
+    fn note(&mut self, bytes: Bytes) -> Result<&mut Bytes, LinkError> {
+        let letter = self.letter.as_deref_mut().ok_or(LinkError::Busy)?;
+        *letter = Letter::Note(bytes);
+        match letter {
+            Letter::Note(bytes) => Ok(bytes),
+            _ => Err(LinkError::Busy),
         }
     }
 
@@ -145,10 +145,7 @@ impl Desk<'_, '_> {
         let declaration = declaration.ok_or(LinkError::NoSuchIndex)?;
         let count = self.registry.capacity(index) as u32;
         // Written where it is kept until it is sent.
-        self.note(Bytes::EMPTY)?;
-        let Some(Letter::Note(bytes)) = self.letter.as_deref_mut() else {
-            return Err(LinkError::Busy);
-        };
+        let bytes = self.note(Bytes::EMPTY)?;
         let mut total = 0_u16;
         declaration.tell_source(count, &mut |piece| {
             for byte in piece {
