@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use host_tools::schedule::instances::{Family, Kind, make};
 use host_tools::schedule::{Outcome, solve};
+use host_tools::time::work_limit;
 use nix::time::{ClockId, clock_gettime};
 
 const HELP: &str = "\
@@ -189,7 +190,7 @@ struct Measured {
 fn measure(row: &Row, seed: u64, options: &Options) -> Measured {
     let slots = make(row.kind, row.count, row.percent, seed);
     let begin = thread_seconds();
-    let outcome = solve(&slots, options.limit);
+    let outcome = solve(&slots, work_limit(options.limit));
     let seconds = thread_seconds() - begin;
     if options.each {
         let answer = match &outcome {

@@ -1,44 +1,42 @@
-//! The library behind the `esm` command.
+//! The `esm` command, and the two libraries behind it under one roof.
+//!
+//! The parts that need no operating system come from [`esm_toolkit`], those that reach a robot from [`esm_client`]; here stand
+//! the command line ([`cli`]) and both libraries' modules side by side.
 
 // All that goes to a terminal goes through `cli::console`, which cleans it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-pub mod black_box;
-pub mod boards;
-pub mod bound;
-pub mod clean;
 pub mod cli;
-pub mod compile;
-pub mod counters;
-pub mod diagram;
-pub mod files;
-pub mod fit;
-pub mod host_board;
-pub mod inspect;
-pub mod keys;
-pub mod lang;
-pub mod language_server;
-pub mod link_client;
-pub mod lockstep;
-pub mod model;
-pub mod nearest;
-pub mod parameters;
-pub mod pictures;
-pub mod plant;
-pub mod qemu;
-pub mod reading;
-pub mod recording;
-pub mod run;
-pub mod scenario;
-pub mod schedule;
-pub mod serial;
-pub mod sim;
-mod superstates;
-pub mod task_page;
-pub mod timetable;
-pub mod trace;
-pub mod trace_events;
-pub mod trial;
-pub mod values;
-mod work_time;
-pub mod world;
+
+pub use esm_client::{
+    black_box, files, host_board, keys, link_client, lockstep, qemu, reading, run, serial, time,
+    trial, values,
+};
+pub use esm_toolkit::{
+    boards, bound, clean, compile, counters, diagram, fit, inspect, language_server, model,
+    nearest, parameters, pictures, schedule, sim, task_page, timetable, trace, trace_events, world,
+};
+
+/// The language front end, and its files on disk.
+pub mod lang {
+    pub use esm_client::sources::{identity, load, load_over, read_source};
+    pub use esm_toolkit::lang::*;
+}
+
+/// The robot's body, and its flash.
+pub mod plant {
+    pub use esm_client::flash;
+    pub use esm_toolkit::plant::*;
+}
+
+/// Recordings, and how they are made of a robot that runs.
+pub mod recording {
+    pub use esm_client::live_recording as live;
+    pub use esm_toolkit::recording::*;
+}
+
+/// Scenarios, and the folders that they lie in.
+pub mod scenario {
+    pub use esm_client::scenario_folder as suite;
+    pub use esm_toolkit::scenario::*;
+}

@@ -13,6 +13,7 @@ use host_tools::fit::compile_to_fit;
 use host_tools::lang;
 use host_tools::recording::MAX_KEPT_QUIET;
 use host_tools::recording::file::{Frame, Head, write_mark};
+use host_tools::time::work_limit;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use rt_firmware::link::record::{write_quiet, write_started};
@@ -36,7 +37,9 @@ fn recording(path: &Path, steps: u32) {
 /// A recording of a mission to which nothing happens, of about so many macro steps.
 fn recording_of(mission: &Path, path: &Path, steps: u32) {
     let mut checked = lang::load(mission).unwrap();
-    let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
+    let schedule = checked
+        .lay_out(work_limit(Duration::from_secs(60)))
+        .unwrap();
     let blob = compile_to_fit(&mut checked, &schedule, None, NameTable::Kept).unwrap();
     let blob = blob.unwrap().into_bytes();
     let hash = esm_core::verify(blob.as_slice()).unwrap().hash();

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use esm_tests::command::root;
 use esm_tests::subject;
 use host_tools::boards;
+use host_tools::files::load_world;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
@@ -22,7 +23,6 @@ use host_tools::qemu::{Emulator, Idle};
 use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::serial::pacing::Paced;
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
-use host_tools::world::World;
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::link::message::{Mode, Status, Swap};
 use rt_firmware::store::keep::flash_bytes;
@@ -172,7 +172,7 @@ struct Robot {
 
 impl Robot {
     fn start(firmware: &Path, idle: Idle) -> Result<Self, String> {
-        let world = World::load(&root().join(WORLD)).map_err(|error| error.to_string())?;
+        let world = load_world(&root().join(WORLD)).map_err(|error| error.to_string())?;
         let plant =
             Plant::new(world, BodyParameters::default(), 1).map_err(|error| error.to_string())?;
         let plant = PlantSide::new(plant, Pace::new(true), None);

@@ -7,8 +7,8 @@
 use std::path::Path;
 
 use esm_core::tables::Slot;
+use host_tools::files::load_world;
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::world::World;
 use rt_firmware::body::{
     self, ANALOG_CHANNELS, BATTERY_CHANNEL, Freshness, PinImage, PlantExchange, Reply, Sensors,
 };
@@ -133,7 +133,7 @@ impl Body<'_> {
     /// # Errors
     /// Says what stood in the way, for a person.
     pub fn in_world(path: &Path) -> Result<Self, String> {
-        let world = World::load(path).map_err(|error| error.to_string())?;
+        let world = load_world(path).map_err(|error| error.to_string())?;
         let plant = Plant::new(world, BodyParameters::default(), 1);
         Ok(Body::InWorld(Box::new(
             plant.map_err(|error| error.to_string())?,

@@ -8,13 +8,14 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use host_tools::compile::compile;
+use host_tools::files::load_world;
 use host_tools::recording::writer::Counts;
 use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use host_tools::schedule::handover::Handover;
-use host_tools::world::World;
+use host_tools::time::work_limit;
 use host_tools::{host_board, lang};
 
 use crate::command::root;
@@ -178,7 +179,7 @@ pub fn mission(name: &str) -> Mission {
 
 fn try_mission(path: &Path) -> Result<Mission, String> {
     let mut checked = lang::load(path).map_err(|error| error.to_string())?;
-    let schedule = checked.lay_out(Duration::from_secs(60));
+    let schedule = checked.lay_out(work_limit(Duration::from_secs(60)));
     let (Some(schedule), Some(model)) = (schedule, checked.model.as_ref()) else {
         return Err("it has errors".to_owned());
     };
@@ -206,7 +207,7 @@ impl RecordedRun {
 fn made(missions: Vec<Planned>, world: &str, seed: u64, until_s: u64) -> Made {
     let recording = Kept::default();
     let world = root().join(format!("missions/worlds/{world}.world"));
-    let world = World::load(&world).unwrap_or_else(|error| panic!("{error}"));
+    let world = load_world(&world).unwrap_or_else(|error| panic!("{error}"));
     let plan = Plan {
         seed,
         until_us: Some(until_s * 1_000_000),

@@ -7,6 +7,7 @@ use std::time::Duration;
 use esm_core::Verified;
 use host_tools::lang::Checked;
 use host_tools::model::Model;
+use host_tools::time::work_limit;
 use host_tools::trace::directory::Directory;
 use host_tools::{compile, lang, scenario, sim};
 
@@ -50,7 +51,7 @@ pub fn build_file(path: &Path) -> Result<Built, String> {
 
 fn compiled(mut checked: Checked) -> Result<Built, String> {
     checked.require_machine();
-    let schedule = checked.lay_out(LAY_OUT_LIMIT);
+    let schedule = checked.lay_out(work_limit(LAY_OUT_LIMIT));
     if checked.has_errors() {
         return Err(format!(
             "the front end refuses it:\n{}",

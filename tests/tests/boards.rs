@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use esm_tests::command::{Done, esm, esm_timed, firmware, root};
+use host_tools::files::load_world;
 use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
 use host_tools::model::{Action, Container, Model, Region, Source, StateKind, Target, Trigger};
@@ -19,7 +20,6 @@ use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::world::World;
 use rt_firmware::body::Parts;
 use rt_firmware::drivers::{BatteryGauge, DcMotor, LineArray, WheelEncoder};
 use rt_firmware::rover::{
@@ -765,7 +765,7 @@ fn a_changed_task_breaks_the_equality() {
             until_us: Some(RUN_S * 1_000_000),
             ..Plan::new(
                 Board::Host { robot },
-                World::load(&root().join(format!("missions/worlds/{}.world", run.world))).unwrap(),
+                load_world(&root().join(format!("missions/worlds/{}.world", run.world))).unwrap(),
                 vec![Planned::first(Mission::new(&blob, verified).unwrap())],
             )
         };

@@ -4,6 +4,7 @@
 
 use esm_tests::command::root;
 use esm_tests::subject;
+use host_tools::files::load_world;
 use host_tools::host_board;
 use host_tools::lockstep::plant_side::SonarBreak;
 use host_tools::plant::SonarFault;
@@ -11,7 +12,6 @@ use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use host_tools::world::World;
 use rt_firmware::body::SONARS;
 use serde_json::Value;
 
@@ -87,7 +87,7 @@ impl Subject {
                 Board::Host {
                     robot: host_board::rover,
                 },
-                World::load(&root().join(world)).unwrap(),
+                load_world(&root().join(world)).unwrap(),
                 vec![Planned::first(Mission::new(&file, verified).unwrap())],
             )
         };

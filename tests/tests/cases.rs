@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use host_tools::lang::{self, Checked, Diagnostic, Severity};
+use host_tools::time::work_limit;
 
 /// How long start times are searched for. Every table of slots here is decided at once.
 const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
@@ -101,7 +102,7 @@ fn check(path: &Path) -> Result<Checked, String> {
     if as_build {
         checked.require_machine();
     }
-    checked.lay_out(LAY_OUT_LIMIT);
+    checked.lay_out(work_limit(LAY_OUT_LIMIT));
     Ok(checked)
 }
 

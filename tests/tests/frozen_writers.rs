@@ -12,8 +12,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use esm_tests::command::root;
 use esm_tests::endurance::{Body, drive_robot};
 use esm_tests::subject;
+use host_tools::files::load_world;
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::world::World;
 use rt_firmware::body::{DEADMAN_US, DirectionPin, MotorPwm, PinImage, Request};
 use rt_firmware::drivers::DcMotor;
 use rt_firmware::link::message::{Mode, SafeReason};
@@ -145,7 +145,7 @@ impl Subject {
             ("rover.esm", &*rover),
         ];
         let blob = subject::build_files(&files).unwrap().blob;
-        let world = World::load(&root().join(format!("missions/worlds/{}.world", self.world)));
+        let world = load_world(&root().join(format!("missions/worlds/{}.world", self.world)));
         let mut plant = Plant::new(world.unwrap(), BodyParameters::default(), 1).unwrap();
         let pins = PinImage::new();
         let mut moments = Vec::new();

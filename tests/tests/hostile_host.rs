@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
+use host_tools::files::load_world;
 use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
@@ -17,7 +18,6 @@ use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
-use host_tools::world::World;
 use rt_firmware::link::access::{
     Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
@@ -225,7 +225,7 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     let board = Board::Emulated {
         firmware: firmware("rover"),
     };
-    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, Pace::new(true), None);
     let (_board, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart).unwrap();

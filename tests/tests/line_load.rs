@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
+use host_tools::files::load_world;
 use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient, Streams};
 use host_tools::lockstep::line;
@@ -27,7 +28,6 @@ use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::values::{Catalogue, Subscription, Told};
-use host_tools::world::World;
 use rt_firmware::body::Request as BodyRequest;
 use rt_firmware::link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
 use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
@@ -249,7 +249,7 @@ fn robot_by(name: &str, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot 
     let board = Board::Emulated {
         firmware: firmware(name),
     };
-    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, pace, None);
     let (board, line) = RunningBoard::start(board, &plant, None, way).unwrap();
@@ -479,7 +479,7 @@ struct Motors {
 
 /// A robot on patrol whose motors are watched.
 fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
-    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let board = Board::Emulated {

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use esm_tests::command::{Robot, Running, esm, esm_binary, firmware, root};
 use host_tools::compile::compile;
+use host_tools::files::load_world;
 use host_tools::link_client::{LinkClient, RobotInfo, Streams};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
@@ -27,7 +28,7 @@ use host_tools::run::story::Story;
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
-use host_tools::world::World;
+use host_tools::time::work_limit;
 use host_tools::{host_board, lang};
 use rt_firmware::link::frame::{self, FrameReader};
 use rt_firmware::link::message::{Channel, FromDevice, Mode, Swap};
@@ -106,7 +107,7 @@ struct Session {
 impl Session {
     /// Board and host share one virtual time, so that a session repeats to the byte.
     fn start(board: Board, noise: u32, seed: u64) -> Self {
-        let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+        let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
         let plant = Plant::new(world, BodyParameters::default(), seed).unwrap();
         let plant = PlantSide::new(plant, Pace::new(false), None);
         let (board, line) = RunningBoard::start(board, &plant, None, LinkWay::Exchange).unwrap();
@@ -189,7 +190,9 @@ impl Session {
 fn mission(name: &str) -> Mission {
     let path = root().join(format!("missions/{name}.esm"));
     let mut checked = lang::load(&path).unwrap();
-    let schedule = checked.lay_out(Duration::from_secs(60)).unwrap();
+    let schedule = checked
+        .lay_out(work_limit(Duration::from_secs(60)))
+        .unwrap();
     let blob = compile(checked.model.as_ref().unwrap(), &schedule.starts_us).unwrap();
     Mission::new(&path, esm_core::verify(blob).unwrap()).unwrap()
 }

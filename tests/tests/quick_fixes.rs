@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use esm_tests::guesses::{GUESSES, MISSION};
 use host_tools::lang::{self, Checked, Diagnostic, Fix, Severity};
+use host_tools::time::work_limit;
 
 /// How long start times are searched for.
 const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
@@ -24,7 +25,7 @@ fn check(files: &Files) -> Checked {
         .map(|(path, text)| (path.as_str(), text.as_str()))
         .collect();
     let mut checked = lang::load_texts(&texts);
-    checked.lay_out(LAY_OUT_LIMIT);
+    checked.lay_out(work_limit(LAY_OUT_LIMIT));
     checked
 }
 
@@ -163,7 +164,7 @@ fn each_change_makes_go_away_what_it_is_for() {
             Ok(checked) => checked,
             Err(cause) => panic!("{}: {cause}", case[0].display()),
         };
-        checked.lay_out(LAY_OUT_LIMIT);
+        checked.lay_out(work_limit(LAY_OUT_LIMIT));
         let on_disk = |path: &str| fs::read(path).is_ok_and(|it| std::str::from_utf8(&it).is_ok());
         if !checked.files.iter().all(|file| on_disk(&file.path)) {
             continue;

@@ -22,6 +22,7 @@ use host_tools::recording::player::{Player, Recording, RecordingError, ReplayErr
 use host_tools::recording::walk::{Moment, Walk};
 use host_tools::recording::writer::RecordingWriter;
 use host_tools::run::mission::Mission;
+use host_tools::time::work_limit;
 use rt_firmware::link::record::{
     MAX_QUIET, write_changes, write_quiet, write_started, write_state,
 };
@@ -618,7 +619,7 @@ fn random_machines_under_random_inputs_are_had_again() {
     let mut changes = 0;
     for seed in 0..60 {
         let mut checked = lang::load_text("random.esm", &machine(seed));
-        let Some(schedule) = checked.lay_out(Duration::from_secs(5)) else {
+        let Some(schedule) = checked.lay_out(work_limit(Duration::from_secs(5))) else {
             continue;
         };
         let Some(model) = checked.model.as_ref() else {

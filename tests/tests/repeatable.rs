@@ -11,6 +11,7 @@ use esm_tests::command::{esm, firmware, root};
 use esm_tests::environment;
 use esm_tests::subject;
 use host_tools::boards;
+use host_tools::files::load_world;
 use host_tools::host_board;
 use host_tools::link_client::{ClientError, LinkClient, LinkCounts, Streams};
 use host_tools::lockstep::pace::Pace;
@@ -20,7 +21,6 @@ use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
-use host_tools::world::World;
 use rt_firmware::link::message::{LinkError, Swap};
 
 const BOARDS: [&str; 2] = ["host", "lm3s6965"];
@@ -116,7 +116,7 @@ fn two_runs_with_uploads_cold_and_warm_over_a_bad_line_leave_the_same_bytes() {
 
 /// A board in the office, its plant, and its line.
 fn started(board: &str) -> (RunningBoard, PlantSide, Box<dyn ByteLink>) {
-    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 3).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let board = match board {

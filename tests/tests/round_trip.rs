@@ -11,13 +11,14 @@ use esm_tests::{command, environment, random_machine, random_nets};
 use host_tools::compile::{NameTable, compile_with};
 use host_tools::inspect;
 use host_tools::lang::{self, Checked};
+use host_tools::time::work_limit;
 
 const DEFAULT_MACHINES: u64 = 300;
 /// How long start times are searched for; the slots of the tests are laid out at once.
 const LAY_OUT_LIMIT: Duration = Duration::from_secs(10);
 
 fn blob(checked: &mut Checked, names: NameTable) -> Vec<u8> {
-    let schedule = checked.lay_out(LAY_OUT_LIMIT);
+    let schedule = checked.lay_out(work_limit(LAY_OUT_LIMIT));
     assert!(!checked.has_errors(), "{}", checked.render(false));
     let model = checked.model.as_ref().unwrap();
     compile_with(model, &schedule.unwrap().starts_us, names).unwrap()
@@ -30,7 +31,7 @@ fn assert_goes_round(what: &str, mut checked: Checked) -> String {
     for names in [NameTable::LeftOut, NameTable::Kept] {
         let bytes = blob(&mut checked, names);
         let verified = esm_core::verify(bytes.clone()).unwrap();
-        let source = match inspect::source(&verified) {
+        let source = match inspect::source(&verified, work_limit(LAY_OUT_LIMIT)) {
             Ok(source) => source,
             Err(cause) => panic!("{what}, names {names:?}: {cause}"),
         };

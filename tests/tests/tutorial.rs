@@ -5,6 +5,7 @@
 use std::f64::consts::{PI, TAU};
 
 use esm_tests::command::{esm, root};
+use host_tools::files::load_world;
 use host_tools::host_board;
 use host_tools::lang;
 use host_tools::plant::{PathSample, Plant};
@@ -114,7 +115,7 @@ fn driven(file: &str, until_s: u64) -> (Plant, String) {
             Board::Host {
                 robot: host_board::rover,
             },
-            World::load(&root().join("missions/worlds/track.world")).unwrap(),
+            load_world(&root().join("missions/worlds/track.world")).unwrap(),
             vec![Planned::first(Mission::new(&blob, verified).unwrap())],
         )
     };
@@ -312,7 +313,7 @@ fn the_picture_of_a_run_shows_the_line() {
     ])
     .good();
     let picture = std::fs::read_to_string(out.path().join("path.svg")).unwrap();
-    let world = World::load(&root().join("missions/worlds/track.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/track.world")).unwrap();
     let drawn = picture.matches("#b9bfc8").count();
     assert!(drawn >= world.lines.len(), "{drawn} pieces in {picture}");
 }

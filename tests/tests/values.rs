@@ -8,6 +8,7 @@ use std::time::Duration;
 use esm_tests::command::{Robot, Running, firmware, root};
 use esm_tests::subject;
 use host_tools::boards;
+use host_tools::files::load_world;
 use host_tools::host_board;
 use host_tools::link_client::{LinkClient, Streams};
 use host_tools::lockstep::pace::Pace;
@@ -16,7 +17,6 @@ use host_tools::parameters::Value;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::values::{Catalogue, Subscription, Told};
-use host_tools::world::World;
 use rt_firmware::link::message::Mode;
 
 const BOARDS: [&str; 2] = ["host", "lm3s6965"];
@@ -29,7 +29,7 @@ const LONGEST_ANSWER: Duration = Duration::from_millis(60);
 
 /// Looks at all values on the nets of `patrol`, of a robot whose line is full of all that it can send.
 fn sampled(board: &str) {
-    let world = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 3).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let place = match board {
@@ -112,7 +112,7 @@ fn sampled(board: &str) {
         values.unwrap().iter().map(number).collect()
     };
     let plant = plant.at_end();
-    let begun = World::load(&root().join("missions/worlds/office.world")).unwrap();
+    let begun = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let begun = Plant::new(begun, BodyParameters::default(), 3)
         .unwrap()
         .pose();

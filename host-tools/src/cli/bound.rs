@@ -7,13 +7,14 @@ use anyhow::anyhow;
 use clap::Args;
 use serde::Serialize;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::mission::{self, Audience};
 use crate::boards::{self, Board};
 use crate::bound::report::Report;
 use crate::bound::search::{Effort, Subject};
 use crate::bound::{Machine, bound};
+use crate::clean::counted;
 use crate::compile::NameTable;
 
 /// Says how many instructions a macro step takes at most, and what takes them

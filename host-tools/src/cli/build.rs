@@ -6,12 +6,13 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use crate::boards;
 use crate::bound::{Machine, bound};
+use crate::clean::counted;
 use crate::compile::NameTable;
 use crate::fit;
 use crate::inspect::Counts;

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::mission::{self, Audience};
 use crate::boards;
+use crate::clean::counted;
 use crate::compile::{NameTable, machine_without_regions};
 use crate::lang::Severity;
+use crate::time::work_limit;
 
 /// Says what is wrong with a mission: every error and warning at once
 ///
@@ -54,7 +56,7 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     let is_empty = |model| machine_without_regions(model).is_some();
     if checked.model.as_ref().is_some_and(is_empty) {
         // Nothing is wrong with it; there is just nothing to compile.
-        checked.lay_out(mission::LAY_OUT_LIMIT);
+        checked.lay_out(work_limit(mission::LAY_OUT_LIMIT));
     } else {
         mission::lay_out_and_compile(&mut checked, Some(board), NameTable::Kept)?;
     }

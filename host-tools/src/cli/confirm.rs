@@ -81,7 +81,7 @@ mod tests {
     use rt_firmware::store::keep::{Kept, Source};
 
     use super::*;
-    use crate::trial::tests::status;
+    use esm_client::samples::status;
 
     #[test]
     fn what_runs_and_is_not_confirmed_can_be() {

@@ -305,15 +305,6 @@ fn chain(error: &anyhow::Error) -> String {
     told
 }
 
-/// `no errors`, `1 error`, `2 errors`.
-pub fn counted(count: u64, what: &str) -> String {
-    match count {
-        0 => format!("no {what}s"),
-        1 => format!("1 {what}"),
-        _ => format!("{count} {what}s"),
-    }
-}
-
 /// Standard output as it is: for a screen, whose cells are clean, and for what is cleaned here.
 #[expect(clippy::disallowed_methods, reason = "the one place")]
 pub(super) fn process_out() -> Stdout {

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::console::counted;
 use super::difference;
 use super::exit::CommandError;
+use crate::clean::counted;
 use crate::files;
 
 /// How much is read of an expected line that is longer than the one that came.

@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use clap::Args;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::difference;
 use super::exit::CommandError;
 use super::file;
 use super::mission;
+use crate::clean::counted;
 use crate::lang::MAX_FILE_BYTES;
 use crate::lang::format;
 

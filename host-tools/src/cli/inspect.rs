@@ -8,9 +8,10 @@ use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
-use super::{file, stage};
+use super::{file, mission, stage};
 use crate::files::MAX_BLOB_BYTES;
 use crate::inspect::{self, Report};
+use crate::time::work_limit;
 
 /// Shows what is in a blob, read by the code that the firmware uses
 ///
@@ -43,7 +44,7 @@ pub struct InspectArgs {
 pub fn execute(args: &InspectArgs, console: &mut Console) -> Result<(), CommandError> {
     let verified = stage::verified(&args.blob, file::read(&args.blob, MAX_BLOB_BYTES, "blob")?)?;
     if args.esm {
-        let source = inspect::source(&verified).map_err(|cause| {
+        let source = inspect::source(&verified, work_limit(mission::LAY_OUT_LIMIT * 2)).map_err(|cause| {
             let path = args.blob.display();
             CommandError::Input(anyhow!(
                 "{path} cannot be given back as source, so it was not made by `esm build`: {cause}"

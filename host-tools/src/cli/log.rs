@@ -12,12 +12,13 @@ use rt_firmware::link::news::{Cause, News};
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::recorder::Recorder;
 use super::robot::{self, Robot, RobotArgs, is_taken_over};
 use super::status::mode_words;
 use super::{file, stage};
+use crate::clean::counted;
 use crate::host_board;
 use crate::keys;
 use crate::link_client::error::without;

@@ -8,13 +8,15 @@ use std::time::Duration;
 use anyhow::anyhow;
 use esm_core::Verified;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use crate::boards::Board;
+use crate::clean::counted;
 use crate::compile::{CompileError, NameTable};
 use crate::fit;
 use crate::lang::{self, Checked, Code, Folded};
 use crate::schedule::Schedule;
+use crate::time::work_limit;
 use crate::trace::directory::Directory;
 
 /// How a blob begins, so that it is told from a source.
@@ -169,7 +171,7 @@ pub fn lay_out_and_compile(
     board: Option<&Board>,
     names: NameTable,
 ) -> Result<Option<Verified<Vec<u8>>>, CommandError> {
-    let Some(schedule) = checked.lay_out(LAY_OUT_LIMIT) else {
+    let Some(schedule) = checked.lay_out(work_limit(LAY_OUT_LIMIT)) else {
         return Ok(None);
     };
     if checked

@@ -10,7 +10,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::{self, Console, counted};
+use super::console::{self, Console};
 use super::exit::{CommandError, ExitStatus};
 use super::expected::{self, Expected};
 use super::file::Draft;
@@ -18,6 +18,7 @@ use super::run::read_recording;
 use super::step::{self, view::View};
 use super::{file, terminal};
 use crate::clean::Clean;
+use crate::clean::counted;
 use crate::recording::file::FileEnd;
 use crate::recording::player::{Outcome, Recording, ReplayError, replay};
 use crate::recording::walk::Walk;

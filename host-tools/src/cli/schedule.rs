@@ -20,7 +20,8 @@ use super::mission::{self, Audience};
 use crate::lang::analysis::sharing::{self, SlotTasks};
 use crate::model::{Model, SlotRef, StateKind};
 use crate::pictures::SlotPicture;
-use crate::schedule::{self, Limit, Outcome, Report, SlotReport, SnapReport};
+use crate::schedule::{self, Outcome, Report, SlotReport, SnapReport};
+use crate::time::{wall_limit, work_limit};
 use crate::timetable::Timetable;
 use crate::trace_events;
 
@@ -98,7 +99,7 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
     let searching = console.spinner("searching for a schedule");
     let limit = args
         .limit
-        .map_or(Limit::Work(mission::LAY_OUT_LIMIT), Limit::Wall);
+        .map_or_else(|| work_limit(mission::LAY_OUT_LIMIT), wall_limit);
     let outcome = match checked.solve_slots(limit) {
         // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
         None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use clap::Args;
 use esm_core::Fault;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::clean::counted;
 use crate::compile::NameTable;
 use crate::scenario::{self, Mistake, Place};
 use crate::sim::{self, Outcome, SimError, milliseconds};

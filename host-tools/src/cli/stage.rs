@@ -11,6 +11,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience, BLOB_MARK};
 use crate::compile::NameTable;
+use crate::files;
 use crate::files::MAX_BLOB_BYTES;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
@@ -20,6 +21,7 @@ use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
 use crate::schedule::handover::{self, Handover, SlotTable};
+use crate::time::work_limit;
 use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
@@ -125,8 +127,8 @@ pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, Comm
         .iter()
         .find(|(name, _)| Path::new(name) == asked);
     let found = match (beside_mission, shipped) {
-        _ if asked.is_file() => World::load(asked),
-        (Some(path), _) if is_plain_name(asked) && path.is_file() => World::load(&path),
+        _ if asked.is_file() => files::load_world(asked),
+        (Some(path), _) if is_plain_name(asked) && path.is_file() => files::load_world(&path),
         (_, Some((_, text))) => World::parse(text),
         _ if is_plain_name(asked) && !asked.exists() => {
             return Err(CommandError::Input(anyhow!(
@@ -135,7 +137,7 @@ pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, Comm
                 SHIPPED_WORLDS.map(|(name, _)| name).join(", ")
             )));
         }
-        _ => World::load(asked),
+        _ => files::load_world(asked),
     };
     found.map_err(|error| {
         let unreadable = matches!(error, WorldError::Read { .. });
@@ -226,7 +228,8 @@ impl Staged {
         console: &mut Console,
     ) -> Result<Handover, CommandError> {
         if let Some(checked) = &mut self.source {
-            let schedule = handover::lay_out(running, &self.slots, mission::LAY_OUT_LIMIT);
+            let schedule =
+                handover::lay_out(running, &self.slots, work_limit(mission::LAY_OUT_LIMIT));
             if schedule.starts_us != self.slots.starts_us() {
                 let blob = mission::compile(checked, &schedule, None, NameTable::Kept)?;
                 let verified = blob.ok_or(CommandError::Told)?;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use clap::Args;
 use rt_firmware::features::Feature;
-use rt_firmware::link::message::{LastWords, Mode, ResetReason};
+use rt_firmware::link::message::{LastWords, ResetReason};
 use rt_firmware::link::trial::{FallBack, Trial};
 use rt_firmware::store::SlotState;
 use rt_firmware::store::keep::{FlashHealth, Kept, Source};
@@ -17,7 +17,8 @@ use super::exit::CommandError;
 use super::robot::RobotArgs;
 use crate::counters::SlotReport;
 use crate::link_client::RobotInfo;
-use crate::reading::{Reader, Reading, Tasks};
+pub use crate::reading::mode_words;
+use crate::reading::{Reader, Reading, Tasks, reset_reason};
 use crate::run::mission::hash_text;
 use crate::run::story;
 
@@ -384,17 +385,6 @@ pub(super) const FINISHED: &str = "finished, all final states are reached";
 /// What lets such a mission run once more.
 pub(super) const RUN_ANEW: &str = "`esm stop`, then `esm start` runs it from its beginning";
 
-/// The mode in a word, and why the robot is in its safe state, if it is.
-pub fn mode_words(mode: Mode) -> (&'static str, Option<&'static str>) {
-    match mode {
-        Mode::Empty => ("empty", None),
-        Mode::Running => ("running", None),
-        Mode::Stopped => ("stopped", None),
-        Mode::EmergencyStopped => ("emergency stop", None),
-        Mode::Safe(reason) => ("safe", Some(story::safe_reason(reason))),
-    }
-}
-
 impl StatusReport {
     /// What a robot that says this of itself has told; nothing of how its last run ended, and of what its firmware lacks.
     pub fn new(info: RobotInfo, reading: Reading) -> Self {
@@ -547,18 +537,5 @@ impl fmt::Display for StatusReport {
             }
         }
         Ok(())
-    }
-}
-
-/// Why a robot started the last time, in words.
-pub fn reset_reason(reason: ResetReason) -> &'static str {
-    match reason {
-        ResetReason::PowerOn => "power on",
-        ResetReason::Pin => "reset pin",
-        ResetReason::Watchdog => "watchdog",
-        ResetReason::Panic => "the firmware panicked",
-        ResetReason::CpuFault => "the processor met a fault",
-        ResetReason::BrownOut => "the supply voltage fell",
-        ResetReason::Software => "the firmware asked for it",
     }
 }

@@ -10,10 +10,11 @@ use clap::Args;
 use esm_core::Verified;
 use serde::Serialize;
 
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::clean::counted;
 use crate::compile::NameTable;
 use crate::files;
 use crate::lang::Severity;

@@ -14,12 +14,13 @@ use rt_firmware::link::trial::{FallBack, FallBackReason};
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::{Console, counted};
+use super::console::Console;
 use super::exit::CommandError;
 use super::recorder::{self, Recorder};
 use super::robot::{self, LONGEST_WAITS, OnTheLine, Robot, RobotArgs, is_back, what_runs};
 use super::status::mode_words;
 use super::{file, stage};
+use crate::clean::counted;
 use crate::inspect::changes::{CarryOver, Changes};
 use crate::inspect::refusal::Explained;
 use crate::keys;

@@ -7,6 +7,7 @@ use host_tools::diagram;
 use host_tools::lang::{self, Checked, Severity};
 use host_tools::model::Span;
 use host_tools::schedule;
+use host_tools::time::work_limit;
 
 use super::Chosen;
 
@@ -54,7 +55,7 @@ pub fn front_end(bytes: &[u8]) {
     if checked.slots().len() > MAX_SLOTS {
         return;
     }
-    let schedule = checked.lay_out(LAY_OUT_LIMIT);
+    let schedule = checked.lay_out(work_limit(LAY_OUT_LIMIT));
     check_diagnostics(&checked);
     let Some(model) = &checked.model else {
         return;

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use host_tools::compile::{self, NameTable};
 use host_tools::model::Model;
+use host_tools::time::work_limit;
 use host_tools::{inspect, lang};
 
 use crate::random::Random;
@@ -15,6 +16,9 @@ use super::front_end::split;
 
 /// How long start times are searched for, for texts that nobody made to be laid out at once.
 const LAY_OUT_LIMIT: Duration = Duration::from_millis(50);
+
+/// How long they are searched for again, when the source is given back.
+const SOURCE_LIMIT: Duration = Duration::from_secs(10);
 
 /// More slots than that are another matter than the way from a blob to source.
 const MAX_SLOTS: usize = 8;
@@ -94,7 +98,7 @@ fn right(files: &[(&str, &[u8])]) -> Option<(Model, Vec<u32>)> {
     if checked.has_errors() || checked.slots().len() > MAX_SLOTS {
         return None;
     }
-    let schedule = checked.lay_out(LAY_OUT_LIMIT)?;
+    let schedule = checked.lay_out(work_limit(LAY_OUT_LIMIT))?;
     Some((checked.model?, schedule.starts_us))
 }
 
@@ -111,6 +115,6 @@ fn source(blob: &[u8]) -> String {
     let verified = esm_core::verify(blob.to_vec()).unwrap_or_else(|(_, refusal)| {
         panic!("the verifier refuses what the compiler made: {refusal:?}")
     });
-    inspect::source(&verified)
+    inspect::source(&verified, work_limit(SOURCE_LIMIT))
         .unwrap_or_else(|cause| panic!("what was compiled cannot be given back: {cause}"))
 }

@@ -21,6 +21,7 @@ use std::time::Duration;
 use esm_core::format::crc32;
 use esm_core::signature::fnv1a;
 use host_tools::schedule::handover::{Handover, SlotTable, lay_out};
+use host_tools::time::work_limit;
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
 use rt_firmware::link::access::Access;
@@ -698,7 +699,11 @@ fn a_slot_that_must_move_has_the_gap_that_is_told_before() {
         for from_us in [3_000, 14_000] {
             let running = counting_among(&slots(&[0, from_us]));
             let next = counting_among(&more(&[0, second_us, third_us]));
-            let schedule = lay_out(&table(&running), &table(&next), Duration::from_secs(1));
+            let schedule = lay_out(
+                &table(&running),
+                &table(&next),
+                work_limit(Duration::from_secs(1)),
+            );
             let next = counting_among(&more(&schedule.starts_us));
             let told = Handover::between(&table(&running), &table(&next));
             assert_eq!(told.slots_kept, [1]);

@@ -7,6 +7,7 @@ use crate::boards;
 use crate::compile::NameTable;
 use crate::fit;
 use crate::lang::{Checked, load_text};
+use crate::time::work_limit;
 
 /// The name that the examples go by in messages.
 const FILE: &str = "mission.esm";
@@ -14,7 +15,7 @@ const FILE: &str = "mission.esm";
 /// What `esm check` does, for a text.
 fn checked(text: &str) -> Checked {
     let mut checked = load_text(FILE, text);
-    if let Some(schedule) = checked.lay_out(Duration::from_secs(10)) {
+    if let Some(schedule) = checked.lay_out(work_limit(Duration::from_secs(10))) {
         let board = boards::find(boards::DEFAULT).unwrap();
         fit::compile_to_fit(&mut checked, &schedule, Some(board), NameTable::Kept).unwrap();
     }

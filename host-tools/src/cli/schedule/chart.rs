@@ -161,7 +161,7 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timetable::tests::timetable;
+    use esm_toolkit::samples::timetable;
 
     #[test]
     fn a_chart_shows_each_slot_and_what_is_free() {

@@ -362,8 +362,8 @@ enum Edge {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::recording::planted::{BLINK, FLOOD, Planted};
-    use crate::sim::tests::ROVER;
+    use esm_toolkit::recording::planted::{BLINK, FLOOD, Planted};
+    use esm_toolkit::samples::ROVER;
 
     /// A rover that meets an obstacle, is lost sight of, seen again, and followed by another mission.
     pub fn drive() -> Recording {

@@ -340,7 +340,7 @@ pub(super) mod tests {
     };
 
     use crate::reading::{LineReport, TaskPlan};
-    use crate::trial::tests::status;
+    use esm_client::samples::status;
 
     pub fn robot() -> RobotInfo {
         RobotInfo {

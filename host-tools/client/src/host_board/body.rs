@@ -1,0 +1,143 @@
+//! What the host board gives its runtime: virtual time, the plant, and the background's turn.
+
+use std::collections::VecDeque;
+
+use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
+use rt_firmware::drivers::StopButton;
+use rt_firmware::link::message::SafeReason;
+use rt_firmware::{Background, Board, OccurrenceStart};
+
+use crate::lockstep::plant_side::PlantSide;
+use esm_toolkit::recording::entered::Entered;
+
+/// Where runs of slot-0 tasks ended in an earlier run: mission and occurrence, in order.
+pub(super) struct RecordedEnds(VecDeque<(u32, u64)>);
+
+impl RecordedEnds {
+    pub(super) fn of(entered: &Entered) -> Self {
+        let ends = entered.ends.iter();
+        RecordedEnds(ends.map(|end| (end.mission, end.occurrence)).collect())
+    }
+}
+
+/// Time, pins and background of a host board. A tick of its clock is a microsecond.
+pub(super) struct Body<'p, 'q, 'm> {
+    now_us: u64,
+    /// The board's time when robot time was 0; known from the first occurrence on.
+    robot_start_us: Option<u64>,
+    pins: &'p PinImage,
+    stop_button: StopButton<StopPin<'p>>,
+    exchange: PlantExchange,
+    plant: PlantSide,
+    background: Background<'q, 'm>,
+    ends: Option<RecordedEnds>,
+    /// Missions that have started.
+    missions: u32,
+}
+
+impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
+    pub(super) fn new(
+        pins: &'p PinImage,
+        plant: PlantSide,
+        background: Background<'q, 'm>,
+        ends: Option<RecordedEnds>,
+    ) -> Self {
+        Body {
+            now_us: 0,
+            robot_start_us: None,
+            pins,
+            stop_button: StopButton::new(pins.stop_button()),
+            exchange: PlantExchange::new(),
+            plant,
+            background,
+            ends,
+            missions: 0,
+        }
+    }
+
+    /// Robot time at a time of the board's clock; 0 as long as there is none.
+    pub(super) fn robot_us_at(&self, board_us: u64) -> u64 {
+        self.robot_start_us
+            .map_or(0, |start_us| board_us.saturating_sub(start_us))
+    }
+
+    /// The board's time.
+    pub(super) fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// Lets virtual time pass.
+    pub(super) fn pass_time_to(&mut self, board_us: u64) {
+        self.now_us = self.now_us.max(board_us);
+    }
+
+    /// Gives slot-0 tasks the time that is left before the next slot, unless a recording says when they end.
+    pub(super) fn run_background(&mut self, steps: u32) {
+        if self.ends.is_none() {
+            for _ in 0..steps {
+                if !self.background.poll() {
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Ends the run that ended before this occurrence in the recording.
+    fn end_recorded_run(&mut self, occurrence: u64) {
+        let Some(RecordedEnds(ends)) = &mut self.ends else {
+            return;
+        };
+        let Some(mission) = self.missions.checked_sub(1) else {
+            return;
+        };
+        while ends
+            .front()
+            .is_some_and(|end| *end <= (mission, occurrence))
+        {
+            ends.pop_front();
+            while self.background.poll() {}
+        }
+    }
+}
+
+impl Board for Body<'_, '_, '_> {
+    const TICKS_PER_US: u32 = 1;
+
+    fn now_ticks(&mut self) -> u64 {
+        self.now_us
+    }
+
+    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+        let OccurrenceStart {
+            number,
+            start_us,
+            previous_end_us,
+            ..
+        } = *occurrence;
+        self.robot_start_us
+            .get_or_insert(self.now_us.saturating_sub(start_us));
+        if number == 0 {
+            self.missions += 1;
+        }
+        let request = self.exchange.request(self.pins, start_us, previous_end_us);
+        let reply = self.plant.exchange(&request);
+        self.end_recorded_run(number);
+        match self.exchange.accept(self.pins, Some(&reply.encode())) {
+            Freshness::Fresh | Freshness::Stale => Ok(()),
+            Freshness::Lost => Err(SafeReason::BodyLost),
+        }
+    }
+
+    fn is_emergency_stop_pressed(&mut self) -> bool {
+        let Body {
+            stop_button,
+            now_us,
+            ..
+        } = self;
+        stop_button.is_pressed(|| *now_us as u32, Self::TICKS_PER_US)
+    }
+
+    fn motors_off(&mut self) {
+        self.pins.safe();
+    }
+}

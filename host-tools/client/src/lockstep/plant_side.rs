@@ -1,0 +1,241 @@
+//! The plant as a board and an onlooker share it: the board exchanges pins with it, the onlooker asks how the drive went.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use rt_firmware::body::{Reply, Request};
+
+use super::pace::Pace;
+use crate::flash::Flash;
+use esm_toolkit::plant::{Plant, SonarFault};
+
+/// A sonar that breaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SonarBreak {
+    /// Which one, counter-clockwise from the one that looks ahead.
+    pub sonar: usize,
+    /// What breaks in it.
+    pub fault: SonarFault,
+    /// From this robot time on, in microseconds.
+    pub robot_us: u64,
+}
+
+/// What happens to the robot's body that its world knows nothing of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlantFault {
+    /// From this robot time on, in microseconds, the plant answers every exchange with its last answer before.
+    FrozenFrom {
+        /// Robot time in microseconds.
+        robot_us: u64,
+    },
+    /// From this robot time on the button of the emergency stop is pressed: it locks, as such buttons do.
+    StopPressedFrom {
+        /// Robot time in microseconds.
+        robot_us: u64,
+    },
+}
+
+/// A plant behind a board's pins, shared by the thread that answers the board and the one that watches.
+#[derive(Clone)]
+pub struct PlantSide {
+    shared: Arc<Mutex<Shared>>,
+    pace: Arc<Pace>,
+    flash: Option<Flash>,
+}
+
+struct Shared {
+    plant: Plant,
+    fault: Option<PlantFault>,
+    /// Sonars that are still to break.
+    breaks: Vec<SonarBreak>,
+    last_reply: Reply,
+    until_us: Option<u64>,
+    /// Exchanges up to `until_us`.
+    exchanges: u64,
+    /// The plant as it was when robot time reached `until_us`.
+    at_end: Option<Box<Plant>>,
+}
+
+impl PlantSide {
+    /// Puts `plant` at the pace of `pace`. Robot time is of interest up to `until_us`.
+    pub fn new(plant: Plant, pace: Arc<Pace>, until_us: Option<u64>) -> Self {
+        PlantSide {
+            shared: Arc::new(Mutex::new(Shared {
+                plant,
+                fault: None,
+                breaks: Vec::new(),
+                last_reply: Reply::default(),
+                until_us,
+                exchanges: 0,
+                at_end: None,
+            })),
+            pace,
+            flash: None,
+        }
+    }
+
+    /// The same plant, with this flash beside it.
+    #[must_use]
+    pub fn with_flash(self, flash: Option<Flash>) -> Self {
+        PlantSide { flash, ..self }
+    }
+
+    /// The flash beside it: the one that it was given, or a blank one of so many bytes.
+    pub fn flash(&self, bytes: u32) -> Flash {
+        self.flash.clone().unwrap_or_else(|| Flash::blank(bytes))
+    }
+
+    /// Lets this happen to the plant.
+    pub fn inject(&self, fault: PlantFault) {
+        self.lock().fault = Some(fault);
+    }
+
+    /// Breaks these sonars, each at its time.
+    pub fn break_sonars(&self, breaks: Vec<SonarBreak>) {
+        self.lock().breaks = breaks;
+    }
+
+    /// Presses the button of the emergency stop from the next exchange on, or lets go of it.
+    pub fn press_stop(&self, pressed: bool) {
+        self.lock().fault = pressed.then_some(PlantFault::StopPressedFrom { robot_us: 0 });
+    }
+
+    /// One exchange with the board; waits first where robot time must not run ahead of the wall clock.
+    pub fn exchange(&self, request: &Request) -> Reply {
+        self.pace.reach(request.start_us);
+        let mut shared = self.lock();
+        if let Some(until_us) = shared.until_us
+            && request.start_us > until_us
+            && shared.at_end.is_none()
+        {
+            let mut plant = shared.plant.clone();
+            if request.effect_us <= until_us {
+                plant.advance_to(request.effect_us);
+                plant.apply(&request.actuators);
+            }
+            plant.advance_to(until_us);
+            shared.at_end = Some(Box::new(plant));
+        }
+        if shared.at_end.is_none() {
+            shared.exchanges += 1;
+        }
+        if let Some(PlantFault::FrozenFrom { robot_us }) = shared.fault
+            && request.start_us >= robot_us
+        {
+            return shared.last_reply;
+        }
+        let (now, later): (Vec<_>, Vec<_>) = (shared.breaks.drain(..))
+            .partition(|sonar_break| request.start_us >= sonar_break.robot_us);
+        shared.breaks = later;
+        for SonarBreak { sonar, fault, .. } in now {
+            shared.plant.break_sonar(sonar, fault);
+        }
+        shared.last_reply = shared.plant.exchange(request);
+        if let Some(PlantFault::StopPressedFrom { robot_us }) = shared.fault {
+            shared.last_reply.sensors.stop_is_low = request.start_us >= robot_us;
+        }
+        shared.last_reply
+    }
+
+    /// The plant at the end of the time of interest, or as it is where that has not come yet.
+    pub fn at_end(&self) -> Plant {
+        let shared = self.lock();
+        match &shared.at_end {
+            Some(plant) => (**plant).clone(),
+            None => shared.plant.clone(),
+        }
+    }
+
+    /// Exchanges in the time of interest: the slot occurrences that were executed, one each.
+    pub fn exchanges(&self) -> u64 {
+        self.lock().exchanges
+    }
+
+    /// The clock that this plant keeps.
+    pub fn pace(&self) -> &Arc<Pace> {
+        &self.pace
+    }
+
+    /// A thread that panicked while it held the lock has left a plant between two of its steps, which still is one.
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esm_toolkit::plant::BodyParameters;
+    use esm_toolkit::world::World;
+    use rt_firmware::body::{Actuators, Sensors};
+
+    fn corridor(until_us: Option<u64>) -> PlantSide {
+        let world =
+            World::parse("world cell\n start 1,1 0\n wall 0,0 9,0 9,3 0,3 0,0").expect("a world");
+        let plant = Plant::new(world, BodyParameters::default(), 1).expect("room to stand");
+        PlantSide::new(plant, Pace::new(false), until_us)
+    }
+
+    fn request(sequence: u32, start_us: u64) -> Request {
+        Request {
+            sequence,
+            start_us,
+            effect_us: start_us.saturating_sub(9_000),
+            actuators: Actuators {
+                left_duty: 400,
+                right_duty: 400,
+                ..Actuators::default()
+            },
+        }
+    }
+
+    #[test]
+    fn the_end_of_interest_is_kept_while_the_plant_goes_on() {
+        let ends_in_time = corridor(None);
+        let goes_on = corridor(Some(1_000_000));
+        for sequence in 0..=100 {
+            ends_in_time.exchange(&request(sequence, u64::from(sequence) * 10_000));
+        }
+        for sequence in 0..300 {
+            goes_on.exchange(&request(sequence, u64::from(sequence) * 10_000));
+        }
+        let expected = ends_in_time.at_end();
+        let kept = goes_on.at_end();
+        assert_eq!(kept.now_us(), 1_000_000);
+        assert_eq!(kept.pose(), expected.pose());
+        assert!(kept.distance_m() > 0.0);
+        assert_eq!(goes_on.pace().robot_us(), 2_990_000);
+    }
+
+    #[test]
+    fn a_frozen_plant_repeats_its_last_answer() {
+        let plant = corridor(None);
+        plant.inject(PlantFault::FrozenFrom { robot_us: 20_000 });
+        let replies: Vec<u32> = (0..5)
+            .map(|sequence| {
+                plant
+                    .exchange(&request(sequence, u64::from(sequence) * 10_000))
+                    .sequence
+            })
+            .collect();
+        assert_eq!(replies, [0, 1, 1, 1, 1]);
+    }
+
+    #[test]
+    fn a_button_that_is_pressed_stays_pressed_and_changes_nothing_else() {
+        let pressed = corridor(None);
+        pressed.inject(PlantFault::StopPressedFrom { robot_us: 20_000 });
+        let other = corridor(None);
+        for sequence in 0..5 {
+            let request = request(sequence, u64::from(sequence) * 10_000);
+            let (told, expected) = (pressed.exchange(&request), other.exchange(&request));
+            assert_eq!(told.sensors.stop_is_low, sequence >= 2);
+            assert_eq!(
+                Sensors {
+                    stop_is_low: false,
+                    ..told.sensors
+                },
+                expected.sensors
+            );
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! The emulated board: a QEMU process that runs the firmware, its serial line, and the pipes to the plant.
+//!
+//! Everything of one run lives in a folder of its own under the system's temporary folder, and ends with the [`Emulator`]: on drop,
+//! on Ctrl-C (a handler that makes the main loop return), and, where `setpriv` is installed, even if this process is killed. What is left of the folder then goes
+//! with the next run.
+
+pub mod firmware;
+pub mod folder;
+pub mod pipes;
+
+use std::fs::File;
+use std::io;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use rt_firmware::body::{Reply, Request};
+use thiserror::Error;
+
+use crate::flash::Flash;
+use crate::lockstep::line::BoardEnd;
+use folder::RunFolder;
+use pipes::PipeServer;
+
+/// The emulator's command.
+pub const QEMU: &str = "qemu-system-arm";
+
+/// QEMU's name of the board.
+pub const MACHINE: &str = "lm3s6965evb";
+
+/// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes 2^6 ns of it in any case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Idle {
+    /// It passes at once: two runs are equal to the tick. Where a run keeps to the wall clock, it does so while the firmware waits for the plant, and no
+    /// UART is served meanwhile: answers come in bursts.
+    Passes,
+    /// It lasts as long as on the wall, and the UART is served as on a wire. The price is that a slot begins late where this machine wakes up late.
+    Lasts,
+}
+
+impl Idle {
+    /// What QEMU is told, `alone` where nothing but the firmware's semihosting goes into it or comes out of it.
+    ///
+    /// The thread that lets time pass for a processor that sleeps runs beside the processor's own. It sees the sleep
+    /// before the last instructions are counted, and may let too much time pass then: a slot begins late by as many, and
+    /// that in one run and not in the next. While QEMU records a run, neither thread looks while the other works. So it
+    /// records, and nobody keeps it. Bytes of a UART would be recorded, too, and wait for moments at which they can be.
+    fn instruction_counting(self, alone: bool) -> &'static str {
+        match self {
+            Idle::Passes if alone => "shift=6,sleep=off,rr=record,rrfile=/dev/null",
+            Idle::Passes => "shift=6,sleep=off",
+            Idle::Lasts => "shift=6,sleep=on",
+        }
+    }
+}
+
+/// Name of the socket that is the board's UART0, in the run's folder.
+const UART_SOCKET: &str = "uart0";
+
+/// Name of the file that takes what the emulator prints.
+const CONSOLE_FILE: &str = "console";
+
+/// How long the emulator may take to connect its serial line.
+const START_LIMIT: Duration = Duration::from_secs(60);
+
+/// How long the firmware may leave bytes that were sent to it untouched.
+const UART_WRITE_LIMIT: Duration = Duration::from_secs(30);
+
+/// Lines of the emulator's own output that an error message repeats.
+const CONSOLE_LINES_TOLD: usize = 8;
+
+/// Why the emulated board does not run.
+#[derive(Debug, Error)]
+pub enum EmulatorError {
+    /// The emulator is not installed.
+    #[error(
+        "the emulator `{QEMU}` is not installed; on Debian and Ubuntu: apt-get install qemu-system-arm (or let `cargo xtask demo` do it)"
+    )]
+    NotInstalled,
+    /// The firmware's file is not there.
+    #[error("there is no firmware at {}; build it with `cargo xtask firmware`", path.display())]
+    NoFirmware {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// The emulator ended by itself.
+    #[error("the emulator ended before its time ({status}){}", told(console))]
+    Ended {
+        /// How it ended.
+        status: ExitStatus,
+        /// The last that it printed.
+        console: String,
+    },
+    /// The emulator did not connect its serial line.
+    #[error("the emulator did not start within {} s{}", START_LIMIT.as_secs(), told(console))]
+    NotStarted {
+        /// The last that it printed.
+        console: String,
+    },
+    /// A folder, pipe, socket or process could not be made.
+    #[error("cannot {what}: {cause}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// What the system says.
+        cause: io::Error,
+    },
+}
+
+fn told(console: &str) -> String {
+    if console.is_empty() {
+        String::new()
+    } else {
+        format!("; it said:\n{console}")
+    }
+}
+
+/// A running emulator. Dropping it ends the process and removes its folder.
+///
+/// To be started by a thread that outlives it: the system ends the emulator with the thread that started it.
+pub struct Emulator {
+    process: Child,
+    plant: PipeServer,
+    flash: PipeServer,
+    link: Option<(BoardEnd, PipeServer)>,
+    folder: RunFolder,
+    uart: Option<UnixStream>,
+}
+
+impl Emulator {
+    /// Starts the firmware at `firmware`, with `plant` behind its pins and `flash` beside it.
+    ///
+    /// # Errors
+    /// [`EmulatorError`]: what is missing, and what to do.
+    pub fn start(
+        firmware: &Path,
+        idle: Idle,
+        plant: impl FnMut(&Request) -> Reply + Send + 'static,
+        flash: Flash,
+    ) -> Result<Self, EmulatorError> {
+        Self::start_linked(firmware, idle, plant, flash, None)
+    }
+
+    /// The same, with the link on `line` instead of the UART, if there is one.
+    ///
+    /// # Errors
+    /// [`EmulatorError`]: what is missing, and what to do.
+    pub fn start_linked(
+        firmware: &Path,
+        idle: Idle,
+        plant: impl FnMut(&Request) -> Reply + Send + 'static,
+        flash: Flash,
+        line: Option<BoardEnd>,
+    ) -> Result<Self, EmulatorError> {
+        let system = |what| move |cause| EmulatorError::System { what, cause };
+        let firmware = firmware
+            .canonicalize()
+            .map_err(|_| EmulatorError::NoFirmware {
+                path: firmware.to_owned(),
+            })?;
+        let folder = RunFolder::new().map_err(system("make a folder for the run"))?;
+        // The firmware takes the way by which its link goes from whether the third pair is there.
+        let pairs = [pipes::PINS, pipes::FLASH, pipes::LINK];
+        let made = pairs.len() - usize::from(line.is_none());
+        pipes::make(folder.path(), &pairs[..made])
+            .map_err(system("make the pipes to the plant"))?;
+        let listener = UnixListener::bind(folder.path().join(UART_SOCKET))
+            .map_err(system("make the socket of the serial line"))?;
+        let plant = PipeServer::start(folder.path(), plant)
+            .map_err(system("open the pipes to the plant"))?;
+        let flash =
+            PipeServer::start_pair(folder.path(), pipes::FLASH, move |requests, replies| {
+                flash.serve(requests, replies)
+            })
+            .map_err(system("open the pipes to the flash"))?;
+        let link = line
+            .map(|line| {
+                let served = line.clone();
+                let serve = move |requests, replies| {
+                    let ended = pipes::swap_link(requests, replies, &served);
+                    served.close();
+                    ended
+                };
+                let server = PipeServer::start_pair(folder.path(), pipes::LINK, serve)?;
+                Ok((line, server))
+            })
+            .transpose()
+            .map_err(system("open the pipes of the link"))?;
+        let counting = idle.instruction_counting(link.is_some());
+        let process = spawn(&firmware, counting, folder.path())?;
+        let mut emulator = Emulator {
+            link,
+            process,
+            plant,
+            flash,
+            folder,
+            uart: None,
+        };
+        emulator.uart = Some(emulator.accept_uart(&listener)?);
+        Ok(emulator)
+    }
+
+    /// The board's UART0; `None` after the first call.
+    pub fn take_uart(&mut self) -> Option<UnixStream> {
+        self.uart.take()
+    }
+
+    /// Looks whether the emulator still runs.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Ended`] with what it said last.
+    pub fn check_alive(&mut self) -> Result<(), EmulatorError> {
+        match self.process.try_wait() {
+            Ok(None) => Ok(()),
+            Ok(Some(status)) => Err(EmulatorError::Ended {
+                status,
+                console: self.console(),
+            }),
+            Err(cause) => Err(EmulatorError::System {
+                what: "ask for the emulator's state",
+                cause,
+            }),
+        }
+    }
+
+    /// The last lines that the emulator and the firmware's semihosting printed.
+    pub fn console(&self) -> String {
+        let text = std::fs::read(self.folder.path().join(CONSOLE_FILE)).unwrap_or_default();
+        let text = String::from_utf8_lossy(&text);
+        let lines: Vec<&str> = text.lines().collect();
+        lines[lines.len().saturating_sub(CONSOLE_LINES_TOLD)..].join("\n")
+    }
+
+    /// The process's id, for tests that look whether it has ended.
+    pub fn process_id(&self) -> u32 {
+        self.process.id()
+    }
+
+    fn accept_uart(&mut self, listener: &UnixListener) -> Result<UnixStream, EmulatorError> {
+        let system = |cause| EmulatorError::System {
+            what: "connect the serial line",
+            cause,
+        };
+        listener.set_nonblocking(true).map_err(system)?;
+        let deadline = Instant::now() + START_LIMIT;
+        loop {
+            match listener.accept() {
+                Ok((uart, _)) => {
+                    uart.set_nonblocking(false).map_err(system)?;
+                    // A firmware that reads no bytes must not keep anybody waiting for ever.
+                    uart.set_write_timeout(Some(UART_WRITE_LIMIT))
+                        .map_err(system)?;
+                    return Ok(uart);
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.check_alive()?;
+                    if Instant::now() > deadline {
+                        return Err(EmulatorError::NotStarted {
+                            console: self.console(),
+                        });
+                    }
+                    std::thread::sleep(Duration::from_millis(2));
+                }
+                Err(error) => return Err(system(error)),
+            }
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        // Killed, not asked: while the firmware waits in a pipe, QEMU listens to nobody.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+        if let Some((line, server)) = &mut self.link {
+            // Its thread may wait for a client that waits for nothing any more.
+            line.close();
+            server.stop();
+        }
+        self.plant.stop();
+        self.flash.stop();
+    }
+}
+
+fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, EmulatorError> {
+    let system = |cause| EmulatorError::System {
+        what: "start the emulator",
+        cause,
+    };
+    let console = File::create(folder.join(CONSOLE_FILE)).map_err(system)?;
+    let start = |mut command: Command| -> io::Result<Child> {
+        command
+            .args(["-machine", MACHINE, "-icount", counting])
+            .args(["-nographic", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args([
+                "-chardev",
+                &format!("socket,id=uart0,path={UART_SOCKET},server=off"),
+            ])
+            .args(["-serial", "chardev:uart0"])
+            .arg("-kernel")
+            .arg(firmware)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(console.try_clone()?)
+            .stderr(console.try_clone()?)
+            // Ctrl-C is for this process, which then ends the emulator in order.
+            .process_group(0)
+            .spawn()
+    };
+    // `setpriv` (util-linux) has the system kill the emulator should this process be killed itself.
+    let mut guarded = Command::new("setpriv");
+    guarded.args(["--pdeathsig", "KILL", QEMU]);
+    let process = if is_installed("setpriv") && is_installed(QEMU) {
+        start(guarded)
+    } else {
+        start(Command::new(QEMU))
+    };
+    process.map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => EmulatorError::NotInstalled,
+        _ => system(error),
+    })
+}
+
+/// Whether `program` is found on the search path.
+fn is_installed(program: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| {
+        std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
+    })
+}

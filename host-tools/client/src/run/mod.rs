@@ -1,0 +1,13 @@
+//! The main job: a mission on a board, in a world, from the compiler to the summary.
+
+pub mod board;
+pub mod drive;
+pub mod mission;
+pub mod story;
+pub mod summary;
+
+pub use crate::interrupt;
+pub use esm_toolkit::recording::entered;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,488 @@
+//! Bytes to and from a robot: serial lines, sockets, pseudo-terminals, and a pipe inside this process.
+//!
+//! Everything that carries bytes is a [`ByteLink`]. It knows nothing of frames; it may lose, double or corrupt bytes as wires do, and
+//! the link client above lives with that.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`clock`] | by which time bytes come: the wall's, or a simulation's |
+//! | [`port`] | what a person writes: a path, `unix:PATH`, `tcp:HOST:PORT` |
+//! | [`noise`] | a bad line, repeatable |
+//! | [`pacing`] | a link slowed down to the rate of a real line |
+//! | [`pipe`] | a link between two threads of this process |
+//! | [`pty`] | a pseudo-terminal that others can open, for serving an emulated robot |
+//! | [`takeover`] | `esm stop` takes a port over from the process that has it |
+//! | [`wire`] | a terminal or socket that is open here, read and written without blocking |
+
+pub mod clock;
+pub mod noise;
+pub mod pacing;
+pub mod pipe;
+pub mod port;
+pub mod pty;
+pub mod takeover;
+pub mod wire;
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use rustix::fs::OFlags;
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
+use serialport::{SerialPort, TTYPort};
+use thiserror::Error;
+
+use crate::interrupt;
+use clock::Clock;
+use pacing::Paced;
+use port::Port;
+use takeover::{Holder, NotServed};
+use wire::WireLink;
+
+/// The baud rate of a robot's line where none is named.
+pub const DEFAULT_BAUD: u32 = 115_200;
+
+/// How long a connection may take to be made.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How long a write may wait for a line that takes nothing: as long as an answer is waited for.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(6);
+
+/// How long a stop waits for a port that is just being opened by somebody else.
+const OPENING_WAIT: Duration = Duration::from_millis(50);
+
+/// How often it looks meanwhile.
+const OPENING_LOOK: Duration = Duration::from_millis(5);
+
+/// The shortest wait that a socket or line can be asked for; zero means "for ever" to a socket.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+
+/// Carries bytes in both directions, without frames and without promises.
+pub trait ByteLink: Send {
+    /// Takes what has come, waiting up to `timeout` for the first byte. Answers how many bytes of `buffer` were filled; 0 where
+    /// nothing came in time.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::UnexpectedEof`] where the other side has gone; what the system says otherwise.
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
+
+    /// Sends all of `bytes`.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::TimedOut`] where the line takes nothing for seconds; what the system says otherwise.
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Sends as much of `bytes` as the line takes at once, and answers how much that was. A link that has no bounds of its own
+    /// takes all of them.
+    ///
+    /// # Errors
+    /// As [`ByteLink::send`], but for the time.
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.send(bytes)?;
+        Ok(bytes.len())
+    }
+
+    /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant. Whatever stands around another line has that line's.
+    fn clock(&self) -> Clock {
+        Clock::wall()
+    }
+}
+
+impl<L: ByteLink + ?Sized> ByteLink for Box<L> {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        (**self).receive(buffer, timeout)
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        (**self).send(bytes)
+    }
+
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        (**self).try_send(bytes)
+    }
+
+    fn clock(&self) -> Clock {
+        (**self).clock()
+    }
+}
+
+/// Why a port could not be opened.
+#[derive(Debug, Error)]
+pub enum OpenError {
+    /// Nothing of that name.
+    #[error("there is no {port}; is the robot plugged in and switched on, or `esm board` running?")]
+    Missing {
+        /// The port asked for.
+        port: Port,
+    },
+    /// Somebody else has it.
+    #[error("{port} is in use by another program; close it there first")]
+    Busy {
+        /// The port asked for.
+        port: Port,
+    },
+    /// The system forbids it.
+    #[error(
+        "no permission to open {port}; serial lines often ask for membership of the group `dialout`"
+    )]
+    Forbidden {
+        /// The port asked for.
+        port: Port,
+    },
+    /// Nobody listens behind the socket.
+    #[error("nobody answers at {port}; is the robot, or `esm board`, running?")]
+    Refused {
+        /// The port asked for.
+        port: Port,
+    },
+    /// There is something of that name, but nothing that a robot could be behind.
+    #[error(
+        "{port} is no serial line; name one, such as /dev/ttyUSB0, or unix:PATH, or tcp:HOST:PORT"
+    )]
+    NoLine {
+        /// The port asked for.
+        port: Port,
+    },
+    /// Anything else.
+    #[error("cannot open {port}: {cause}")]
+    System {
+        /// The port asked for.
+        port: Port,
+        /// What the system says.
+        cause: io::Error,
+    },
+}
+
+/// A port that is open.
+pub struct Opened {
+    /// Its line.
+    pub line: Box<dyn ByteLink>,
+    /// Why `esm stop` cannot take it over from here, where that is so.
+    pub not_served: Option<NotServed>,
+}
+
+/// Opens a port. Sockets are paced to `baud`, since an emulated UART behind one knows no rate; a serial line keeps it by itself.
+///
+/// # Errors
+/// [`OpenError`]: what is wrong with the port, and what to do.
+pub fn open(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
+    open_served(port, baud).map(|opened| opened.line)
+}
+
+/// The same; says also whether `esm stop` can take the port over.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
+    let system = |cause: io::Error| open_error(port, cause);
+    let file: OwnedFd = match port {
+        // It keeps its rate by itself.
+        Port::Own(line) => {
+            return Ok(Opened {
+                line: line.open().map_err(system)?,
+                not_served: None,
+            });
+        }
+        Port::Tty(path) => {
+            // A process that this one has just begun shares its files, locks among them, for a moment.
+            let begun = Instant::now();
+            loop {
+                match open_tty(port, path, baud, Use::Alone) {
+                    Err(OpenError::Busy { .. }) if begun.elapsed() < OPENING_WAIT => {
+                        std::thread::sleep(OPENING_LOOK);
+                    }
+                    opened => break opened?.into(),
+                }
+            }
+        }
+        Port::Unix(path) => connect_unix(path).map_err(system)?.into(),
+        Port::Tcp { host, port: number } => {
+            let socket = connect_tcp(host, *number).map_err(system)?;
+            // A frame is small and wanted now.
+            socket.set_nodelay(true).map_err(system)?;
+            socket.into()
+        }
+    };
+    let mut line = WireLink::new(file).map_err(system)?;
+    let served = takeover::identity(port)
+        .map_err(NotServed::System)
+        .and_then(|identity| Holder::begin(&identity, line.wire()));
+    let not_served = match served {
+        Ok(holder) => {
+            if let Some(holder) = holder {
+                line.keep(holder);
+            }
+            None
+        }
+        Err(why) => Some(why),
+    };
+    // A pseudo-terminal takes any rate and keeps none.
+    let line = Box::new(Paced::new(line, baud));
+    Ok(Opened { line, not_served })
+}
+
+/// Opens a port to stop the robot behind it, whoever has it: takes it over from another process of this user; beside one
+/// that does not answer, or is another user's, it uses a serial line all the same.
+///
+/// # Errors
+/// As [`open`]; [`OpenError::Busy`] only where another program has locked the line.
+pub fn open_to_stop(port: &Port, baud: u32) -> Result<Opened, OpenError> {
+    let taken = takeover::identity(port).ok();
+    if let Some(file) = taken.and_then(|identity| takeover::take(&identity)) {
+        let line = WireLink::new(file).map_err(|cause| open_error(port, cause))?;
+        return Ok(Opened {
+            line: Box::new(Paced::new(line, baud)),
+            not_served: None,
+        });
+    }
+    match open_served(port, baud) {
+        Err(OpenError::Busy { .. }) => {}
+        opened => return opened,
+    }
+    let Port::Tty(path) = port else {
+        return Err(OpenError::Busy { port: port.clone() });
+    };
+    let begun = Instant::now();
+    let file = loop {
+        match open_tty(port, path, baud, Use::Beside) {
+            Err(OpenError::Busy { .. }) if begun.elapsed() < OPENING_WAIT => {
+                std::thread::sleep(OPENING_LOOK);
+            }
+            opened => break opened?,
+        }
+    };
+    let line = WireLink::new(file.into()).map_err(|cause| open_error(port, cause))?;
+    Ok(Opened {
+        line: Box::new(Paced::new(line, baud)),
+        not_served: None,
+    })
+}
+
+/// Who else may use a serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Use {
+    /// Nobody who heeds locks.
+    Alone,
+    /// Whoever uses it already.
+    Beside,
+}
+
+/// Opens a serial line and sets it up.
+fn open_tty(port: &Port, path: &Path, baud: u32, used: Use) -> Result<File, OpenError> {
+    let settings = serialport::new(path.to_string_lossy(), baud)
+        .timeout(SHORTEST_WAIT)
+        .exclusive(used == Use::Alone);
+    let mut line = TTYPort::open(&settings).map_err(|error| tty_error(port, &error))?;
+    // The kernel would let nobody else open it, a stop among them. A shared lock keeps those away who want the line alone.
+    line.set_exclusive(false)
+        .map_err(|error| tty_error(port, &error))?;
+    // Half a frame from before is of no use to anybody.
+    let _ = line.clear(serialport::ClearBuffer::Input);
+    let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
+    let file = File::options()
+        .read(true)
+        .write(true)
+        .custom_flags(flags.bits() as i32)
+        .open(path)
+        .map_err(|cause| open_error(port, cause))?;
+    match file.try_lock_shared() {
+        Ok(()) => Ok(file),
+        Err(std::fs::TryLockError::WouldBlock) => Err(OpenError::Busy { port: port.clone() }),
+        Err(std::fs::TryLockError::Error(cause)) => Err(open_error(port, cause)),
+    }
+}
+
+/// Connects to a Unix socket. One whose server accepts nobody would keep a blocking call for ever.
+fn connect_unix(path: &Path) -> io::Result<UnixStream> {
+    let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::STREAM, None)?;
+    rustix::io::fcntl_setfd(&socket, rustix::io::FdFlags::CLOEXEC)?;
+    rustix::io::ioctl_fionbio(&socket, true)?;
+    let address = SocketAddrUnix::new(path)?;
+    let begun = Instant::now();
+    loop {
+        match rustix::net::connect(&socket, &address) {
+            Ok(()) => return Ok(socket.into()),
+            Err(Errno::AGAIN) if begun.elapsed() < CONNECT_TIMEOUT => {
+                std::thread::sleep(OPENING_LOOK);
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// Connects to the first address of `host` that answers.
+fn connect_tcp(host: &str, port: u16) -> io::Result<TcpStream> {
+    use std::net::ToSocketAddrs;
+    let mut last = io::Error::from(io::ErrorKind::NotFound);
+    for address in (host, port).to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
+            Ok(socket) => return Ok(socket),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+fn open_error(port: &Port, cause: io::Error) -> OpenError {
+    let port = port.clone();
+    match cause.kind() {
+        io::ErrorKind::NotFound => OpenError::Missing { port },
+        io::ErrorKind::PermissionDenied => OpenError::Forbidden { port },
+        io::ErrorKind::ConnectionRefused | io::ErrorKind::TimedOut => OpenError::Refused { port },
+        io::ErrorKind::ResourceBusy | io::ErrorKind::WouldBlock => OpenError::Busy { port },
+        _ => OpenError::System { port, cause },
+    }
+}
+
+/// The `serialport` crate folds what the system says into kinds of its own and keeps the sentence; a look at the file tells which
+/// of them it was.
+fn tty_error(port: &Port, error: &serialport::Error) -> OpenError {
+    let cause = match error.kind() {
+        serialport::ErrorKind::Io(kind) => io::Error::new(kind, error.to_string()),
+        serialport::ErrorKind::NoDevice | serialport::ErrorKind::InvalidInput => {
+            let Port::Tty(path) = port else {
+                return OpenError::Missing { port: port.clone() };
+            };
+            match std::fs::metadata(path) {
+                Err(missing) => missing,
+                Ok(_) if error.kind() == serialport::ErrorKind::NoDevice => {
+                    io::Error::from(io::ErrorKind::ResourceBusy)
+                }
+                Ok(_) => io::Error::other(error.to_string()),
+            }
+        }
+        serialport::ErrorKind::Unknown if is_no_terminal(port, error) => {
+            return OpenError::NoLine { port: port.clone() };
+        }
+        serialport::ErrorKind::Unknown => io::Error::other(error.to_string()),
+    };
+    open_error(port, cause)
+}
+
+/// Whether a failure without a kind means that the port is something else than a terminal: a directory, a plain file, `/dev/null`.
+fn is_no_terminal(port: &Port, error: &serialport::Error) -> bool {
+    let Port::Tty(path) = port else {
+        return false;
+    };
+    path.is_dir() || error.to_string() == nix::errno::Errno::ENOTTY.desc()
+}
+
+/// What a read answered, as a [`ByteLink`] tells it. `closed` is what zero bytes stand for.
+fn received(read: io::Result<usize>) -> io::Result<usize> {
+    match read {
+        Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+        Ok(count) => Ok(count),
+        Err(error) => match error.kind() {
+            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted => {
+                Ok(0)
+            }
+            io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => {
+                Err(io::ErrorKind::UnexpectedEof.into())
+            }
+            _ => Err(error),
+        },
+    }
+}
+
+/// Writes all of it to a line whose writes wait for [`WRITE_LOOK`] at most.
+fn write_patiently(line: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
+    let mut begun = Instant::now();
+    while !bytes.is_empty() {
+        match line.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => {
+                bytes = bytes.get(count..).unwrap_or_default();
+                begun = Instant::now();
+            }
+            Err(error) => match error.kind() {
+                io::ErrorKind::WouldBlock
+                | io::ErrorKind::TimedOut
+                | io::ErrorKind::Interrupted => {
+                    if interrupt::is_requested() {
+                        return Err(io::Error::other("interrupted, and it takes nothing"));
+                    }
+                    if begun.elapsed() >= WRITE_TIMEOUT {
+                        return Err(io::ErrorKind::TimedOut.into());
+                    }
+                }
+                _ => return Err(error),
+            },
+        }
+    }
+    Ok(())
+}
+
+impl ByteLink for UnixStream {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.set_read_timeout(Some(timeout.max(SHORTEST_WAIT)))?;
+        received(self.read(buffer))
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        write_patiently(self, bytes)
+    }
+
+    fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match rustix::net::send(&*self, bytes, SendFlags::DONTWAIT) {
+            Ok(count) => Ok(count),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_opened_is_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("plain");
+        std::fs::write(&file, b"").unwrap();
+        let gone = folder.path().join("gone");
+        let orphan = folder.path().join("orphan");
+        drop(std::os::unix::net::UnixListener::bind(&orphan).unwrap());
+        type Expected = fn(&OpenError) -> bool;
+        let cases: [(String, Expected); 6] = [
+            (gone.display().to_string(), |e| {
+                matches!(e, OpenError::Missing { .. })
+            }),
+            (format!("unix:{}", gone.display()), |e| {
+                matches!(e, OpenError::Missing { .. })
+            }),
+            (format!("unix:{}", orphan.display()), |e| {
+                matches!(e, OpenError::Refused { .. })
+            }),
+            (file.display().to_string(), |e| {
+                matches!(e, OpenError::NoLine { .. })
+            }),
+            (folder.path().display().to_string(), |e| {
+                matches!(e, OpenError::NoLine { .. })
+            }),
+            ("/dev/null".into(), |e| {
+                matches!(e, OpenError::NoLine { .. })
+            }),
+        ];
+        for (name, expected) in cases {
+            let error = open(&name.parse().unwrap(), DEFAULT_BAUD).err().unwrap();
+            assert!(expected(&error), "{name}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_socket_whose_other_end_is_gone_says_so() {
+        let (mut here, there) = UnixStream::pair().unwrap();
+        let mut buffer = [0; 4];
+        assert_eq!(here.receive(&mut buffer, Duration::ZERO).unwrap(), 0);
+        drop(there);
+        let error = here.receive(&mut buffer, Duration::ZERO).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof);
+    }
+}

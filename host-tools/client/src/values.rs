@@ -1,0 +1,605 @@
+//! Values on nets of the mission that a robot runs: which nets there are, by name, what their values are made of, and what a sample says.
+//!
+//! A net has no name of its own. It goes by the ports of task states that are on it: the path of the state, a dot, the port.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use esm_core::Verified;
+use esm_core::signature::{Direction, Port};
+use rt_firmware::link::message::LinkError;
+use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use crate::link_client::{ClientError, LinkClient, StreamEvent};
+use crate::serial::ByteLink;
+use esm_toolkit::parameters::{ParameterType, Value};
+use esm_toolkit::trace::directory::{Directory, NoDirectory};
+
+/// A net of a mission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Net {
+    /// Its index in the blob.
+    pub index: u16,
+    /// Its names: first those of the ports that write it.
+    pub names: Vec<String>,
+    /// Name of the type of its values.
+    pub type_name: String,
+}
+
+impl Net {
+    /// The first of its names.
+    pub fn name(&self) -> &str {
+        self.names.first().map_or("", String::as_str)
+    }
+}
+
+/// The nets of a mission that something writes, in the order of their indices.
+///
+/// # Errors
+/// The blob has no names.
+pub fn nets_of<B>(blob: &Verified<B>) -> Result<Vec<Net>, NoDirectory>
+where
+    B: std::ops::Deref<Target = [u8]>,
+{
+    let tables = blob.tables();
+    let directory = Directory::of(&tables)?;
+    let mut written: Vec<Option<Net>> = vec![None; tables.net_count()];
+    let mut readers: Vec<(usize, String)> = Vec::new();
+    for (instance, state) in directory.task_states().iter().enumerate() {
+        let (Some(state), Some(task), Some(place)) = (
+            directory.state(*state),
+            tables
+                .task_state_of(instance)
+                .and_then(|task_state| tables.task(task_state.task)),
+            tables.task_instance(instance),
+        ) else {
+            continue;
+        };
+        let ports = task.signature.ports().filter_map(|port| match port {
+            Port::Data {
+                direction,
+                name,
+                type_name,
+                ..
+            } => Some((direction, name, type_name)),
+            _ => None,
+        });
+        for (port, (direction, name, type_name)) in (0_u8..).zip(ports) {
+            let Some(Some(net)) = tables.connection(place.first_connection + usize::from(port))
+            else {
+                continue;
+            };
+            let name = format!("{}.{}", state.path, String::from_utf8_lossy(name));
+            if direction == Direction::In {
+                readers.push((net, name));
+                continue;
+            }
+            let (Some(entry), Ok(index)) = (written.get_mut(net), u16::try_from(net)) else {
+                continue;
+            };
+            match entry {
+                Some(net) => net.names.push(name),
+                None => {
+                    *entry = Some(Net {
+                        index,
+                        names: vec![name],
+                        type_name: String::from_utf8_lossy(type_name).into_owned(),
+                    });
+                }
+            }
+        }
+    }
+    for (net, name) in readers {
+        if let Some(Some(net)) = written.get_mut(net) {
+            net.names.push(name);
+        }
+    }
+    Ok(written.into_iter().flatten().collect())
+}
+
+/// A field of a value.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name, which ends in its unit where it has one. A value that is a number itself has one field without a name. All fields of a row share it.
+    pub name: Arc<str>,
+    /// What it can be.
+    pub kind: ParameterType,
+}
+
+/// The most fields that a value has which can be told at all: beyond that, rows are not taken apart. A mission's types have no more together.
+const MAX_FIELDS: usize = 1 << 16;
+
+/// Fields from what a robot says of them, a line each, with a row as so many fields of one name. `None` where that says something else.
+pub fn fields_of(text: &str) -> Option<Vec<Field>> {
+    let mut fields = Vec::new();
+    for line in text.lines() {
+        let (name, kind) = line.split_once(':')?;
+        let row = kind
+            .strip_prefix('[')
+            .and_then(|row| row.strip_suffix(']')?.split_once(';'));
+        let (kind, count) = match row {
+            Some((kind, count)) => (kind, count.parse::<usize>().ok()?),
+            None => (kind, 1),
+        };
+        let kind = match kind {
+            "bool" => ParameterType::Bool,
+            "i8" | "i16" | "i32" => ParameterType::I32,
+            "u8" | "u16" | "u32" => ParameterType::U32,
+            "f32" => ParameterType::F32,
+            _ => return None,
+        };
+        if count > MAX_FIELDS - fields.len() {
+            return None;
+        }
+        let name: Arc<str> = name.into();
+        fields.extend(std::iter::repeat_n(Field { name, kind }, count));
+    }
+    Some(fields)
+}
+
+/// Endings of fields' names, and the units that they stand for. The longest that fits counts.
+const UNITS: &[(&str, &str)] = &[
+    ("_rad_per_s", "rad/s"),
+    ("_deg_per_s", "°/s"),
+    ("_m_per_s2", "m/s²"),
+    ("_mm_per_s", "mm/s"),
+    ("_m_per_s", "m/s"),
+    ("_percent", "%"),
+    ("_rad", "rad"),
+    ("_deg", "°"),
+    ("_mm", "mm"),
+    ("_um", "µm"),
+    ("_ms", "ms"),
+    ("_us", "µs"),
+    ("_ns", "ns"),
+    ("_hz", "Hz"),
+    ("_mv", "mV"),
+    ("_ma", "mA"),
+    ("_m", "m"),
+    ("_s", "s"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_w", "W"),
+];
+
+impl Field {
+    /// What it is, and its unit, which is nothing where its name tells none.
+    pub fn label(&self) -> (&str, &'static str) {
+        let known = UNITS
+            .iter()
+            .find_map(|(ending, unit)| Some((self.name.strip_suffix(ending)?, *unit)));
+        known.unwrap_or((&self.name, ""))
+    }
+}
+
+/// A net whose values are looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Watched {
+    /// The net.
+    pub net: Net,
+    /// What its values are made of. Nets of the same type share it.
+    pub fields: Arc<[Field]>,
+}
+
+/// The nets of the mission that a robot runs, and what their values are made of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Catalogue {
+    /// Hash of the mission.
+    pub mission: u32,
+    /// The nets, in the order of their indices.
+    pub nets: Vec<Watched>,
+}
+
+impl Catalogue {
+    /// Asks a robot, whose mission is the one in this blob, what is on its nets.
+    ///
+    /// # Errors
+    /// [`ValuesError`]
+    pub fn read<L: ByteLink, B>(
+        robot: &mut LinkClient<L>,
+        blob: &Verified<B>,
+    ) -> Result<Self, ValuesError>
+    where
+        B: std::ops::Deref<Target = [u8]>,
+    {
+        let mut known: HashMap<String, Arc<[Field]>> = HashMap::new();
+        let mut count = 0;
+        let mut nets = Vec::new();
+        for net in nets_of(blob)? {
+            let fields = match known.get(&net.type_name) {
+                Some(fields) => fields.clone(),
+                None => {
+                    let text = robot.fields(blob.hash(), net.index)?;
+                    let fields: Arc<[Field]> = fields_of(&text).ok_or(ValuesError::Unknown)?.into();
+                    count += fields.len();
+                    if count > MAX_FIELDS {
+                        return Err(ValuesError::TooMany);
+                    }
+                    known.insert(net.type_name.clone(), fields.clone());
+                    fields
+                }
+            };
+            nets.push(Watched { net, fields });
+        }
+        Ok(Catalogue {
+            mission: blob.hash(),
+            nets,
+        })
+    }
+
+    /// The net of this name.
+    pub fn find(&self, name: &str) -> Option<&Watched> {
+        let has_name = |it: &&Watched| it.net.names.iter().any(|known| known == name);
+        self.nets.iter().find(has_name)
+    }
+
+    /// All nets whose values say what they are made of, in groups that a sample has room for. A value that is too large for any is left out.
+    pub fn groups(&self) -> Vec<Vec<Watched>> {
+        let mut groups: Vec<Vec<Watched>> = Vec::new();
+        let mut room = 0;
+        for watched in &self.nets {
+            let words = watched.fields.len();
+            if words == 0 || words > MAX_VALUE_WORDS {
+                continue;
+            }
+            match groups.last_mut() {
+                Some(group) if words <= room => group.push(watched.clone()),
+                _ => {
+                    groups.push(vec![watched.clone()]);
+                    room = MAX_VALUE_WORDS;
+                }
+            }
+            room -= words;
+        }
+        groups
+    }
+}
+
+/// Why there are no values.
+#[derive(Debug, thiserror::Error)]
+pub enum ValuesError {
+    /// The robot did not answer, or refused to.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// The mission has no names.
+    #[error(transparent)]
+    NoNames(#[from] NoDirectory),
+    /// The robot speaks of types that this program does not know.
+    #[error(
+        "the robot has values of a type that this program does not know: use the `esm` of its firmware's version"
+    )]
+    Unknown,
+    /// More than any robot has.
+    #[error(
+        "the robot has values of more than {MAX_FIELDS} numbers together, which no robot has: its firmware and this program do not fit together"
+    )]
+    TooMany,
+}
+
+/// Values that a robot was asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Subscription {
+    number: u8,
+    nets: Vec<Watched>,
+}
+
+/// What a robot says of values that it was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    /// What was on the nets.
+    Sample(Reading),
+    /// So many samples did not come: the robot had no room for them, or the line lost them.
+    Gap(u32),
+    /// The mission is another one; no more will come.
+    Ended,
+}
+
+/// What was on nets at the same time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// Nominal start of the macro step behind which it was read, in microseconds since the mission started.
+    pub t_us: u64,
+    /// The values of the nets that were asked for, in that order; none of a net that nothing was written to yet.
+    pub values: Vec<Option<Vec<Value>>>,
+}
+
+impl Subscription {
+    /// Asks the robot for values of these nets of the mission of this hash, each `period` at most, in place of others.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn begin<L: ByteLink>(
+        robot: &mut LinkClient<L>,
+        mission: u32,
+        nets: Vec<Watched>,
+        period: Duration,
+    ) -> Result<Self, ClientError> {
+        let indices: Vec<u16> = nets.iter().map(|watched| watched.net.index).collect();
+        let number = robot.values(mission, &indices, period)?;
+        Ok(Subscription { number, nets })
+    }
+
+    /// What was asked for.
+    pub fn nets(&self) -> &[Watched] {
+        &self.nets
+    }
+
+    /// What an event says of it, if it is about this.
+    pub fn read(&self, event: &StreamEvent) -> Option<Told> {
+        match event {
+            StreamEvent::Values {
+                number,
+                left_out: _,
+                has,
+                t_us,
+                words,
+            } if *number == self.number => {
+                let mut words = words.iter();
+                let values = (0_u32..).zip(&self.nets).map(|(place, watched)| {
+                    let holds = has.checked_shr(place).is_some_and(|bits| bits & 1 != 0);
+                    holds.then(|| {
+                        let fields = watched.fields.iter().zip(words.by_ref());
+                        fields
+                            .map(|(field, bits)| field.kind.value(*bits))
+                            .collect()
+                    })
+                });
+                Some(Told::Sample(Reading {
+                    t_us: *t_us,
+                    values: values.collect(),
+                }))
+            }
+            StreamEvent::ValuesEnded { number } if *number == self.number => Some(Told::Ended),
+            StreamEvent::Gap {
+                channel: rt_firmware::link::message::Channel::Values,
+                missing,
+            } => Some(Told::Gap(*missing)),
+            _ => None,
+        }
+    }
+}
+
+/// A value for a person: its fields with their units, numbers with three digits behind the point.
+pub struct Text<'a> {
+    /// What it is made of.
+    pub fields: &'a [Field],
+    /// Its fields.
+    pub values: &'a [Value],
+}
+
+impl fmt::Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut at = 0;
+        while let Some(field) = self.fields.get(at) {
+            let (label, unit) = field.label();
+            if at > 0 {
+                f.write_str("  ")?;
+            }
+            f.write_str(label)?;
+            let row = self.row_from(at);
+            for (place, value) in row.iter().enumerate() {
+                if place > 0 || !label.is_empty() {
+                    f.write_str(" ")?;
+                }
+                match value {
+                    Value::F32(value) => write!(f, "{value:.3}")?,
+                    value => write!(f, "{value}")?,
+                }
+            }
+            if !unit.is_empty() {
+                write!(f, " {unit}")?;
+            }
+            at += row.len().max(1);
+        }
+        Ok(())
+    }
+}
+
+impl Text<'_> {
+    /// The values of the fields from this one on that go by the same name: a row, which is named once.
+    fn row_from(&self, at: usize) -> &[Value] {
+        let fields = self.fields.get(at..).unwrap_or_default();
+        let name = fields.first().map(|field| &field.name);
+        let count = (fields.iter())
+            .take_while(|other| Some(&other.name) == name)
+            .count();
+        self.values.get(at..at + count).unwrap_or_default()
+    }
+}
+
+/// A value for a program: an object of its fields, in which a row is an array; of a value that is a number itself, the number.
+impl Serialize for Text<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if let ([field], [value]) = (self.fields, self.values)
+            && field.name.is_empty()
+        {
+            return value.serialize(serializer);
+        }
+        let mut map = serializer.serialize_map(None)?;
+        let mut at = 0;
+        while let Some(field) = self.fields.get(at) {
+            let row = self.row_from(at);
+            match row {
+                [value] => map.serialize_entry(&*field.name, value)?,
+                values => map.serialize_entry(&*field.name, values)?,
+            }
+            at += row.len().max(1);
+        }
+        map.end()
+    }
+}
+
+/// Whether a robot refused because its firmware has no telemetry.
+pub fn is_not_built_in(error: &ValuesError) -> bool {
+    matches!(error, ValuesError::Client(error) if error.refusal() == Some(LinkError::NotBuiltIn))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_that_tells_of_endless_rows_is_told_to_be_wrong() {
+        for said in [
+            "x:[u32;18446744073709551615]\n",
+            "a:u8\nx:[u32;18446744073709551615]\n",
+            "x:[u32;65537]\n",
+            "x:[f32;65536]\ny:f32\n",
+            "x:[u32;-1]\n",
+        ] {
+            assert_eq!(fields_of(said), None, "{said}");
+        }
+        let most = fields_of("x:[u32;65536]\n").unwrap();
+        assert_eq!(most.len(), MAX_FIELDS);
+        assert!(
+            Arc::ptr_eq(&most[0].name, &most[MAX_FIELDS - 1].name),
+            "no name is held twice"
+        );
+    }
+
+    #[test]
+    fn nets_go_by_the_ports_that_are_on_them_writers_first() {
+        let source = "
+            interpreter slot 1;
+            slot 1 period 10 ms duration 1 ms;
+            task Eye slot 1 { in data seen: u32 optional; out data scan: Scan; out data seen2: u32; }
+            task Go slot 1 { in data scan: Scan; out data done: u32; }
+            machine M {
+                region a { task E: Eye; initial -> E; }
+                region b { task G: Go; task H: Go; initial -> G; G -> H on pulse; }
+                path E.scan -> G.scan, H.scan;
+                path G.done, H.done -> E.seen;
+            }";
+        let checked = esm_toolkit::lang::load_text("m.esm", source);
+        assert!(!checked.has_errors(), "{:?}", checked.diagnostics);
+        let blob = esm_toolkit::compile::compile(&checked.model.unwrap(), &[0]).unwrap();
+        let blob = esm_core::verify(blob).unwrap();
+        let nets: Vec<_> = nets_of(&blob)
+            .unwrap()
+            .into_iter()
+            .map(|net| (net.names.join(" "), net.type_name))
+            .collect();
+        let net = |names: &str, kind: &str| (names.to_owned(), kind.to_owned());
+        assert!(
+            nets.contains(&net("a/E.scan b/G.scan b/H.scan", "Scan")),
+            "{nets:?}"
+        );
+        assert!(
+            nets.contains(&net("b/G.done b/H.done a/E.seen", "u32")),
+            "{nets:?}"
+        );
+    }
+
+    fn fields(text: &str) -> Vec<Field> {
+        fields_of(text).unwrap()
+    }
+
+    #[test]
+    fn values_are_told_with_their_units_and_rows_once() {
+        use Value::{Bool, F32, I32, U32};
+        type Case<'a> = (&'a str, &'a [Value], &'a str, &'a str);
+        let cases: &[Case<'_>] = &[
+            (
+                "x_m:f32\nheading_rad:f32\n",
+                &[F32(0.5), F32(-1.25)],
+                "x 0.500 m  heading -1.250 rad",
+                r#"{"x_m":0.5,"heading_rad":-1.25}"#,
+            ),
+            (
+                "range_m:[f32;3]\n",
+                &[F32(4.0), F32(1.0), F32(4.0)],
+                "range 4.000 1.000 4.000 m",
+                r#"{"range_m":[4.0,1.0,4.0]}"#,
+            ),
+            (
+                "left_um:i16\ndark_sensors:u8\nlost:bool\n",
+                &[I32(-3), U32(2), Bool(true)],
+                "left -3 µm  dark_sensors 2  lost true",
+                r#"{"left_um":-3,"dark_sensors":2,"lost":true}"#,
+            ),
+            (":u32\n", &[U32(7)], "7", "7"),
+        ];
+        for (said, values, text, json) in cases {
+            let fields = fields(said);
+            let told = Text {
+                fields: &fields,
+                values,
+            };
+            assert_eq!(told.to_string(), *text);
+            assert_eq!(serde_json::to_string(&told).unwrap(), *json);
+        }
+        assert_eq!(fields_of("x_m f32\n"), None);
+        assert_eq!(fields_of("x_m:f64\n"), None);
+        assert_eq!(fields_of("x_m:[f32;N]\n"), None);
+        assert_eq!(fields_of("x_m:[f32;99999999]\n"), None);
+        assert_eq!(fields_of(""), Some(Vec::new()));
+    }
+
+    #[test]
+    fn a_sample_is_read_net_by_net_and_those_of_other_requests_are_passed_over() {
+        let net = |index, said| Watched {
+            net: Net {
+                index,
+                names: vec![format!("n{index}")],
+                type_name: "T".into(),
+            },
+            fields: fields(said).into(),
+        };
+        let nets = vec![
+            net(3, "a:u32\nb:i32\n"),
+            net(1, "c:bool\n"),
+            net(2, ":f32\n"),
+        ];
+        let subscription = Subscription { number: 9, nets };
+        let event = |number, has, words: &[u32]| StreamEvent::Values {
+            number,
+            left_out: 0,
+            has,
+            t_us: 40_000,
+            words: words.to_vec(),
+        };
+        let told = subscription.read(&event(9, 0b101, &[1, u32::MAX, 1.5_f32.to_bits()]));
+        let expected = Reading {
+            t_us: 40_000,
+            values: vec![
+                Some(vec![Value::U32(1), Value::I32(-1)]),
+                None,
+                Some(vec![Value::F32(1.5)]),
+            ],
+        };
+        assert_eq!(told, Some(Told::Sample(expected)));
+        assert_eq!(subscription.read(&event(8, 0, &[])), None);
+        let ended = |number| StreamEvent::ValuesEnded { number };
+        assert_eq!(subscription.read(&ended(9)), Some(Told::Ended));
+        assert_eq!(subscription.read(&ended(8)), None);
+    }
+
+    #[test]
+    fn nets_go_into_as_many_groups_as_they_need() {
+        let net = |index: u16, words: usize| Watched {
+            net: Net {
+                index,
+                names: vec![format!("n{index}")],
+                type_name: "T".into(),
+            },
+            fields: fields(&format!("x:[u32;{words}]\n")).into(),
+        };
+        let sizes = [8, 0, 12, 1, MAX_VALUE_WORDS + 1, MAX_VALUE_WORDS];
+        let catalogue = Catalogue {
+            mission: 7,
+            nets: (0..)
+                .zip(sizes)
+                .map(|(index, words)| net(index, words))
+                .collect(),
+        };
+        let groups: Vec<Vec<u16>> = catalogue
+            .groups()
+            .iter()
+            .map(|group| group.iter().map(|watched| watched.net.index).collect())
+            .collect();
+        assert_eq!(groups, [vec![0, 2], vec![3], vec![5]]);
+    }
+}

@@ -1,0 +1,119 @@
+//! Collects what each `boards/*/board.toml` says of its board, so that the command knows the boards also where there is no checkout.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+/// Keys of `[capacities]` that a mission is compared with, and the fields of `Capacities` that they become.
+const CAPACITIES: [(&str, &str); 6] = [
+    ("blob_bytes", "blob_bytes"),
+    ("arena_words", "arena_words"),
+    ("slots", "slots"),
+    ("tasks", "task_instances"),
+    ("nets", "nets"),
+    ("exclusive_groups", "exclusive_groups"),
+];
+
+/// Values by section and key, as they are written.
+type Settings = BTreeMap<(String, String), String>;
+
+fn main() {
+    // Relative to this package, so that a build that was moved with its checkout does not look at the old place.
+    let boards = Path::new("../../boards");
+    // Changes when a board is added or removed.
+    println!("cargo:rerun-if-changed={}", boards.display());
+    println!("cargo:rerun-if-changed=build.rs");
+    let entries = fs::read_dir(boards).expect("the boards stand in the checkout");
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path().join("board.toml")))
+        .filter(|file| file.is_file())
+        .collect();
+    files.sort();
+    let mut list = String::from("[\n");
+    let mut defaults = Vec::new();
+    for file in &files {
+        println!("cargo:rerun-if-changed={}", file.display());
+        let settings = settings(file);
+        if settings
+            .get(&key("", "default"))
+            .is_some_and(|it| it == "true")
+        {
+            defaults.push(settings[&key("", "name")].clone());
+        }
+        list += &board(file, &settings);
+    }
+    list += "]\n";
+    let [default] = &defaults[..] else {
+        panic!("one board has `default = true`, and not these: {defaults:?}");
+    };
+    fs::write(folder("OUT_DIR").join("default_board.rs"), default)
+        .expect("OUT_DIR can be written to");
+    fs::write(folder("OUT_DIR").join("boards.rs"), list).expect("OUT_DIR can be written to");
+}
+
+fn folder(variable: &str) -> PathBuf {
+    env::var_os(variable)
+        .expect("cargo sets its variables")
+        .into()
+}
+
+/// A board as an item of the list.
+fn board(file: &Path, settings: &Settings) -> String {
+    let value = |section: &str, key: &str| {
+        settings
+            .get(&self::key(section, key))
+            .unwrap_or_else(|| panic!("{} has no `{key}` in [{section}]", file.display()))
+    };
+    let folder = file.parent().and_then(Path::file_name);
+    let name = value("", "name");
+    assert_eq!(
+        folder.map(|folder| format!("{:?}", folder.to_string_lossy())),
+        Some(name.clone()),
+        "a board has the name of its folder: {}",
+        file.display()
+    );
+    let mut item = format!(
+        "Board {{ name: {name}, description: {}, capacities: Capacities {{",
+        value("", "description")
+    );
+    for (key, field) in CAPACITIES {
+        // Writing to a string cannot fail.
+        let _ = write!(item, " {field}: {},", value("capacities", key));
+    }
+    item += " }, interpreter: ";
+    let costs = file.with_file_name("costs.txt");
+    println!("cargo:rerun-if-changed={}", costs.display());
+    item += &match fs::read_to_string(&costs) {
+        Ok(costs) => format!(
+            "Some(InterpreterSpeed {{ costs: {costs:?}, instruction_ns: {} }})",
+            value("clock", "instruction_ns")
+        ),
+        // Not measured.
+        Err(_) => "None".to_owned(),
+    };
+    item + " },\n"
+}
+
+fn key(section: &str, key: &str) -> (String, String) {
+    (section.to_owned(), key.to_owned())
+}
+
+/// Reads the part of TOML that `board.toml` is written in: sections, and `key = value` on one line.
+fn settings(file: &Path) -> Settings {
+    let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{file:?}: {error}"));
+    let mut settings = Settings::new();
+    let mut section = String::new();
+    for line in text.lines().map(str::trim) {
+        if let Some(name) = line
+            .strip_prefix('[')
+            .and_then(|rest| rest.strip_suffix(']'))
+        {
+            section = name.to_owned();
+        } else if let (false, Some((key, value))) = (line.starts_with('#'), line.split_once('=')) {
+            let place = (section.clone(), key.trim().to_owned());
+            settings.insert(place, value.trim().to_owned());
+        }
+    }
+    settings
+}

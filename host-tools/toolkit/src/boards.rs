@@ -1,0 +1,166 @@
+//! The boards that there are, and what a mission may use on each.
+//!
+//! The list is made of every `boards/*/board.toml` when the command is built, and so needs no checkout later; the host board joins it.
+
+use rt_firmware::link::message::Capacities;
+
+use crate::bound::Costs;
+
+/// The board that is meant where none is named.
+pub const DEFAULT: &str = include!(concat!(env!("OUT_DIR"), "/default_board.rs"));
+
+/// What tools know of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// Its name, as `--board` takes it.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub description: &'static str,
+    /// What a mission may use on it: what its firmware compares a mission with.
+    pub capacities: Capacities,
+    /// How fast its interpreter is, where that was measured.
+    pub interpreter: Option<InterpreterSpeed>,
+}
+
+/// How fast the interpreter of a board's firmware is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InterpreterSpeed {
+    /// Instructions of each construct of a macro step, as [`Costs::parse`] reads them: the board's `costs.txt`.
+    pub costs: &'static str,
+    /// Nanoseconds that an instruction takes at most: `instruction_ns` of its `board.toml`.
+    pub instruction_ns: u32,
+}
+
+impl InterpreterSpeed {
+    /// What so many instructions take, in microseconds, rounded up.
+    pub fn time_us(&self, instructions: u64) -> u64 {
+        instructions
+            .saturating_mul(u64::from(self.instruction_ns))
+            .div_ceil(1_000)
+    }
+}
+
+impl Board {
+    /// Instructions of each construct of a macro step, where they were measured on this board.
+    pub fn costs(&self) -> Option<Costs> {
+        Costs::parse(self.interpreter?.costs).ok()
+    }
+}
+
+/// The boards with a folder of their own, by name.
+const WITH_FOLDER: &[Board] = &include!(concat!(env!("OUT_DIR"), "/boards.rs"));
+
+/// The board that runs inside the command.
+pub const HOST: Board = Board {
+    name: "host",
+    description: "this computer: the runtime as a part of the command",
+    // Enough for any mission that fits a microcontroller, and for the limits of the blob format.
+    capacities: Capacities {
+        blob_bytes: 256 * 1024,
+        arena_words: 16 * 1024,
+        slots: 256,
+        task_instances: 2048,
+        nets: 2048,
+        exclusive_groups: 128,
+    },
+    interpreter: None,
+};
+
+/// All boards, the host last.
+pub fn all() -> impl Iterator<Item = &'static Board> {
+    WITH_FOLDER.iter().chain([&HOST])
+}
+
+/// The board of a name.
+///
+/// # Errors
+/// [`UnknownBoard`], which says the names that there are.
+pub fn find(name: &str) -> Result<&'static Board, UnknownBoard> {
+    all()
+        .find(|board| board.name == name)
+        .ok_or_else(|| UnknownBoard {
+            name: name.to_owned(),
+        })
+}
+
+/// A name that no board has.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("there is no board `{name}`; the boards are {}", names())]
+pub struct UnknownBoard {
+    /// The name that was asked for.
+    pub name: String,
+}
+
+/// `a`, `b` and `c`
+fn names() -> String {
+    let mut text = String::new();
+    let mut names = all().map(|board| board.name).peekable();
+    while let Some(name) = names.next() {
+        let separator = match (text.is_empty(), names.peek()) {
+            (true, _) => "",
+            (false, Some(_)) => ", ",
+            (false, None) => " and ",
+        };
+        text += &format!("{separator}`{name}`");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_board_is_found_by_its_name_and_the_default_is_one() {
+        for board in all() {
+            assert_eq!(find(board.name), Ok(board));
+        }
+        assert_eq!(find(DEFAULT).map(|board| board.name), Ok("lm3s6965"));
+        assert_eq!(
+            find("lm3s").map_err(|unknown| unknown.to_string()),
+            Err("there is no board `lm3s`; the boards are `lm3s6965` and `host`".to_owned())
+        );
+    }
+
+    #[test]
+    fn each_board_folder_is_in_the_list_with_the_numbers_of_its_file() {
+        let folder = "../../boards";
+        let mut found = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let Ok(text) = std::fs::read_to_string(entry.unwrap().path().join("board.toml")) else {
+                continue;
+            };
+            let told = |key: &str| {
+                let lines = text.lines().filter_map(|line| line.split_once(" = "));
+                let value = lines.clone().find(|(found, _)| *found == key);
+                value.unwrap().1.trim_matches('"').to_owned()
+            };
+            let board = find(&told("name")).unwrap();
+            let Capacities {
+                blob_bytes,
+                arena_words,
+                slots,
+                task_instances,
+                nets,
+                exclusive_groups,
+            } = board.capacities;
+            for (key, number) in [
+                ("blob_bytes", blob_bytes),
+                ("arena_words", arena_words),
+                ("slots", slots.into()),
+                ("tasks", task_instances.into()),
+                ("nets", nets.into()),
+                ("exclusive_groups", exclusive_groups.into()),
+            ] {
+                assert_eq!(told(key), number.to_string(), "{}: {key}", board.name);
+            }
+            let ns = board
+                .interpreter
+                .map(|speed| speed.instruction_ns.to_string());
+            assert_eq!(ns, Some(told("instruction_ns")));
+            assert!(board.costs().is_some(), "{}: costs.txt", board.name);
+            found += 1;
+        }
+        assert_eq!(found, WITH_FOLDER.len());
+    }
+}

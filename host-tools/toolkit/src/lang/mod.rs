@@ -1,0 +1,304 @@
+//! The language front end: from `.esm` files to a resolved [`Model`], or to everything that is wrong with them.
+//!
+//! ```text
+//! text ─ lexer ─▶ tokens ─ parser ─▶ tree ─ resolve ─▶ Model
+//!                              └──────────────┴──────▶ diagnostics ─ render ─▶ people, programs
+//! ```
+//!
+//! The parser never fails: whatever it is given, it makes a tree of what it could read and reports the rest. So one run finds
+//! the mistakes of all stages.
+//!
+//! ```
+//! let checked = esm_toolkit::lang::load_text("wrong.esm", "task T { out flag near; out flag near; }");
+//! assert_eq!(checked.json_lines(), "{\"code\":\"E003\",\"severity\":\"error\",\"file\":\"wrong.esm\",\"line\":1,\"col\":34,\
+//!     \"message\":\"flag `near` is defined twice: give the second one another name or remove it\"}\n");
+//! ```
+
+pub mod analysis;
+pub(crate) mod cure;
+mod diagnostic;
+mod forest;
+pub mod format;
+pub(crate) mod lexer;
+mod lints;
+mod loader;
+mod parser;
+mod references;
+mod render;
+mod resolve;
+mod source;
+pub(crate) mod tree;
+
+pub use diagnostic::{Code, Diagnostic, Edit, Fix, Severity};
+pub use lexer::RESERVED_WORDS;
+pub use loader::{Overlay, Store};
+pub use references::References;
+pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
+
+use crate::model::{Model, SourceFile, Span};
+use crate::schedule::{self, Limit, Outcome, Schedule, SlotSpec};
+
+use diagnostic::Sink;
+use loader::Memory;
+
+/// A set of files, read and checked.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    /// The files of the set, the one that was asked for first.
+    pub files: Vec<SourceFile>,
+    /// Everything found, sorted by file, place and code.
+    pub diagnostics: Vec<Diagnostic>,
+    /// What the files say; there exactly if no diagnostic is an error.
+    pub model: Option<Model>,
+    /// The slots whose period and duration are known, in source order: there also where other things are wrong.
+    slots: Vec<SlotSpec>,
+    /// Where slots that have no schedule are reported.
+    first_slot: Span,
+    /// Whether these are all slots, and each is one that can occur.
+    slots_are_sound: bool,
+    has_machine: bool,
+    references: References,
+    /// One for each file.
+    trees: Vec<tree::File>,
+}
+
+/// Reads a file of `store` with all that it uses, and checks the set.
+///
+/// # Errors
+/// The file itself cannot be read. A file that it uses and that cannot be read is a diagnostic.
+pub fn load_from(path: &str, store: &dyn Store) -> Result<Checked, LoadError> {
+    check(path, store)
+}
+
+/// Checks one text that uses no other. `name` stands for its path in messages.
+pub fn load_text(name: &str, text: &str) -> Checked {
+    load_texts(&[(name, text)])
+}
+
+/// Checks a set of texts by path and content, as if they were files; the first is the one asked for. Paths separate with `/`.
+pub fn load_texts(files: &[(&str, &str)]) -> Checked {
+    let files: Vec<(&str, &[u8])> = files
+        .iter()
+        .map(|&(path, text)| (path, text.as_bytes()))
+        .collect();
+    load_files(&files)
+}
+
+/// [`load_texts`] for files that may be no text: what is not UTF-8 is reported, as it is for a file on disk.
+pub fn load_files(files: &[(&str, &[u8])]) -> Checked {
+    let path = files.first().map_or("", |file| file.0);
+    // Only an empty list has no first file; it is checked as an empty text.
+    check(path, &Memory::new(files)).unwrap_or_else(|_| load_files(&[("", b"")]))
+}
+
+/// Whether a text can be the name of something: an identifier that is not reserved.
+pub fn is_name(text: &str) -> bool {
+    let mut lexer = lexer::Lexer::new(text);
+    let token = lexer.next_token();
+    token.kind == lexer::TokenKind::Identifier
+        && token.end as usize == text.len()
+        && token.start == 0
+}
+
+fn check(path: &str, store: &dyn Store) -> Result<Checked, LoadError> {
+    let mut sink = Sink::default();
+    let set = loader::load(path, store, &mut sink)?;
+    let trees = resolve::Trees {
+        files: &set.files,
+        trees: &set.trees,
+        lacks_files: set.lacks_files,
+    };
+    let resolved = resolve::resolve(&trees, &mut sink);
+    let model = resolved.model;
+    analysis::check(&model, &resolved.holes, &resolved.activity, &mut sink);
+    lints::check(
+        &trees,
+        &model,
+        &resolved.holes,
+        &resolved.activity,
+        &mut sink,
+    );
+    let has_errors = sink.has_errors();
+    let diagnostics = sink.into_sorted();
+    Ok(Checked {
+        slots: SlotSpec::of_model(&model)
+            .into_iter()
+            .zip(&resolved.known_slots)
+            .filter_map(|(slot, &is_known)| is_known.then_some(slot))
+            .collect(),
+        first_slot: model
+            .slots
+            .first()
+            .map(|slot| slot.span)
+            .unwrap_or_default(),
+        // A search after E010 would only say the same in other words.
+        slots_are_sound: resolved.slots_are_whole
+            && diagnostics
+                .iter()
+                .all(|diagnostic| diagnostic.code != Code::E010),
+        has_machine: model.machine.is_some(),
+        references: resolved.references,
+        trees: set.trees,
+        files: set.files,
+        diagnostics,
+        model: (!has_errors).then_some(model),
+    })
+}
+
+/// Diagnostics for people, with what is unused in libraries only counted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Folded<'c> {
+    /// All other diagnostics.
+    pub text: String,
+    /// The first code among them, errors before warnings.
+    pub first_code: Option<Code>,
+    /// Files, by path, and the number of unused declarations in each.
+    pub unused: Vec<(&'c str, usize)>,
+}
+
+impl Checked {
+    /// Whether anything found is an error.
+    pub fn has_errors(&self) -> bool {
+        self.diagnostics
+            .iter()
+            .any(|diagnostic| diagnostic.severity() == Severity::Error)
+    }
+
+    /// Adds a diagnostic of a later pass at its place in the order. An error takes the model away.
+    pub fn add(&mut self, diagnostic: Diagnostic) {
+        if diagnostic.severity() == Severity::Error {
+            self.model = None;
+        }
+        let at = self.diagnostics.partition_point(|other| {
+            (other.span, other.code) <= (diagnostic.span, diagnostic.code)
+        });
+        self.diagnostics.insert(at, diagnostic);
+    }
+
+    /// Demands that the set has a machine, as building and running do: without one it adds E013.
+    pub fn require_machine(&mut self) {
+        // What could not be read may be the machine.
+        let is_whole = |found: &Diagnostic| !matches!(found.code, Code::E001 | Code::E013);
+        if !self.has_machine && self.diagnostics.iter().all(is_whole) {
+            self.add(
+                Diagnostic::new(Code::E013, Span::default(), "there is no machine to run")
+                    .hint("declare one: `machine M { region r { … } }`"),
+            );
+        }
+    }
+
+    /// The slots in source order, as the search for a schedule takes them. All of them only where no error is about slots: one whose period or duration is not known
+    /// is left out.
+    pub fn slots(&self) -> &[SlotSpec] {
+        &self.slots
+    }
+
+    /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are none or none were found.
+    ///
+    /// Gives `None` where slots are wrong already, so that the question has no meaning.
+    pub fn solve_slots(&mut self, limit: impl Into<Limit>) -> Option<Outcome> {
+        if !self.slots_are_sound {
+            return None;
+        }
+        let limit = limit.into();
+        let outcome = schedule::solve(&self.slots, limit);
+        let diagnostic = match &outcome {
+            Outcome::Feasible(_) => None,
+            Outcome::Infeasible(reason) => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!("there is no schedule for these slots: {reason}"),
+                )
+                .hint(reason.cure(&self.slots).to_string()),
+            ),
+            Outcome::Undecided if self.slots.len() > schedule::MAX_SLOTS => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!(
+                        "there are {} slots, and more than {} are not laid out",
+                        self.slots.len(),
+                        schedule::MAX_SLOTS
+                    ),
+                )
+                .hint("let tasks share slots: one slot runs any number of them, one after another"),
+            ),
+            Outcome::Undecided => Some(
+                Diagnostic::new(
+                    Code::E011,
+                    self.first_slot,
+                    format!("no schedule was found {limit}, and no proof that there is none"),
+                )
+                .hint("shorten durations, or let periods be multiples of each other: `esm schedule --snap` proposes how; with `--limit` it searches longer"),
+            ),
+        };
+        if let Some(diagnostic) = diagnostic {
+            self.add(diagnostic);
+        }
+        Some(outcome)
+    }
+
+    /// [`Checked::solve_slots`] for those who want a schedule or nothing.
+    pub fn lay_out(&mut self, limit: impl Into<Limit>) -> Option<Schedule> {
+        match self.solve_slots(limit)? {
+            Outcome::Feasible(schedule) => Some(schedule),
+            Outcome::Infeasible(_) | Outcome::Undecided => None,
+        }
+    }
+
+    /// Which places of the files name the same thing.
+    pub fn references(&self) -> &References {
+        &self.references
+    }
+
+    /// The syntax tree of each file.
+    pub(crate) fn trees(&self) -> &[tree::File] {
+        &self.trees
+    }
+
+    /// Where a span starts, for messages. For many spans make [`Positions`] once.
+    pub fn position(&self, span: Span) -> Position {
+        Positions::new(&self.files).of(span)
+    }
+
+    /// The diagnostics for people: the source line with the place marked, the cause, the fix.
+    pub fn render(&self, colour: bool) -> String {
+        render::for_people(&self.files, &self.diagnostics, colour)
+    }
+
+    /// The same without what is unused (W107) in other files than the one that was asked for: a mission seldom uses all of a library.
+    /// How many of these each file has stands beside it.
+    pub fn render_folded(&self, colour: bool) -> Folded<'_> {
+        let (folded, shown): (Vec<_>, Vec<_>) = self
+            .diagnostics
+            .iter()
+            .cloned()
+            .partition(|found| found.code == Code::W107 && found.span.file != 0);
+        let mut unused: Vec<(&str, usize)> = Vec::new();
+        // Sorted by file, as the diagnostics are.
+        for found in &folded {
+            let path = self
+                .files
+                .get(found.span.file as usize)
+                .map_or("", |file| file.path.as_str());
+            match unused.last_mut() {
+                Some((last, count)) if *last == path => *count += 1,
+                _ => unused.push((path, 1)),
+            }
+        }
+        Folded {
+            text: render::for_people(&self.files, &shown, colour),
+            first_code: shown.iter().map(|found| found.code).min(),
+            unused,
+        }
+    }
+
+    /// The diagnostics for programs: one JSON object a line with `code`, `severity`, `file`, `line`, `col`, `message`.
+    pub fn json_lines(&self) -> String {
+        render::json_lines(&self.files, &self.diagnostics)
+    }
+}
+
+#[cfg(test)]
+mod tests;

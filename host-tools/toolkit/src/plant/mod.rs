@@ -1,0 +1,263 @@
+//! The plant: a simulated robot's body in a [`World`], seen through its pins.
+//!
+//! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars, a sagging battery, walls that stop the body,
+//! sensors that tell a dark line from a light floor.
+//! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
+//!
+//! **Deterministic to the bit.** Time is an integer; integration steps begin at fixed instants whatever the calls; all functions come from
+//! `libm`; noise is a function of seed, source and index. What actuators a plant gets when, and its seed, decide all that it ever answers.
+//!
+//! Its ADC inputs, of which 1 to 3 are for a user's own drivers:
+//!
+//! | ADC input | reads |
+//! |---|---|
+//! | 0 | the battery through its divider |
+//! | 1 | a bumper: full scale while the body touches a wall, else 0 |
+//! | 2 | the current that the battery gives, full scale at 4 A |
+//! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
+//! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
+
+mod drive;
+mod floor;
+mod noise;
+mod parameters;
+mod sonar;
+mod statistics;
+
+use rt_firmware::body::{
+    ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, Sensors,
+};
+
+pub use drive::BodyPose;
+pub use noise::{Noise, Source};
+pub use parameters::{
+    BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
+    SLIP_WINDOW_MS, SonarParameters,
+};
+pub use sonar::{PATIENCE_US, SonarFault};
+pub use statistics::{PathSample, Statistics};
+
+use crate::world::World;
+use drive::{Drive, STEP_US};
+use sonar::SonarRing;
+
+/// The farthest that one call may advance a plant, in microseconds. A request for more (only a broken board sends one) advances by this.
+pub const ADVANCE_LIMIT_US: u64 = 60_000_000;
+
+/// Battery current at the ADC's full scale, in amperes.
+const CURRENT_FULL_SCALE_A: f64 = 4.0;
+
+/// Why a plant cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlantError {
+    /// The robot would stand in a wall.
+    #[error(
+        "the robot does not fit at the start of world `{world}`: the nearest wall is {distance_m:.3} m from its centre, \
+         its radius is {radius_m:.3} m; move `start` away from the walls"
+    )]
+    StartInWall {
+        /// The world's name.
+        world: String,
+        /// Distance from the start to the nearest wall, in metres.
+        distance_m: f64,
+        /// The body's radius, in metres.
+        radius_m: f64,
+    },
+}
+
+/// A robot's body in a world.
+///
+/// ```
+/// use esm_toolkit::{plant::{BodyParameters, Plant}, world::World};
+/// use rt_firmware::body::{Actuators, Request};
+///
+/// let world = World::parse("world cell\n start 1,1 0\n wall 0,0 3,0 3,3 0,3 0,0").unwrap();
+/// let mut plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
+/// let forwards = Actuators { left_duty: 300, right_duty: 300, ..Actuators::default() };
+/// let first = plant.exchange(&Request { sequence: 0, start_us: 0, effect_us: 0, actuators: forwards });
+/// let later = plant.exchange(&Request { sequence: 1, start_us: 500_000, effect_us: 1_000, actuators: forwards });
+/// assert!(later.sensors.left_count > first.sensors.left_count);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Plant {
+    world: World,
+    body: BodyParameters,
+    noise: Noise,
+    drive: Drive,
+    sonars: SonarRing,
+    aux_outputs: u8,
+    now_us: u64,
+    statistics: Statistics,
+}
+
+impl Plant {
+    /// A plant at time 0, standing at the world's start. Runs with equal `seed` and actuators are equal.
+    pub fn new(world: World, body: BodyParameters, seed: u64) -> Result<Self, PlantError> {
+        let pose = BodyPose {
+            position: world.start.position,
+            heading_rad: world.start.heading_deg * core::f64::consts::PI / 180.0,
+        };
+        let drive = Drive::new(body, world.walls.clone(), pose);
+        let distance_m = drive.distance_to_walls_m(pose.position);
+        if distance_m < body.radius_m {
+            return Err(PlantError::StartInWall {
+                world: world.name,
+                distance_m,
+                radius_m: body.radius_m,
+            });
+        }
+        let mut statistics = Statistics::default();
+        statistics.sample(0, pose, &world);
+        Ok(Self {
+            world,
+            body,
+            noise: Noise::new(seed),
+            drive,
+            sonars: SonarRing::new(body.sonar),
+            aux_outputs: 0,
+            now_us: 0,
+            statistics,
+        })
+    }
+
+    /// Lets time pass until `time_us`, in microseconds of plant time; a time that has passed changes nothing. Bodies move in whole
+    /// milliseconds: in between they are where they were at the last one.
+    pub fn advance_to(&mut self, time_us: u64) {
+        let time_us = time_us.min(self.now_us.saturating_add(ADVANCE_LIMIT_US));
+        if time_us <= self.now_us {
+            return;
+        }
+        for step in self.now_us / STEP_US..time_us / STEP_US {
+            self.drive.step(step, &self.noise);
+            let end_us = (step + 1) * STEP_US;
+            if end_us.is_multiple_of(Statistics::SAMPLE_PERIOD_US) {
+                self.statistics.sample(end_us, self.drive.pose, &self.world);
+            }
+        }
+        self.now_us = time_us;
+    }
+
+    /// Puts new levels on the body's inputs, from now on.
+    pub fn apply(&mut self, actuators: &Actuators) {
+        let share = |duty: i16| (f64::from(duty) / f64::from(FULL_DUTY)).clamp(-1.0, 1.0);
+        self.drive.left.duty = share(actuators.left_duty);
+        self.drive.right.duty = share(actuators.right_duty);
+        self.aux_outputs = actuators.aux_outputs;
+        let (pose, walls) = (self.drive.pose, &self.world.walls);
+        (self.sonars).trigger(
+            actuators.sonar_triggers,
+            self.now_us,
+            pose,
+            walls,
+            &self.noise,
+        );
+    }
+
+    /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping on.
+    pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
+        self.sonars.break_sonar(sonar, fault);
+    }
+
+    /// What the body's outputs read now.
+    pub fn sensors(&self) -> Sensors {
+        let (echo_us, echo_high) = self.sonars.echoes(self.now_us);
+        Sensors {
+            left_count: self.drive.encoder_count(&self.drive.left),
+            right_count: self.drive.encoder_count(&self.drive.right),
+            echo_us,
+            echo_high,
+            adc_counts: self.adc_counts(),
+            stop_is_low: false,
+        }
+    }
+
+    /// One exchange with a board: the actuators take effect at `effect_us`, the reply holds the sensors at `start_us`.
+    pub fn exchange(&mut self, request: &Request) -> Reply {
+        self.advance_to(request.effect_us);
+        self.apply(&request.actuators);
+        self.advance_to(request.start_us);
+        Reply {
+            sequence: request.sequence,
+            sensors: self.sensors(),
+        }
+    }
+
+    fn adc_counts(&self) -> [u16; ANALOG_CHANNELS] {
+        let full_scale = f64::from(ADC_FULL_SCALE);
+        let battery = &self.body.battery;
+        let noise_counts = battery.noise_counts * self.noise.bell(Source::Battery, self.now_us);
+        let battery_counts =
+            self.drive.battery_v / battery.full_scale_v * full_scale + noise_counts;
+        let level = |high: bool| if high { full_scale } else { 0.0 };
+        let [left, middle, right] =
+            (self.body.floor).counts(self.drive.pose, &self.world.lines, &self.noise, self.now_us);
+        [
+            battery_counts,
+            level(self.drive.in_contact),
+            self.drive.current_a / CURRENT_FULL_SCALE_A * full_scale,
+            level(self.aux_outputs & 1 != 0),
+            left,
+            middle,
+            right,
+        ]
+        .map(|counts| counts.clamp(0.0, full_scale) as u16)
+    }
+
+    /// Plant time, in microseconds.
+    pub fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// Where the body really is.
+    pub fn pose(&self) -> BodyPose {
+        self.drive.pose
+    }
+
+    /// Voltage of the battery under its load, in volts.
+    pub fn battery_v(&self) -> f64 {
+        self.drive.battery_v
+    }
+
+    /// Levels of the auxiliary outputs: bit *i* is output *i*.
+    pub fn aux_outputs(&self) -> u8 {
+        self.aux_outputs
+    }
+
+    /// The world that it stands in.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The body that it is.
+    pub fn body(&self) -> &BodyParameters {
+        &self.body
+    }
+
+    /// Distance from the body's centre to the nearest wall, in metres.
+    pub fn distance_to_walls_m(&self) -> f64 {
+        self.drive.distance_to_walls_m(self.drive.pose.position)
+    }
+
+    /// Way of the body's centre since the start, in metres.
+    pub fn distance_m(&self) -> f64 {
+        self.drive.distance_m
+    }
+
+    /// How often the body ran into a wall.
+    pub fn collisions(&self) -> u32 {
+        self.drive.collisions
+    }
+
+    /// Speed of the body's centre at the hardest of its collisions, in metres per second; 0 without one.
+    pub fn hardest_collision_m_per_s(&self) -> f64 {
+        self.drive.hardest_collision_m_per_s
+    }
+
+    /// Path and rooms since the start.
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+}
+
+#[cfg(test)]
+mod tests;
