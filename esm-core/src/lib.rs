@@ -39,6 +39,7 @@
 #[cfg(test)]
 extern crate std;
 
+mod arena;
 mod buffer;
 pub mod dispatcher;
 pub mod format;
@@ -55,8 +56,8 @@ mod verify;
 pub use buffer::{BlobBuffer, BlobReader};
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
-    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
-    StepSummary, TakenOver, TransitionTaken,
+    ArenaTooSmall, Compiled, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress,
+    ResumeError, StepSummary, TakenOver, TransitionTaken,
 };
 pub use pairing::{Pairing, TooManyPairs};
 pub use verify::{Cause, Refusal, Verified, verify};

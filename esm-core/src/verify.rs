@@ -44,9 +44,9 @@ use core::ops::Deref;
 
 use serde::{Deserialize, Serialize};
 
+use crate::arena::ArenaLayout;
 use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
-use crate::interpreter::ArenaLayout;
 use crate::layout::Field;
 use crate::rules::{self, List, Value, rule};
 use crate::tables::{self, Tables};
