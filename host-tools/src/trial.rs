@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use rt_firmware::link::message::{LinkError, Mode, SafeReason, Status};
-use rt_firmware::link::trial::FallBack;
+use esm_link::message::{LinkError, Mode, SafeReason, Status};
+use esm_link::trial::FallBack;
 
 use crate::link_client::{ClientError, LinkClient};
 use crate::serial::ByteLink;
@@ -244,8 +244,8 @@ pub fn outlast<L: ByteLink>(
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use rt_firmware::link::message::ResetReason;
-    use rt_firmware::link::trial::{FallBackReason, Trial};
+    use esm_link::message::ResetReason;
+    use esm_link::trial::{FallBackReason, Trial};
 
     #[test]
     fn missions_with_seldom_macro_steps_are_longer_on_trial() {

@@ -16,6 +16,7 @@ use core::hint::black_box;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use esm_core::verify;
+use esm_link::message::SafeReason;
 use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US, now_ticks};
 use lm3s6965::console::Console;
 use lm3s6965::cortex_m::{self, peripheral::NVIC};
@@ -23,7 +24,6 @@ use lm3s6965::registers::{sys_tick, watchdog0};
 use lm3s6965::slots::SlotBoard;
 use lm3s6965::{PINS, pac::Interrupt, settings};
 use rt_firmware::body::{Parts, StopPin};
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::supervision::LINK_BOUND_US;
 use rt_firmware::{
     Bank, Board, Io, Memory, OccurrenceStart, PortType, Step, Task, WithStopButton, registry, task,
