@@ -2,7 +2,7 @@
 
 use core::ops::Deref;
 
-use crate::reads::{Reader, Storage};
+use crate::reads::{Reader, Storage, stable::Sealed};
 
 /// A buffer for one blob. There are two: one holds the mission that runs, the other takes the next.
 ///
@@ -17,6 +17,9 @@ pub struct BlobReader<'m> {
     reader: Reader<'m>,
     len: usize,
 }
+
+// Its bytes are elsewhere, and change only through `&mut`.
+impl Sealed for BlobBuffer<'_> {}
 
 impl<'m> BlobBuffer<'m> {
     /// An empty buffer.

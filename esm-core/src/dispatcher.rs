@@ -168,7 +168,6 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     ///
     /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the slot goes on with the one that
     /// `now_us` falls into. So one slot is handed out at most once a period, however late the caller is.
-    #[cfg_attr(small, inline(never))]
     pub fn take(&mut self, now_us: u64) -> Option<Occurrence> {
         if self.is_empty() {
             return None;

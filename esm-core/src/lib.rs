@@ -39,14 +39,15 @@
 #[cfg(test)]
 extern crate std;
 
+mod arena;
 mod buffer;
 pub mod dispatcher;
 pub mod format;
 mod interpreter;
-mod layout;
+pub mod layout;
 mod pairing;
 pub mod reads;
-mod rules;
+mod refusal;
 pub mod signature;
 pub mod tables;
 pub mod texts;
@@ -55,8 +56,9 @@ mod verify;
 pub use buffer::{BlobBuffer, BlobReader};
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
-    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
-    StepSummary, TakenOver, TransitionTaken,
+    ArenaTooSmall, Compiled, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress,
+    ResumeError, StepSummary, TakenOver, TransitionTaken,
 };
 pub use pairing::{Pairing, TooManyPairs};
-pub use verify::{Cause, Refusal, Verified, verify};
+pub use refusal::{Cause, Refusal};
+pub use verify::{Verified, verify};

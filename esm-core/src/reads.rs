@@ -11,11 +11,10 @@
 //!
 //! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`] cannot change them until the reader is back.
 //!
-//! This is the only file of the crate with `unsafe`, and without the feature `unchecked` it has none. Tests run every input through both versions.
+//! This is the only file of the crate with `unsafe`, and without the feature `unchecked`, which is a
+//! default, it has none. Tests run every input through both versions.
 
 use core::ops::Deref;
-
-use crate::buffer::BlobBuffer;
 
 const WORD_BITS: usize = u32::BITS as usize;
 
@@ -48,15 +47,12 @@ impl<B: Deref<Target = [u8]> + stable::Sealed> StableBytes for B {}
 #[cfg(feature = "unchecked")]
 impl<B: StableBytes> Reads<B> for Unchecked {}
 
-mod stable {
-    use super::BlobBuffer;
-
+pub(crate) mod stable {
     /// What gives the same bytes whenever it is dereferenced, as do its clones.
     pub trait Sealed {}
 
     impl Sealed for &[u8] {}
     impl Sealed for &mut [u8] {}
-    impl Sealed for BlobBuffer<'_> {}
 
     #[cfg(not(target_os = "none"))]
     mod on_hosts {
@@ -72,11 +68,16 @@ mod stable {
 pub(crate) mod access {
     /// The reads and writes. Indices are words, halves or bits of a part of the arena, halves and bits low ones first.
     pub trait Access {
-        /// A byte of the blob. It was made from the same bytes that it is read with, which their owner may have moved from one place to another since.
+        /// The bytes of a blob, borrowed.
+        type Blob<'b>: Copy;
+        /// A byte of the blob. It was made from the same bytes that it is read with, whose owner may
+        /// have been moved since.
         type Place: Copy + PartialEq + core::fmt::Debug;
         /// A part of the arena, from some word on. It was made from the same arena that it is read with.
         type Part: Copy + core::fmt::Debug;
 
+        /// Borrows the bytes of a blob.
+        fn blob(bytes: &[u8]) -> Self::Blob<'_>;
         /// The place of a byte.
         fn place(bytes: &[u8], at: usize) -> Self::Place;
         /// The place `count` bytes ahead.
@@ -87,9 +88,9 @@ pub(crate) mod access {
         /// A number of the blob that the verifier found to be below 32.
         fn below_32(number: usize) -> u32;
         /// 16 bits of the blob.
-        fn half(bytes: &[u8], at: Self::Place) -> u16;
+        fn half(blob: Self::Blob<'_>, at: Self::Place) -> u16;
         /// 32 bits of the blob.
-        fn word(bytes: &[u8], at: Self::Place) -> u32;
+        fn word(blob: Self::Blob<'_>, at: Self::Place) -> u32;
 
         /// The part that begins with a word.
         fn part(arena: &mut [u32], word: usize) -> Self::Part;
@@ -114,8 +115,14 @@ pub(crate) mod access {
 pub(crate) const WINDOW_BITS: u32 = u32::BITS - 7;
 
 impl access::Access for Checked {
+    type Blob<'b> = &'b [u8];
     type Place = usize;
     type Part = usize;
+
+    #[inline(always)]
+    fn blob(bytes: &[u8]) -> &[u8] {
+        bytes
+    }
 
     #[inline(always)]
     fn place(_: &[u8], at: usize) -> usize {
@@ -211,6 +218,8 @@ impl access::Access for Checked {
     reason = "each relies on an invariant of this module's; it is named there"
 )]
 mod unchecked {
+    use core::marker::PhantomData;
+
     use super::{Unchecked, WINDOW_BITS, access::Access};
 
     /// A byte of a blob.
@@ -226,22 +235,38 @@ mod unchecked {
     #[derive(Clone, Copy, Debug)]
     pub struct Word(usize);
 
+    /// The bytes of a blob, borrowed for `'b`. Which they are is looked at with debug assertions only.
+    #[derive(Clone, Copy)]
+    pub struct Lent<'b> {
+        #[cfg(debug_assertions)]
+        bytes: &'b [u8],
+        borrowed: PhantomData<&'b [u8]>,
+    }
+
     /// `T` at a byte of the blob, which need not lie as a `T` of its own would.
     #[inline(always)]
-    fn in_blob<T: Copy>(bytes: &[u8], Byte(at): Byte) -> T {
-        // The owner of the bytes may have been moved since the place was made, and one that alone may use them, as a `&mut` does, then ends what was borrowed from it before. So it is
-        // from the bytes as they are borrowed now that they are read. It costs nothing: the address is the same.
-        let from = at.addr().wrapping_sub(bytes.as_ptr().expose_provenance());
-        debug_assert!(from + size_of::<T>() <= bytes.len(), "invariant 1: {from}");
+    #[cfg_attr(not(debug_assertions), expect(unused_variables, reason = "see `Lent`"))]
+    fn in_blob<T: Copy>(lent: Lent<'_>, Byte(at): Byte) -> T {
+        #[cfg(debug_assertions)]
+        {
+            let from = at.addr().wrapping_sub(lent.bytes.as_ptr().addr());
+            assert!(
+                from + size_of::<T>() <= lent.bytes.len(),
+                "invariant 1: {from}"
+            );
+        }
         let at = core::ptr::with_exposed_provenance::<T>(at.addr());
-        // SAFETY: invariant 1: a record that the verified tables speak of is inside. `T` is a number, which any bytes are.
+        // SAFETY: invariant 1: a record that the verified tables speak of is inside. The bytes are
+        // borrowed as long as `lent` lives, and were exposed when it was made. `T` is a number, which
+        // any bytes are.
         unsafe { at.read_unaligned() }
     }
 
     /// The place of `T` so many bytes behind a word of the arena.
     #[inline(always)]
     fn in_arena<T>(arena: &[u32], Word(part): Word, bytes: usize) -> *const T {
-        // As in the blob: the arena may have been moved with its owner since the word was made, so it is used as it is borrowed now.
+        // The arena may have been moved with its owner since the word was made, so it is used as it is
+        // borrowed now. It costs nothing: the address is the same.
         let from = part.wrapping_sub(arena.as_ptr().expose_provenance());
         debug_assert!(
             from + bytes + size_of::<T>() <= size_of_val(arena),
@@ -262,8 +287,22 @@ mod unchecked {
     }
 
     impl Access for Unchecked {
+        type Blob<'b> = Lent<'b>;
         type Place = Byte;
         type Part = Word;
+
+        #[inline(always)]
+        fn blob(bytes: &[u8]) -> Lent<'_> {
+            // Their owner may have been moved since places were made, and one that alone may use them, as
+            // a `&mut` does, then ends what was borrowed from it before. So it is from the bytes as they are
+            // borrowed now that they are read. It costs nothing: the address is the same.
+            bytes.as_ptr().expose_provenance();
+            Lent {
+                #[cfg(debug_assertions)]
+                bytes,
+                borrowed: PhantomData,
+            }
+        }
 
         #[inline(always)]
         fn place(bytes: &[u8], at: usize) -> Byte {
@@ -288,13 +327,13 @@ mod unchecked {
         }
 
         #[inline(always)]
-        fn half(bytes: &[u8], at: Byte) -> u16 {
-            u16::from_le(in_blob(bytes, at))
+        fn half(blob: Lent<'_>, at: Byte) -> u16 {
+            u16::from_le(in_blob(blob, at))
         }
 
         #[inline(always)]
-        fn word(bytes: &[u8], at: Byte) -> u32 {
-            u32::from_le(in_blob(bytes, at))
+        fn word(blob: Lent<'_>, at: Byte) -> u32 {
+            u32::from_le(in_blob(blob, at))
         }
 
         #[inline(always)]

@@ -13,6 +13,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use esm_link::frame::{self, DELIMITER, MAX_FRAME_BYTES, decode};
+use esm_link::message::{Request, ToDevice};
 use host_tools::host_board::{self, HostBoard};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
@@ -23,8 +25,6 @@ use host_tools::serial::{self, ByteLink, OpenError};
 use host_tools::world::World;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use rt_firmware::link::frame::{self, DELIMITER, MAX_FRAME_BYTES, decode};
-use rt_firmware::link::message::{Request, ToDevice};
 use tempfile::TempDir;
 
 /// How long something may take that is a matter of a moment, before it counts as hung.

@@ -8,6 +8,8 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use esm_link::recording::{write_quiet, write_started};
+use esm_link::trace::RecordSink;
 use host_tools::compile::NameTable;
 use host_tools::fit::compile_to_fit;
 use host_tools::lang;
@@ -16,8 +18,6 @@ use host_tools::recording::file::{Frame, Head, write_mark};
 use host_tools::time::work_limit;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use rt_firmware::link::record::{write_quiet, write_started};
-use rt_firmware::link::trace::RecordSink;
 
 #[derive(Default)]
 struct Bytes(Vec<u8>);

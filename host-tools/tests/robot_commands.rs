@@ -9,6 +9,8 @@ use std::process::{Command, Output, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use esm_link::frame::{DELIMITER, decode};
+use esm_link::message::{Request, ToDevice};
 use host_tools::host_board::{self, HostBoard};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
@@ -18,8 +20,6 @@ use host_tools::serial::pty::PtyServer;
 use host_tools::world::World;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use rt_firmware::link::frame::{DELIMITER, decode};
-use rt_firmware::link::message::{Request, ToDevice};
 
 /// Faster than a real line, for the sake of the test's time.
 const BAUD: &str = "921600";

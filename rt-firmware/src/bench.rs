@@ -3,13 +3,13 @@
 use std::boxed::Box;
 
 use crate::features::MISSIONS;
-use crate::link::message::SafeReason;
 use crate::ports::{Bank, Buffered, Executor, Inputs, Net, Outcome, TaskPlace, assemble};
 use crate::registry::nets;
 use crate::task::{
     In, InFlag, InOut, MAX_DATA_PORTS, OptIn, OptInOut, Out, OutFlag, Param, ParamType, PortType,
     Step, Task,
 };
+use esm_link::message::SafeReason;
 
 /// Steps one task by hand. Every data port has a net of its own. Inputs stay, and stay fresh, until another value is given or they
 /// are taken away.

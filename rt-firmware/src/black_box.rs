@@ -12,7 +12,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use crate::link::message::{Mode, ResetReason, SafeReason};
+use esm_link::black_box::{Event, Record};
 
 /// Whether this firmware keeps records at all.
 pub const KEEPS_RECORDS: bool = cfg!(feature = "black-box");
@@ -22,185 +22,33 @@ pub const TRANSITIONS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 /// Records of all other kinds that are kept.
 pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 
-/// Bytes of a record as the link carries it.
-pub const RECORD_BYTES: usize = 16;
-
 /// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the small value; the large value; checksum.
 const WORDS: usize = 5;
 
-/// One thing that happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
-    /// The firmware started. Times count from here.
-    Started(ResetReason),
-    /// The firmware ended by itself, for this reason. `detail` is the line of a panic, the address of a fault.
-    Ended {
-        /// Why.
-        reason: ResetReason,
-        /// Where.
-        detail: u32,
-    },
-    /// A mission started, by an upload or a `Start`.
-    Mission {
-        /// Its hash.
-        hash: u32,
-    },
-    /// A transition was taken; both are indices in the mission's blob.
-    Transition {
-        /// The region instance.
-        region_instance: u16,
-        /// The transition, in its region.
-        transition: u16,
-    },
-    /// The robot stopped, or went to its safe state.
-    Mode(Mode),
-    /// A task took longer than its slot.
-    Overrun {
-        /// Index of the task instance in the mission's blob.
-        task_instance: u16,
-        /// How long it took, in µs; 65,535 stands for more, too.
-        took_us: u16,
-    },
-    /// Occurrences of a slot did not start within their period.
-    Missed {
-        /// Index of the slot in the mission's blob; 255 stands for more, too.
-        slot: u8,
-        /// How many.
-        count: u32,
-    },
+#[inline(always)]
+fn to_words(record: Record) -> [u32; WORDS] {
+    let (kind, small, large) = record.event.pack();
+    let high = (record.at_us >> 32) as u16;
+    let words = [
+        record.sequence,
+        record.at_us as u32,
+        u32::from(high) << 16 | u32::from(kind) << 8 | u32::from(small),
+        large,
+    ];
+    let [sequence, time, third, large] = words;
+    [sequence, time, third, large, checksum(words)]
 }
 
-/// An event, when it was, and its place among all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Record {
-    /// Counts all records; wraps.
-    pub sequence: u32,
-    /// Robot time in µs, 48 bits: since the first macro step of the first mission after the start.
-    pub at_us: u64,
-    /// What happened.
-    pub event: Event,
-}
-
-mod kind {
-    pub const STARTED: u8 = 1;
-    pub const ENDED: u8 = 2;
-    pub const MISSION: u8 = 3;
-    pub const TRANSITION: u8 = 4;
-    pub const MODE: u8 = 5;
-    pub const OVERRUN: u8 = 6;
-    pub const MISSED: u8 = 7;
-}
-
-impl Event {
-    /// Kind, small and large value.
-    #[inline(always)]
-    fn pack(self) -> (u8, u8, u32) {
-        let pair = |high: u16, low: u16| u32::from(high) << 16 | u32::from(low);
-        match self {
-            Event::Started(reason) => (kind::STARTED, reason as u8, 0),
-            Event::Ended { reason, detail } => (kind::ENDED, reason as u8, detail),
-            Event::Mission { hash } => (kind::MISSION, 0, hash),
-            Event::Transition {
-                region_instance,
-                transition,
-            } => (kind::TRANSITION, 0, pair(region_instance, transition)),
-            Event::Mode(mode) => (kind::MODE, mode.number(), 0),
-            Event::Overrun {
-                task_instance,
-                took_us,
-            } => (kind::OVERRUN, 0, pair(task_instance, took_us)),
-            Event::Missed { slot, count } => (kind::MISSED, slot, count),
-        }
+fn from_words(words: [u32; WORDS]) -> Option<Record> {
+    let [sequence, time, third, large, sum] = words;
+    if checksum([sequence, time, third, large]) != sum {
+        return None;
     }
-
-    fn unpack(kind: u8, small: u8, large: u32) -> Option<Event> {
-        let (high, low) = ((large >> 16) as u16, large as u16);
-        Some(match kind {
-            kind::STARTED => Event::Started(ResetReason::from_number(small)?),
-            kind::ENDED => Event::Ended {
-                reason: ResetReason::from_number(small)?,
-                detail: large,
-            },
-            kind::MISSION => Event::Mission { hash: large },
-            kind::TRANSITION => Event::Transition {
-                region_instance: high,
-                transition: low,
-            },
-            kind::MODE => Event::Mode(Mode::from_number(small)?),
-            kind::OVERRUN => Event::Overrun {
-                task_instance: high,
-                took_us: low,
-            },
-            kind::MISSED => Event::Missed {
-                slot: small,
-                count: large,
-            },
-            _ => return None,
-        })
-    }
-}
-
-impl Record {
-    /// The record in these bytes; `None` if it is of a kind that this program does not know.
-    pub fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Option<Record> {
-        let [
-            s0,
-            s1,
-            s2,
-            s3,
-            t0,
-            t1,
-            t2,
-            t3,
-            t4,
-            t5,
-            kind,
-            small,
-            large @ ..,
-        ] = *bytes;
-        Some(Record {
-            sequence: u32::from_le_bytes([s0, s1, s2, s3]),
-            at_us: u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0]),
-            event: Event::unpack(kind, small, u32::from_le_bytes(large))?,
-        })
-    }
-
-    /// The record as the link carries it: sequence number (4 bytes), time (6), kind, small value, large value (4); little endian.
-    pub fn to_bytes(&self) -> [u8; RECORD_BYTES] {
-        let (kind, small, large) = self.event.pack();
-        let [s0, s1, s2, s3] = self.sequence.to_le_bytes();
-        let [t0, t1, t2, t3, t4, t5, ..] = self.at_us.to_le_bytes();
-        let [l0, l1, l2, l3] = large.to_le_bytes();
-        [
-            s0, s1, s2, s3, t0, t1, t2, t3, t4, t5, kind, small, l0, l1, l2, l3,
-        ]
-    }
-
-    #[inline(always)]
-    fn to_words(self) -> [u32; WORDS] {
-        let (kind, small, large) = self.event.pack();
-        let high = (self.at_us >> 32) as u16;
-        let words = [
-            self.sequence,
-            self.at_us as u32,
-            u32::from(high) << 16 | u32::from(kind) << 8 | u32::from(small),
-            large,
-        ];
-        let [sequence, time, third, large] = words;
-        [sequence, time, third, large, checksum(words)]
-    }
-
-    fn from_words(words: [u32; WORDS]) -> Option<Record> {
-        let [sequence, time, third, large, sum] = words;
-        if checksum([sequence, time, third, large]) != sum {
-            return None;
-        }
-        Some(Record {
-            sequence,
-            at_us: u64::from(third >> 16) << 32 | u64::from(time),
-            event: Event::unpack((third >> 8) as u8, third as u8, large)?,
-        })
-    }
+    Some(Record {
+        sequence,
+        at_us: u64::from(third >> 16) << 32 | u64::from(time),
+        event: Event::unpack((third >> 8) as u8, third as u8, large)?,
+    })
 }
 
 /// Each step is a bijection of the sum and of the word, so that a change of a single word never goes unnoticed.
@@ -228,11 +76,11 @@ impl Place {
     }
 
     fn read(&self) -> Option<Record> {
-        Record::from_words(self.0.each_ref().map(|word| word.load(Relaxed)))
+        from_words(self.0.each_ref().map(|word| word.load(Relaxed)))
     }
 
     fn write(&self, record: Record) {
-        for (place, word) in self.0.iter().zip(record.to_words()) {
+        for (place, word) in self.0.iter().zip(to_words(record)) {
             place.store(word, Relaxed);
         }
     }
@@ -387,51 +235,12 @@ impl BlackBox {
     }
 }
 
-impl ResetReason {
-    /// All reasons, in the order of their numbers.
-    const ALL: [ResetReason; 7] = [
-        ResetReason::PowerOn,
-        ResetReason::Pin,
-        ResetReason::Watchdog,
-        ResetReason::Panic,
-        ResetReason::CpuFault,
-        ResetReason::BrownOut,
-        ResetReason::Software,
-    ];
-
-    /// The reason with this number, which is its place in the enum.
-    pub fn from_number(number: u8) -> Option<ResetReason> {
-        Self::ALL.get(usize::from(number)).copied()
-    }
-}
-
-impl Mode {
-    /// The mode's number in records and snapshots: those of the reasons follow those of the modes.
-    pub fn number(self) -> u8 {
-        match self {
-            Mode::Empty => 0,
-            Mode::Running => 1,
-            Mode::Stopped => 2,
-            Mode::Safe(reason) => 3 + reason.number(),
-            Mode::EmergencyStopped => u8::MAX,
-        }
-    }
-
-    /// The mode with this number.
-    pub fn from_number(number: u8) -> Option<Mode> {
-        Some(match number {
-            0 => Mode::Empty,
-            1 => Mode::Running,
-            2 => Mode::Stopped,
-            u8::MAX => Mode::EmergencyStopped,
-            safe => Mode::Safe(SafeReason::from_number(safe - 3)?),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+
+    use esm_link::black_box::RECORD_BYTES;
+    use esm_link::message::{Mode, ResetReason, SafeReason};
 
     use super::*;
 
@@ -527,7 +336,7 @@ mod tests {
             let lost = Record { sequence: black_box.end(), at_us: 1 << 40, event: EXAMPLES[6] };
             let next = black_box.events.next.load(Relaxed) as usize;
             let overwritten = black_box.events.places[next].read();
-            for (place, word) in black_box.events.places[next].0.iter().zip(lost.to_words()).take(torn) {
+            for (place, word) in black_box.events.places[next].0.iter().zip(to_words(lost)).take(torn) {
                 place.store(word, Relaxed);
             }
             if torn > 0 && let Some(gone) = overwritten {
@@ -554,9 +363,9 @@ mod tests {
 
         #[test]
         fn a_bit_that_tips_over_makes_a_record_none(sequence: u32, at_us in 0..1u64 << 48, example in 0..EXAMPLES.len(), word in 0..WORDS, bit in 0..32u32) {
-            let mut words = Record { sequence, at_us, event: EXAMPLES[example] }.to_words();
+            let mut words = to_words(Record { sequence, at_us, event: EXAMPLES[example] });
             words[word] ^= 1 << bit;
-            prop_assert_eq!(Record::from_words(words), None);
+            prop_assert_eq!(from_words(words), None);
         }
 
         #[test]

@@ -3,7 +3,7 @@
 use embedded_hal::digital::InputPin;
 
 use crate::drivers::StopButton;
-use crate::link::message::SafeReason;
+use esm_link::message::SafeReason;
 
 /// A board's time, body and watchdog, as the slot timer's interrupt reaches them.
 pub trait Board {

@@ -7,9 +7,9 @@ use esm_core::format::{MAGIC, Section};
 use esm_core::signature::{PortCounts, fnv1a};
 use esm_core::tables::{Tables, record_bytes};
 
-use crate::link::message::{Capacities, Capacity, LinkError};
 use crate::ports::Registry;
 use crate::task::Declaration;
+use esm_link::message::{Capacities, Capacity, LinkError};
 
 /// Checks a valid blob against what the robot has.
 ///

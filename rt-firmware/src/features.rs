@@ -1,11 +1,9 @@
-//! What this firmware was built with. A request for what it was built without is refused with [`NotBuiltIn`](crate::link::message::LinkError::NotBuiltIn), and nothing changes.
+//! What this firmware was built with. A request for what it was built without is refused with [`NotBuiltIn`](esm_link::message::LinkError::NotBuiltIn), and nothing changes.
 //!
 //! They are constants and not conditions on the code, so that each firmware is compiled from all of it: what a constant makes unreachable takes no flash, and what is as long as
 //! one says takes no memory.
 //!
-//! A host learns them by [`Request::Features`](crate::link::message::Request::Features), and need not ask for what is not there.
-
-use serde::{Deserialize, Serialize};
+//! A host learns them by [`Request::Features`](esm_link::message::Request::Features), and need not ask for what is not there.
 
 /// The robot can have a key (feature `keys`).
 pub const KEYS: bool = cfg!(feature = "keys");
@@ -27,100 +25,3 @@ pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
 /// Missions whose tables, tasks and nets are there at the same time: where one takes over from another warm, both are.
 pub const MISSIONS: usize = if WARM { 2 } else { 1 };
-
-/// What a firmware can be built without, as far as a host can ask for it. Each has the number of its bit among [`Features`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Feature {
-    /// What enters the interpreter can be recorded.
-    Record = 0,
-    /// What the firmware logs is kept until the link has sent it.
-    Log = 1,
-    /// The robot tells news.
-    News = 2,
-    /// Parameters can be read and changed.
-    Params = 3,
-    /// A mission can take over warm.
-    Warm = 4,
-    /// The robot can have a key.
-    Keys = 5,
-    /// Missions, values of parameters and stops outlast a loss of power.
-    Store = 6,
-    /// The flight recorder has room for records.
-    BlackBox = 7,
-    /// Values on nets can be read.
-    Telemetry = 8,
-}
-
-impl Feature {
-    /// All of them, by their bits.
-    pub const ALL: [Feature; 9] = [
-        Feature::Record,
-        Feature::Log,
-        Feature::News,
-        Feature::Params,
-        Feature::Warm,
-        Feature::Keys,
-        Feature::Store,
-        Feature::BlackBox,
-        Feature::Telemetry,
-    ];
-
-    /// What a board's crate calls it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Feature::Record => "record",
-            Feature::Log => "log",
-            Feature::News => "news",
-            Feature::Params => "params",
-            Feature::Warm => "warm",
-            Feature::Keys => "keys",
-            Feature::Store => "store",
-            Feature::BlackBox => "black-box",
-            Feature::Telemetry => "telemetry",
-        }
-    }
-
-    const fn bit(self) -> u32 {
-        1 << self as u32
-    }
-}
-
-/// What a firmware has of all [features](Feature): a set of bits. Bits that nobody here knows are kept as they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Features(pub u32);
-
-impl Features {
-    /// Nothing that can be left out.
-    pub const NONE: Features = Features(0);
-
-    /// These, and that one if it is there.
-    pub const fn with(self, feature: Feature, is_there: bool) -> Self {
-        if is_there {
-            Features(self.0 | feature.bit())
-        } else {
-            self
-        }
-    }
-
-    /// Whether that one is among them.
-    pub const fn has(self, feature: Feature) -> bool {
-        self.0 & feature.bit() != 0
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_feature_has_a_bit_of_its_own() {
-        for (feature, place) in Feature::ALL.into_iter().zip(0..) {
-            assert_eq!(feature.bit(), 1 << place, "{feature:?}");
-            let alone = Features::NONE.with(feature, true);
-            for other in Feature::ALL {
-                assert_eq!(alone.has(other), other == feature, "{feature:?} {other:?}");
-            }
-            assert_eq!(alone.with(feature, false), alone);
-        }
-    }
-}

@@ -9,13 +9,12 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use crate::black_box::{BlackBox, Event};
-use crate::link::frame::checksum;
-use crate::link::message::{CoreFault, LastWords, ResetReason};
-use crate::supervision::{SLOT_0_BOUND_US, Silent};
+use crate::black_box::BlackBox;
+use crate::supervision::SLOT_0_BOUND_US;
+use esm_link::black_box::Event;
+use esm_link::frame::checksum;
+use esm_link::message::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
 
-/// The most bytes of a panic's place that are kept: the end of its file's path.
-pub const MAX_PLACE_BYTES: usize = 40;
 const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
 /// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who was silent; the place; checksum.
 const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + 1 + PLACE_WORDS + 1;

@@ -6,12 +6,12 @@
 
 use heapless::spsc::Queue;
 
-use crate::link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
-use crate::link::trial::FallBack;
 use crate::ports::Job;
 use crate::realtime::params::SavedParams;
 use crate::realtime::upcoming::{PairTable, Spare, Upcoming};
 use esm_core::BlobBuffer;
+use esm_link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
+use esm_link::trial::FallBack;
 
 /// One letter or job at a time; a queue holds one less than its length.
 const PLACES: usize = 2;

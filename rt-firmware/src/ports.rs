@@ -24,13 +24,13 @@ use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
 use crate::features::{MISSIONS, WARM};
-use crate::link::message::SafeReason;
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
 use crate::task::{
     Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
     OutFlag, Param, ParamType, PortDeclaration, PortType, Step, Task, same_text,
 };
+use esm_link::message::SafeReason;
 
 /// Buffers of one output port.
 ///

@@ -5,8 +5,8 @@
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
-use crate::link::record::{STATE_HEAD_BYTES, STATE_WORD_BYTES};
-use crate::link::trace::RecordSink;
+use esm_link::recording::{STATE_HEAD_BYTES, STATE_WORD_BYTES};
+use esm_link::trace::RecordSink;
 
 /// Bytes before each record that tell its length.
 const LENGTH_BYTES: usize = 2;

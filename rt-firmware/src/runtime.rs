@@ -49,7 +49,6 @@ use crate::background::Background;
 use crate::features::MISSIONS;
 use crate::kept::Kept;
 use crate::link::device::{Desk, LinkSide};
-use crate::link::message::{Capacities, ResetReason};
 use crate::link::stops::Place;
 use crate::mail::{Letter, Mail};
 use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
@@ -64,6 +63,7 @@ use crate::status::Snapshot;
 use crate::supervision::Signs;
 use crate::telemetry::TelemetryMemory;
 use esm_core::BlobBuffer;
+use esm_link::message::{Capacities, ResetReason};
 
 /// Entries of the table of what two missions have in common, for each word of the interpreter's. It is never too short for their region instances.
 const PAIRS_OF_WORD: usize = 2;
@@ -296,7 +296,7 @@ pub fn split<
         values,
         streams_are_sent: true,
         log_wanted: false,
-        keys: crate::link::keys::Keys::new(),
+        keys: esm_link::keys::Keys::new(),
         start_wanted: false,
         watch: None,
         stop_is_kept: false,

@@ -1,5 +1,5 @@
 //! What a value on a net is made of: the names and types of its fields, which a host asks for, and their bits, which
-//! [telemetry](crate::link::telemetry) carries. Nothing is formatted here.
+//! [telemetry](esm_link::telemetry) carries. Nothing is formatted here.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 

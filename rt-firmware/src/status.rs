@@ -2,8 +2,8 @@
 
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 
-use crate::link::message::{Mode, SafeReason};
-use crate::link::trial::{FallBack, FallBackReason, Trial};
+use esm_link::message::{Mode, SafeReason};
+use esm_link::trial::{FallBack, FallBackReason, Trial};
 
 /// How the real-time side is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -220,30 +220,6 @@ fn unpack(words: &[u32; WORDS]) -> Health {
         }),
         changed_params: (first >> CHANGED_PARAMS_SHIFT & PARAMS_MASK) as u8,
         saved_params: (first >> SAVED_PARAMS_SHIFT & PARAMS_MASK) as u8,
-    }
-}
-
-impl SafeReason {
-    /// All reasons, in the order of their numbers.
-    const ALL: [SafeReason; 8] = [
-        SafeReason::EventQueueOverflow,
-        SafeReason::MacroStepLimit,
-        SafeReason::Overruns,
-        SafeReason::Missed,
-        SafeReason::BodyLost,
-        SafeReason::LowBattery,
-        SafeReason::LinkLost,
-        SafeReason::Board,
-    ];
-
-    /// The reason's number, as trace records and snapshots carry it.
-    pub fn number(self) -> u8 {
-        self as u8
-    }
-
-    /// The reason with this number.
-    pub fn from_number(number: u8) -> Option<SafeReason> {
-        Self::ALL.get(usize::from(number)).copied()
     }
 }
 

@@ -6,7 +6,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
-use serde::{Deserialize, Serialize};
+use esm_link::message::Silent;
 
 use crate::board::microseconds;
 use crate::link::stops::Stops;
@@ -17,50 +17,6 @@ pub const MIN_WINDOW_US: u32 = 1_000_000;
 pub const LINK_BOUND_US: u32 = 5_000_000;
 /// How long a step of a slot-0 task may take, the time that slots take from it included, in µs.
 pub const SLOT_0_BOUND_US: u32 = 10_000_000;
-
-/// Who was silent for too long.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Silent {
-    /// The slot with this index in the mission's blob was executed no more; 255 stands for more, too.
-    Slot(u8),
-    /// The link got no turn.
-    Link,
-    /// A slot-0 task did not return, or slots left it no time.
-    Slot0,
-    /// The link took the time of slot 0, with what came over the line: no doing of the mission's.
-    Slot0ForLink,
-}
-
-/// Behind the numbers of slots.
-const SLOT_0_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
-
-impl Silent {
-    /// Whether it came of what somebody sent over the line. Such a reset is not counted against the mission.
-    pub(crate) fn is_load_from_outside(self) -> bool {
-        self == Silent::Slot0ForLink
-    }
-
-    /// Its number, as it is kept across a reset: 0 stands for nobody.
-    pub(crate) fn number(self) -> u32 {
-        match self {
-            Silent::Link => 1,
-            Silent::Slot0 => 2,
-            Silent::Slot(slot) => 3 + u32::from(slot),
-            Silent::Slot0ForLink => SLOT_0_FOR_LINK,
-        }
-    }
-
-    /// Who has this number.
-    pub(crate) fn from_number(number: u32) -> Option<Silent> {
-        match number {
-            0 => None,
-            1 => Some(Silent::Link),
-            2 => Some(Silent::Slot0),
-            SLOT_0_FOR_LINK => Some(Silent::Slot0ForLink),
-            slot => u8::try_from(slot - 3).ok().map(Silent::Slot),
-        }
-    }
-}
 
 /// What sides that are not the real-time side show of themselves.
 pub(crate) struct Signs {

@@ -11,6 +11,7 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use esm_link::message::{Mode, Status, Swap};
 use esm_tests::command::root;
 use esm_tests::subject;
 use host_tools::boards;
@@ -24,7 +25,6 @@ use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::serial::pacing::Paced;
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::link::message::{Mode, Status, Swap};
 use rt_firmware::store::keep::flash_bytes;
 
 const MISSION: &str = "missions/patrol.esm";

@@ -12,16 +12,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use esm_link::access::{Access, NONCE_BYTES, PROOF_BYTES};
+use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, encode, parse, unpack};
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::message::{
+    FromDevice, LinkError, Mode, Request, Response, Status, ToDevice, UNKNOWN,
+};
 use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
-use rt_firmware::link::access::{Access, NONCE_BYTES, PROOF_BYTES};
-use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, encode, parse, unpack};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
-use rt_firmware::link::message::{
-    FromDevice, LinkError, Mode, Request, Response, Status, ToDevice, UNKNOWN,
-};
 use rt_firmware::{
     About, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
     registry, split, task,
@@ -123,12 +123,12 @@ impl LinkPort for Wire {
         self.from_robot.push(byte);
         true
     }
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 }
 
-impl KeySafe for Wire {
+impl KeyStore for Wire {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.safe.read(record, room)
     }

@@ -7,14 +7,14 @@
 use std::path::Path;
 
 use esm_core::tables::Slot;
+use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_link::message::{
+    FromDevice, MAX_CHUNK, Mode, Request, Response, SafeReason, Status, Swap, ToDevice,
+};
 use host_tools::files::load_world;
 use host_tools::plant::{BodyParameters, Plant};
 use rt_firmware::body::{
     self, ANALOG_CHANNELS, BATTERY_CHANNEL, Freshness, PinImage, PlantExchange, Reply, Sensors,
-};
-use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::message::{
-    FromDevice, MAX_CHUNK, Mode, Request, Response, SafeReason, Status, Swap, ToDevice,
 };
 use rt_firmware::rover::PinRover;
 use rt_firmware::{

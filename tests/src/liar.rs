@@ -9,6 +9,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
+use esm_link::access::Access;
+use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
+use esm_link::message::{
+    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Mode, Request, Response,
+    Status, Stream, Swap, ToDevice, Uploads,
+};
+use esm_link::telemetry::Ask;
 use host_tools::host_board::{self, HostBoard};
 use host_tools::link_client::{LinkClient, Streams};
 use host_tools::lockstep::pace::Pace;
@@ -18,13 +25,6 @@ use host_tools::run::interrupt;
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
 use host_tools::world::World;
-use rt_firmware::link::access::Access;
-use rt_firmware::link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
-use rt_firmware::link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Mode, Request, Response,
-    Status, Stream, Swap, ToDevice, Uploads,
-};
-use rt_firmware::link::telemetry::Ask;
 use serde::ser::{Serialize, SerializeTuple, Serializer};
 
 use crate::random::Random;

@@ -1,9 +1,9 @@
 //! The owner's end of a session with a robot, without a line: requests are proven, and answers looked at.
 
+use esm_link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES, install};
+use esm_link::message::{Identity, PROVEN_HEAD_BYTES, Request};
+use esm_link::proof::{Proof, Secret, Session, is_same};
 use host_tools::keys::SigningKey;
-use rt_firmware::link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES, install};
-use rt_firmware::link::message::{Identity, PROVEN_HEAD_BYTES, Request};
-use rt_firmware::link::proof::{Proof, Secret, Session, is_same};
 
 /// A session of an owner.
 #[derive(Clone, Copy)]

@@ -133,7 +133,7 @@ mod reset_cause;
 
 #[test]
 fn the_chip_tells_a_brown_out_and_a_pin_from_the_rest() {
-    use rt_firmware::link::message::ResetReason::{BrownOut, Pin, PowerOn, Software, Watchdog};
+    use esm_link::message::ResetReason::{BrownOut, Pin, PowerOn, Software, Watchdog};
     for (resc, expected) in [
         (0, None),
         (0b0_0001, Some(Pin)),

@@ -9,6 +9,7 @@ use std::array;
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
+use esm_link::message::{Mode, SafeReason};
 use esm_tests::command::root;
 use esm_tests::endurance::{Body, drive_robot};
 use esm_tests::subject;
@@ -16,7 +17,6 @@ use host_tools::files::load_world;
 use host_tools::plant::{BodyParameters, Plant};
 use rt_firmware::body::{DEADMAN_US, DirectionPin, MotorPwm, PinImage, Request};
 use rt_firmware::drivers::DcMotor;
-use rt_firmware::link::message::{Mode, SafeReason};
 use rt_firmware::rover::{CHASSIS, PinRoverParts};
 use rt_firmware::task::{Declaration, Declared};
 use rt_firmware::tasks::{

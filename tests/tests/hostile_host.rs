@@ -7,6 +7,11 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use esm_link::access::{
+    Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
+};
+use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_link::message::{FromDevice, LinkError, Mode, Request, Response, Status, Swap, ToDevice};
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
@@ -18,13 +23,6 @@ use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
-use rt_firmware::link::access::{
-    Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
-};
-use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::message::{
-    FromDevice, LinkError, Mode, Request, Response, Status, Swap, ToDevice,
-};
 
 /// A line that keeps what is sent over it.
 struct Tapped<L> {

@@ -13,6 +13,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use esm_link::frame::{DELIMITER, decode};
+use esm_link::message::{Mode, Request, ToDevice};
 use esm_tests::command::{self, esm_binary, firmware, root};
 use esm_tests::environment;
 use esm_tests::random::Random;
@@ -27,8 +29,6 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::port::Port;
 use host_tools::serial::pty::PtyServer;
 use host_tools::world::World;
-use rt_firmware::link::frame::{DELIMITER, decode};
-use rt_firmware::link::message::{Mode, Request, ToDevice};
 use tempfile::TempDir;
 
 /// Faster than a real line, for the sake of the test's time.

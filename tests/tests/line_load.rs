@@ -12,6 +12,11 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use esm_link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
+use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
+use esm_link::message::{
+    FromDevice, LinkError, Mode, Request, ResetReason, Response, Status, ToDevice,
+};
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
@@ -29,11 +34,6 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::values::{Catalogue, Subscription, Told};
 use rt_firmware::body::Request as BodyRequest;
-use rt_firmware::link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
-use rt_firmware::link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
-use rt_firmware::link::message::{
-    FromDevice, LinkError, Mode, Request, ResetReason, Response, Status, ToDevice,
-};
 
 /// Numbers of requests of whoever floods the robot: the owner's client counts up from its own, and comes to none of these in a test.
 const FLOOD_NUMBERS: [u8; 8] = [180, 181, 182, 183, 184, 185, 186, 187];

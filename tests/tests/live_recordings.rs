@@ -11,6 +11,9 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use esm_link::frame::{self, FrameReader};
+use esm_link::message::{Channel, FromDevice, Mode, Swap};
+use esm_link::trace::TraceRecord;
 use esm_tests::command::{Robot, Running, esm, esm_binary, firmware, root};
 use host_tools::compile::compile;
 use host_tools::files::load_world;
@@ -30,9 +33,6 @@ use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::time::work_limit;
 use host_tools::{host_board, lang};
-use rt_firmware::link::frame::{self, FrameReader};
-use rt_firmware::link::message::{Channel, FromDevice, Mode, Swap};
-use rt_firmware::link::trace::TraceRecord;
 
 /// What the robot wants of its host: its trace, which is compared with, beside the recording.
 const TRACE: Streams = Streams {

@@ -7,6 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+use esm_link::message::{Mode, SlotState, Source, Status, Swap};
 use esm_tests::command::{firmware, root};
 use esm_tests::{environment, subject};
 use host_tools::boards;
@@ -17,9 +18,7 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::pacing::Paced;
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Reply, Request, Sensors};
-use rt_firmware::link::message::{Mode, Status, Swap};
-use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{Source, flash_bytes};
+use rt_firmware::store::keep::flash_bytes;
 
 /// Nobody waits for a line here.
 const BAUD: u32 = 4_000_000;

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use esm_core::format::FLAG_EXIT;
 use esm_core::{Interpreter, Observer, TransitionTaken};
+use esm_link::recording::{MAX_QUIET, write_changes, write_quiet, write_started, write_state};
+use esm_link::trace::RecordSink;
 use esm_tests::command::root;
 use esm_tests::random::Random;
 use esm_tests::random_machine::machine;
@@ -23,10 +25,6 @@ use host_tools::recording::walk::{Moment, Walk};
 use host_tools::recording::writer::RecordingWriter;
 use host_tools::run::mission::Mission;
 use host_tools::time::work_limit;
-use rt_firmware::link::record::{
-    MAX_QUIET, write_changes, write_quiet, write_started, write_state,
-};
-use rt_firmware::link::trace::RecordSink;
 
 const fn run(missions: &'static [(u64, &'static str, bool)], world: &'static str) -> RecordedRun {
     RecordedRun {

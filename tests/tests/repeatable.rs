@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use esm_link::message::{LinkError, Swap};
 use esm_tests::command::{esm, firmware, root};
 use esm_tests::environment;
 use esm_tests::subject;
@@ -21,7 +22,6 @@ use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::serial::noise::{Noise, Noisy};
-use rt_firmware::link::message::{LinkError, Swap};
 
 const BOARDS: [&str; 2] = ["host", "lm3s6965"];
 

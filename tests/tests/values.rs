@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use esm_link::message::Mode;
 use esm_tests::command::{Robot, Running, firmware, root};
 use esm_tests::subject;
 use host_tools::boards;
@@ -17,7 +18,6 @@ use host_tools::parameters::Value;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::values::{Catalogue, Subscription, Told};
-use rt_firmware::link::message::Mode;
 
 const BOARDS: [&str; 2] = ["host", "lm3s6965"];
 

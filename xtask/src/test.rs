@@ -143,7 +143,7 @@ fn robots(root: &Path, tally: &mut Tally) {
     );
 }
 
-/// Tests of each library for itself, of the interpreter in its other form, of the machines that it is compared with, and of a robot outside the workspace.
+/// Tests of each library for itself, of the machines that the interpreter is compared with, and of a robot outside the workspace.
 fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     tally.tests(
         "tests of the libraries",
@@ -155,21 +155,6 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
         "examples in the documentation",
         root,
         &["--workspace", "--doc"],
-        None,
-    );
-    tally.tests(
-        "the interpreter that is compiled for size",
-        root,
-        &[
-            "--package",
-            "esm-tests",
-            "--features",
-            "esm-core/small",
-            "--test",
-            "fuzzing",
-            "--test",
-            "differential",
-        ],
         None,
     );
     let target = root.join(bench::MACHINES_TARGET);

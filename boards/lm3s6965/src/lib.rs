@@ -62,8 +62,8 @@ mod app;
 
 use core::mem::MaybeUninit;
 
+use esm_link::message::ResetReason;
 use rt_firmware::body::PinImage;
-use rt_firmware::link::message::ResetReason;
 
 use slots::SlotBoard;
 

@@ -4,13 +4,13 @@
 use core::mem;
 
 use cortex_m::peripheral::NVIC;
+use esm_link::frame::MAX_FRAME_BYTES;
+#[cfg(feature = "keys")]
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
+use esm_link::message::MAX_CHUNK;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
-use rt_firmware::link::frame::MAX_FRAME_BYTES;
-#[cfg(feature = "keys")]
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
-use rt_firmware::link::message::MAX_CHUNK;
 #[cfg(feature = "store")]
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::{LinkPort, LinkSide, StopListener};
@@ -205,7 +205,7 @@ impl LinkPort for LinkEnd {
     }
 
     #[cfg(feature = "keys")]
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         match self.keep {
             Some(_) => Some(self),
             None => None,
@@ -214,7 +214,7 @@ impl LinkPort for LinkEnd {
 }
 
 #[cfg(feature = "keys")]
-impl KeySafe for LinkEnd {
+impl KeyStore for LinkEnd {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
         keep.read_of_key(record, room)

@@ -10,10 +10,10 @@ use core::ptr;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
+use esm_link::message::{CoreFault, ResetReason};
 use rt_firmware::Kept;
 use rt_firmware::body::{Actuators, Request};
 use rt_firmware::kept::Ending;
-use rt_firmware::link::message::{CoreFault, ResetReason};
 
 use crate::registers::system_control;
 use crate::{plant, reset_cause};

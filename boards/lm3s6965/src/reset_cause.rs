@@ -1,6 +1,6 @@
 //! What the chip says of its last reset.
 
-use rt_firmware::link::message::ResetReason;
+use esm_link::message::ResetReason;
 
 /// Bits of the register RESC: each stays set until it is cleared by software or by a power-on, so that several may be.
 const EXTERNAL: u32 = 1 << 0;

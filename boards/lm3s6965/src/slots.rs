@@ -1,7 +1,7 @@
 //! The board as the real-time side sees it.
 
+use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PlantExchange};
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Board, OccurrenceStart};
 
 use crate::clock::{self, TICKS_PER_US};

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
-use rt_firmware::black_box::{Event, Record};
-use rt_firmware::link::message::ResetReason;
+use esm_link::black_box::{Event, Record};
+use esm_link::message::ResetReason;
 use serde::Serialize;
 
 use crate::reading::{mode_words, reset_reason};
@@ -208,7 +208,7 @@ impl fmt::Display for Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rt_firmware::link::message::{Mode, SafeReason};
+    use esm_link::message::{Mode, SafeReason};
 
     #[test]
     fn records_without_names_are_told_by_their_numbers() {

@@ -10,8 +10,8 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
-use rt_firmware::link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES};
-use rt_firmware::link::proof::Secret;
+use esm_link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES};
+use esm_link::proof::Secret;
 use thiserror::Error;
 use zeroize::Zeroizing;
 
@@ -293,7 +293,7 @@ mod tests {
         let read = SigningKey::read(&path).unwrap();
         assert_eq!(read.public(), key.public());
         assert_eq!(read.sign(&[b"a", b"bc"]), key.sign(&[b"ab", b"c"]));
-        assert!(rt_firmware::link::keys::is_signed(
+        assert!(esm_link::keys::is_signed(
             &key.public().0,
             &read.sign(&[b"abc"]),
             &[b"ab", b"c"]

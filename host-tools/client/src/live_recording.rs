@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use esm_core::Verified;
-use rt_firmware::link::message::{Channel, LinkError, Mode};
-use rt_firmware::link::record::MAX_QUIET;
+use esm_link::message::{Channel, LinkError, Mode};
+use esm_link::recording::MAX_QUIET;
 use thiserror::Error;
 
 use crate::link_client::{ClientError, LinkClient, RobotInfo, StreamEvent, Streams};

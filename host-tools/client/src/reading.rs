@@ -4,7 +4,7 @@
 //! (its tables and names) is read once.
 
 use esm_core::{Refusal, Verified};
-use rt_firmware::link::message::{LinkError, Mode, ResetReason, Status, TaskCounters};
+use esm_link::message::{LinkError, Mode, ResetReason, Status, TaskCounters};
 use serde::Serialize;
 use thiserror::Error;
 

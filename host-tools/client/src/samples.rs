@@ -1,6 +1,6 @@
 //! What tests here share with those of the command.
 
-use rt_firmware::link::message::{Mode, ResetReason, Status};
+use esm_link::message::{Mode, ResetReason, Status};
 
 /// What a robot says that drives with a mission, and to which nothing has happened.
 pub fn status(mission: Option<u32>, steps: u64) -> Status {

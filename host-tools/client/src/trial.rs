@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use rt_firmware::link::message::{LinkError, Mode, SafeReason, Status};
-use rt_firmware::link::trial::FallBack;
+use esm_link::message::{LinkError, Mode, SafeReason, Status};
+use esm_link::trial::FallBack;
 
 use crate::link_client::{ClientError, LinkClient};
 use crate::serial::ByteLink;
@@ -245,7 +245,7 @@ pub fn outlast<L: ByteLink>(
 mod tests {
     use super::*;
     use crate::samples::status;
-    use rt_firmware::link::trial::{FallBackReason, Trial};
+    use esm_link::trial::{FallBackReason, Trial};
 
     #[test]
     fn missions_with_seldom_macro_steps_are_longer_on_trial() {

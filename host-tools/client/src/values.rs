@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use esm_core::Verified;
 use esm_core::signature::{Direction, Port};
-use rt_firmware::link::message::LinkError;
-use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
+use esm_link::message::LinkError;
+use esm_link::telemetry::MAX_VALUE_WORDS;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::link_client::{ClientError, LinkClient, StreamEvent};
@@ -354,7 +354,7 @@ impl Subscription {
             }
             StreamEvent::ValuesEnded { number } if *number == self.number => Some(Told::Ended),
             StreamEvent::Gap {
-                channel: rt_firmware::link::message::Channel::Values,
+                channel: esm_link::message::Channel::Values,
                 missing,
             } => Some(Told::Gap(*missing)),
             _ => None,

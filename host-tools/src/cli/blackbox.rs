@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use rt_firmware::black_box::{Event, Record};
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::LinkError;
+use esm_link::black_box::{Event, Record};
+use esm_link::features::Feature;
+use esm_link::message::LinkError;
 
 use super::console::Console;
 use super::exit::CommandError;

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use clap::Args;
-use rt_firmware::features::Feature;
+use esm_link::features::Feature;
 
 use super::console::Console;
 use super::exit::CommandError;

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::Status;
+use esm_link::message::Status;
 
 use super::console::Console;
 use super::exit::CommandError;
@@ -76,9 +76,8 @@ fn last_words(status: &Status) -> String {
 
 #[cfg(test)]
 mod tests {
-    use rt_firmware::link::trial::Trial;
-    use rt_firmware::store::SlotState;
-    use rt_firmware::store::keep::{Kept, Source};
+    use esm_link::message::{Kept, SlotState, Source};
+    use esm_link::trial::Trial;
 
     use super::*;
     use esm_client::samples::status;

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use rt_firmware::features::Feature;
-use rt_firmware::link::access::Access;
+use esm_link::access::Access;
+use esm_link::features::Feature;
 use serde::Serialize;
 
 use super::argument::Port;

@@ -6,9 +6,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Channel, Mode};
-use rt_firmware::link::news::{Cause, News};
+use esm_link::features::Feature;
+use esm_link::message::{Channel, Mode};
+use esm_link::news::{Cause, News};
 use serde::Serialize;
 
 use super::argument::Time;

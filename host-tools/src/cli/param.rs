@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::LinkError;
+use esm_link::features::Feature;
+use esm_link::message::LinkError;
 use serde::Serialize;
 
 use super::console::Console;

@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use clap::Args;
-use rt_firmware::features::Feature;
-use rt_firmware::link::access::Access;
-use rt_firmware::link::message::{Mode, Status};
+use esm_link::access::Access;
+use esm_link::features::Feature;
+use esm_link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;

@@ -3,13 +3,11 @@
 use std::fmt;
 
 use clap::Args;
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::{LastWords, ResetReason};
-use rt_firmware::link::trial::{FallBack, Trial};
-use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{FlashHealth, Kept, Source};
-use rt_firmware::store::records::{RecordsState, WayIn};
-use rt_firmware::supervision::Silent;
+use esm_link::features::Feature;
+use esm_link::message::{
+    FlashHealth, Kept, LastWords, RecordsState, ResetReason, Silent, SlotState, Source, WayIn,
+};
+use esm_link::trial::{FallBack, Trial};
 use serde::Serialize;
 
 use super::console::Console;

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::link::message::Mode;
+use esm_link::message::Mode;
 
 use super::console::Console;
 use super::exit::CommandError;

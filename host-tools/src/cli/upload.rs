@@ -8,9 +8,9 @@ use std::time::Duration;
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use esm_core::Verified;
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Capacities, LinkError, Mode, NO_STATE, Swap};
-use rt_firmware::link::trial::{FallBack, FallBackReason};
+use esm_link::features::Feature;
+use esm_link::message::{Capacities, LinkError, Mode, NO_STATE, Swap};
+use esm_link::trial::{FallBack, FallBackReason};
 use serde::Serialize;
 
 use super::argument::Time;

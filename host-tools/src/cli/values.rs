@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 use clap::Args;
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::Mode;
-use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
+use esm_link::features::Feature;
+use esm_link::message::Mode;
+use esm_link::telemetry::MAX_VALUE_WORDS;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 

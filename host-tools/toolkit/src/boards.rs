@@ -2,7 +2,7 @@
 //!
 //! The list is made of every `boards/*/board.toml` when the command is built, and so needs no checkout later; the host board joins it.
 
-use rt_firmware::link::message::Capacities;
+use esm_link::message::Capacities;
 
 use crate::bound::Costs;
 

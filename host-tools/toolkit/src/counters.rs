@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use rt_firmware::link::message::{DELAY_BUCKETS, SlotCounters};
+use esm_link::message::{DELAY_BUCKETS, SlotCounters};
 use serde::Serialize;
 
 /// What was counted of a slot since the mission started. Times in nanoseconds; 0 where nothing was measured yet.

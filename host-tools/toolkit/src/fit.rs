@@ -5,8 +5,8 @@
 
 use esm_core::Verified;
 use esm_core::tables::{Slot, Tables};
+use esm_link::message::Capacity;
 use rt_firmware::check::{Need, needs};
-use rt_firmware::link::message::Capacity;
 
 use crate::boards::Board;
 use crate::bound::report::Report;

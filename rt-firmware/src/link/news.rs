@@ -1,60 +1,10 @@
-//! News: what a robot tells without being asked each time, where a host wants it. A sample of its counters each period, and one at once when its mode, its
-//! mission or the trial of that changes.
+//! When a robot tells [news](esm_link::news).
 
-use serde::{Deserialize, Serialize};
+use esm_link::message::Mode;
+use esm_link::news::{Cause, News, SHORTEST_PERIOD_MS};
+use esm_link::trial::FallBack;
 
-use super::message::Mode;
-use super::trial::FallBack;
 use crate::status::Health;
-
-/// The shortest period of samples, in milliseconds: a shorter one counts as this. A sample is less than 8 ms of a line of 115,200 baud.
-pub const SHORTEST_PERIOD_MS: u32 = 10;
-
-/// Why there are news.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Cause {
-    /// They were asked for just now.
-    Begun,
-    /// The period is over.
-    Period,
-    /// Another mission runs, the same one began anew after a fall-back, or there is none any more.
-    Mission,
-    /// A trial began or ended.
-    Trial,
-    /// The robot was stopped or started, or went to its safe state or left it.
-    Mode,
-}
-
-/// How a robot is, in short.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct News {
-    /// Counts news modulo 256, from 0 at [`Request::Watch`](super::message::Request::Watch): a gap are news that the line lost.
-    pub seq: u8,
-    /// Why. Of several causes the first in this order: mission, trial, mode, period.
-    pub cause: Cause,
-    /// What it is doing.
-    pub mode: Mode,
-    /// Hash of its mission.
-    pub mission: Option<u32>,
-    /// Whether that runs on trial.
-    pub on_trial: bool,
-    /// The last mission that was given up on trial since the robot started.
-    pub fell_back: Option<FallBack>,
-    /// Macro steps since the mission started.
-    pub steps: u64,
-    /// Nominal start of the last one, in microseconds since the mission started.
-    pub t_us: u64,
-    /// Occurrences of slots that were executed since the mission started.
-    pub executed: u32,
-    /// Occurrences missed since the robot started.
-    pub missed: u32,
-    /// Overruns since the robot started.
-    pub overruns: u32,
-    /// Longest start delay since the mission started, in nanoseconds.
-    pub max_delay_ns: u32,
-    /// Frames from the host that arrived spoiled since the robot started; wraps.
-    pub spoiled_frames: u32,
-}
 
 /// A host's wish for news, and what it was told last.
 #[derive(Debug)]
@@ -143,8 +93,8 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::message::SafeReason;
-    use crate::link::trial::{FallBackReason, Trial};
+    use esm_link::message::SafeReason;
+    use esm_link::trial::{FallBackReason, Trial};
 
     #[test]
     fn what_changes_is_told_once_and_samples_each_period() {

@@ -2,84 +2,21 @@
 //!
 //! The laws are what a host may rely on, held by a client that is good and by one that is not, over a line that loses and changes bytes.
 
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::format;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::string::String;
 use std::vec::Vec;
 
-use super::access::MAX_DEADLINE_US;
 use super::device::{LinkPort, LinkSide};
-use super::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use super::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
-use super::message::{FromDevice, Request, Swap, ToDevice};
-#[cfg(feature = "telemetry")]
-use super::telemetry::MAX_ASK_BYTES;
 use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
-
-/// Makes an enum of defects, and the list of them with what each one is.
-macro_rules! bugs {
-    ($($bug:ident: $what:literal,)+) => {
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(crate) enum Bug { $(#[doc = $what] $bug,)+ }
-        const ALL: &[(Bug, &str)] = &[$((Bug::$bug, $what),)+];
-    };
-}
-
-bugs! {
-    FrameUnchecked: "a frame's checksum is not looked at",
-    OutOfStep: "the reader of frames does not find the beginning of the next one after garbage",
-    OverlongTaken: "a frame that is longer than any is cut off and taken",
-    CarriedOutTwice: "a request that comes twice is carried out twice",
-    ToldByNumber: "a request is told from the one before by its number alone",
-    StopSuppressed: "a stop that comes a second time is answered and not done",
-    CarriedOutLate: "a request is carried out that comes after its time",
-    SignedCarriedOutLate: "a signed request is carried out that comes after its time",
-    DeadlineForgotten: "a request that waits for its turn is carried out after its time",
-    GapTaken: "a chunk is taken over a gap",
-    OverlapRepeated: "bytes that are there already are taken once more",
-    LengthForgotten: "a chunk may go beyond the length that was announced",
-    CapacityForgotten: "an upload may be longer than the robot has room for",
-    OtherLengthResumed: "an upload of another length goes on as if it were the same",
-    OtherBlobResumed: "an upload of another checksum goes on as if it were the same",
-    AbortForgotten: "an upload that was given up goes on",
-    IncompleteTaken: "an upload is ended that is not complete",
-    WholeUnchecked: "the checksum of the whole upload is not looked at",
-    KeyForgotten: "a request that needs the key is carried out without",
-    UnsignedTaken: "an upload is taken that the key has not signed",
-    CounterRepeated: "an upload with the counter of the last one is taken",
-    NonceKept: "a nonce is good for two requests",
-    OthersBytesKept: "an upload stays whose bytes are not those that were signed",
-    ValuesUnlimited: "more nets are asked for than a sample can tell of",
-    PauseForgotten: "signatures are looked at right after a wrong one",
-    StrangerIsOwner: "what is for the owner's session is taken from anyone",
-    OwnerWaitsInVain: "a stranger's request that the real-time side has keeps the owner's from being done",
-    StrangerHeard: "a mission that looks after its owner takes anyone for him",
-    SessionUnproven: "a session is opened for who does not know the secret",
-    SessionReplayed: "a session is opened a second time after another one",
-    OldSessionOpened: "a session is opened with a nonce that is too old",
-    ProofUnchecked: "the proof of a request is not looked at",
-    NumberRepeated: "a request of the owner's is carried out a second time",
-    NonceForEver: "a signature is taken however old its nonce is",
-    CounterUnlimited: "the counter of an upload may be as great as it likes",
-    DeadlineUnlimited: "a deadline may be as far ahead as it likes",
-    NoiseStops: "the checksum of a stop that is heard is not looked at",
-    StopDoneBefore: "a stop is answered before the robot stands still",
-    StopAheadForgotten: "what was read before a stop that was heard is carried out behind it",
-    OvertakenForgotten: "a start that is under way is carried out behind a stop",
-    OverloadForgotten: "what cannot be answered fills the queue until stops and uploads are lost",
-    BudgetForgotten: "the link takes all the time that there is",
-}
-
-thread_local! {
-    static PLANTED: Cell<Option<Bug>> = const { Cell::new(None) };
-}
-
-/// Whether this defect is planted in this thread.
-pub(crate) fn is_planted(bug: Bug) -> bool {
-    PLANTED.get() == Some(bug)
-}
+use esm_link::access::MAX_DEADLINE_US;
+use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::message::{FromDevice, Request, Swap, ToDevice};
+use esm_link::mutants::{ALL, Bug, plant};
+#[cfg(feature = "telemetry")]
+use esm_link::telemetry::MAX_ASK_BYTES;
 
 /// Those that a firmware without keys cannot have.
 const OF_KEYS: &[Bug] = &[
@@ -151,12 +88,12 @@ impl LinkPort for Wire {
         None
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 }
 
-impl KeySafe for Wire {
+impl KeyStore for Wire {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.kept.read(record, room)
     }
@@ -597,14 +534,14 @@ const LAWS: &[(&str, Law)] = &[
 mod of_keys {
     use ed25519_compact::{KeyPair, Seed};
 
-    use super::super::access::{
+    use super::*;
+    use esm_link::access::{
         self, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, SALT_BYTES, SECRET_BYTES,
         SIGNATURE_BYTES,
     };
-    use super::super::keys::{Keys, PAUSE_AFTER_WRONG_US};
-    use super::super::message::{Identity, LinkError, Mode, Response};
-    use super::super::proof::{Secret, Session};
-    use super::*;
+    use esm_link::keys::{Keys, PAUSE_AFTER_WRONG_US};
+    use esm_link::message::{Identity, LinkError, Mode, Response};
+    use esm_link::proof::{Secret, Session};
 
     const SALT: [u8; SALT_BYTES] = [4; SALT_BYTES];
     const SECRET: [u8; SECRET_BYTES] = [5; SECRET_BYTES];
@@ -621,7 +558,7 @@ mod of_keys {
         sign(&access::upload(&SALT, &counter.to_le_bytes(), blob))
     }
 
-    fn install(safe: &mut dyn KeySafe, keys: &mut Keys) -> Result<(), LinkError> {
+    fn install(safe: &mut dyn KeyStore, keys: &mut Keys) -> Result<(), LinkError> {
         let key = *pair().pk;
         keys.access(Some(&mut *safe));
         let signature = sign(&access::install(&key, &SALT, &SECRET));
@@ -963,9 +900,9 @@ fn every_planted_defect_of_the_link_breaks_a_law() {
         if OF_KEYS.contains(bug) && cfg!(not(feature = "keys")) {
             continue;
         }
-        PLANTED.set(Some(*bug));
+        plant(Some(*bug));
         let found = broken();
-        PLANTED.set(None);
+        plant(None);
         let noticed = found.map_or("NOT NOTICED", |(law, _)| law);
         std::println!("link   {:24} {what:96} {noticed}", format!("{bug:?}"));
         if noticed == "NOT NOTICED" {

@@ -8,10 +8,10 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use super::device::{LinkPort, LinkSide};
-use super::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
-use super::message::{FromDevice, LinkError, Mode, Request, Response, ToDevice};
 use super::stop_listener::StopListener;
 use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
+use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
+use esm_link::message::{FromDevice, LinkError, Mode, Request, Response, ToDevice};
 
 std::thread_local! {
     static INTERRUPTED: RefCell<Option<Rc<Interrupts>>> = const { RefCell::new(None) };

@@ -8,11 +8,11 @@
 //! A byte costs a few instructions, one that ends a short frame the checksum of `LONGEST` bytes besides.
 
 #[cfg(doc)]
-use super::message::Request;
+use esm_link::message::Request;
 
-use super::frame::{CRC_BYTES, DELIMITER, checksum};
 use crate::kept::Kept;
 use crate::supervision::Signs;
+use esm_link::frame::{CRC_BYTES, DELIMITER, checksum};
 
 /// Numbers of the requests that it knows.
 const STOP: u8 = 6;
@@ -126,8 +126,8 @@ mod tests {
     use serde::Serialize;
 
     use super::*;
-    use crate::link::frame::{FrameError, FrameReader, MAX_FRAME_BYTES, decode, encode};
-    use crate::link::message::{Request, ToDevice};
+    use esm_link::frame::{FrameError, FrameReader, MAX_FRAME_BYTES, decode, encode};
+    use esm_link::message::{Request, ToDevice};
 
     fn framed(message: &impl Serialize) -> Vec<u8> {
         let mut frame = [0; MAX_FRAME_BYTES];

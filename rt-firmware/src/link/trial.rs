@@ -1,59 +1,9 @@
-//! Missions on trial: how long, why one was given up, and who remembers that across a reset.
+//! Who remembers across a reset which mission is on trial.
 
-use serde::{Deserialize, Serialize};
+use esm_link::message::{FlashHealth, Kept, LinkError};
 
-use super::message::{LinkError, SafeReason};
 use crate::realtime::params::SavedParams;
-use crate::store::keep::{FlashHealth, Kept, Start};
-
-/// A mission that runs on trial.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Trial {
-    /// Time until the robot falls back by itself, in milliseconds.
-    pub left_ms: u32,
-    /// Hash of the mission that it falls back to; none where there was none, so that its motors will be off.
-    pub before: Option<u32>,
-}
-
-/// A mission on trial was given up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FallBack {
-    /// Hash of the mission that was given up.
-    pub mission: u32,
-    /// Why.
-    pub reason: FallBackReason,
-}
-
-/// Why a robot gave up a mission on trial.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum FallBackReason {
-    /// It was not confirmed in time.
-    NotConfirmed,
-    /// The host asked for it.
-    Asked,
-    /// The mission did what leads to the safe state.
-    Failed(SafeReason),
-}
-
-impl FallBackReason {
-    /// The reason's number, as trace records and snapshots carry it.
-    pub fn number(self) -> u8 {
-        match self {
-            FallBackReason::NotConfirmed => 0,
-            FallBackReason::Asked => 1,
-            FallBackReason::Failed(reason) => 2 + reason.number(),
-        }
-    }
-
-    /// The reason with this number.
-    pub fn from_number(number: u8) -> Option<FallBackReason> {
-        match number {
-            0 => Some(FallBackReason::NotConfirmed),
-            1 => Some(FallBackReason::Asked),
-            failed => SafeReason::from_number(failed - 2).map(FallBackReason::Failed),
-        }
-    }
-}
+use crate::store::keep::Start;
 
 /// Remembers across a reset which mission is on trial and which was confirmed: a store on a flash. A board that has one hands it out by
 /// [`LinkPort::keeper`](super::device::LinkPort::keeper).
@@ -112,19 +62,3 @@ pub trait MissionKeeper {
 /// How long a mission that a robot starts with may run on trial, in milliseconds: one whose upload came to its end and whose trial did not begin before the
 /// power was lost.
 pub const TRIAL_AT_START_MS: u32 = 30_000;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn reasons_have_numbers_of_their_own() {
-        let reasons = (0..=u8::MAX).filter_map(FallBackReason::from_number);
-        let mut count = 0;
-        for (reason, number) in reasons.zip(0..) {
-            assert_eq!(reason.number(), number);
-            count += 1;
-        }
-        assert!(count > 9, "{count}");
-    }
-}

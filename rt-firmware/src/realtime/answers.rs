@@ -7,10 +7,10 @@ use super::RealTime;
 use super::jobs::net_of;
 use super::mission::Mission;
 use crate::features::PARAMS;
-use crate::link::message::{LinkError, TaskCounters};
-use crate::link::telemetry::Ask;
 use crate::mail::{Bytes, Letter};
 use crate::task::MAX_DATA_PORTS;
+use esm_link::message::{LinkError, TaskCounters};
+use esm_link::telemetry::Ask;
 
 impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
     /// Answers a question about the mission.
@@ -141,6 +141,6 @@ fn state_of(interpreter: &Interpreter<'_, BlobBuffer<'_>>, region: usize) -> u16
     if active {
         interpreter.current(region) as u16
     } else {
-        crate::link::message::NO_STATE
+        esm_link::message::NO_STATE
     }
 }

@@ -8,9 +8,9 @@ use super::trial::Trial;
 use super::upcoming::{Resting, Upcoming};
 use crate::board::{Board, ticks};
 use crate::features::WARM;
-use crate::link::message::{LinkError, Mode, Swap};
-use crate::link::trial::{FallBack, FallBackReason};
 use crate::mail::{Freed, Letter};
+use esm_link::message::{LinkError, Mode, Swap};
+use esm_link::trial::{FallBack, FallBackReason};
 
 /// How long before the first macro step of another mission the missions are exchanged, if nothing is due in between: longer than that takes.
 const CHANGE_LEAD_US: u32 = 2_000;

@@ -5,10 +5,10 @@ use core::sync::atomic::Ordering::Relaxed;
 use super::RealTime;
 use super::occurrence::Occurrence;
 use super::slots::nanoseconds;
-use crate::black_box::Event;
 use crate::board::Board;
-use crate::link::message::{Mode, SafeReason};
-use crate::link::trace::TraceRecord;
+use esm_link::black_box::Event;
+use esm_link::message::{Mode, SafeReason};
+use esm_link::trace::TraceRecord;
 
 /// How much may go wrong before the robot goes to its safe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

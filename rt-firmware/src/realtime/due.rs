@@ -11,7 +11,7 @@ use super::ready::Ready;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
-use crate::link::message::Mode;
+use esm_link::message::Mode;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was

@@ -9,11 +9,11 @@ use super::RealTime;
 use super::mission::Mission;
 use super::params::LiveParams;
 use super::tasks::NONE;
-use crate::black_box::Event;
 use crate::board::Board;
-use crate::link::trace::TraceRecord;
 use crate::ports::{FlagChanges, Inputs, Said};
 use crate::task::{Declaration, Step};
+use esm_link::black_box::Event;
+use esm_link::trace::TraceRecord;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Executes the enabled tasks of a slot, from this one on, in an occurrence that starts at `start_us`.

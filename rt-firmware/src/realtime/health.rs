@@ -1,11 +1,11 @@
 //! What others see of the real-time side: the snapshot that the link reads, and the flight recorder.
 
 use super::RealTime;
-use crate::black_box::Event;
 use crate::board::microseconds;
-use crate::link::message::Mode;
-use crate::link::trial;
 use crate::status::Health;
+use esm_link::black_box::Event;
+use esm_link::message::Mode;
+use esm_link::trial;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Counters and mode of a robot before its next mission.

@@ -8,9 +8,9 @@ use super::RealTime;
 use super::execution::{apply_flags, find_inputs};
 use super::occurrence::Occurrence;
 use super::tasks::TaskTable;
-use crate::link::message::Mode;
-use crate::link::trace::TraceRecord;
 use crate::ports::Harvest;
+use esm_link::message::Mode;
+use esm_link::trace::TraceRecord;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last. It has no macro step.

@@ -9,8 +9,8 @@ use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
 use crate::board::{Board, ticks};
 use crate::features::{PARAMS, TELEMETRY, WARM};
-use crate::link::message::{LinkError, Mode};
 use crate::mail::{Letter, Posted};
+use esm_link::message::{LinkError, Mode};
 
 impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.

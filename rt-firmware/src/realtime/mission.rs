@@ -9,10 +9,10 @@ use super::occurrence::Occurrence;
 use super::params::LiveParams;
 use super::upcoming::{Lists, Prepared, Resting, Room};
 use super::{RealTime, params, tasks};
-use crate::black_box::Event;
 use crate::features::WARM;
-use crate::link::message::Mode;
-use crate::link::trace::TraceRecord;
+use esm_link::black_box::Event;
+use esm_link::message::Mode;
+use esm_link::trace::TraceRecord;
 
 /// The mission that runs.
 pub(super) struct Mission<'m> {

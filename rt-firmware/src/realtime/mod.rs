@@ -37,13 +37,13 @@ use esm_core::Dispatcher;
 use heapless::spsc::{Consumer, Producer};
 
 use crate::kept::Kept;
-use crate::link::message::{Mode, SafeReason};
 use crate::mail::{Freed, Letter, NO_DEADLINE, Posted};
 use crate::ports::{Executor, Job};
 use crate::recorder::Recorder;
 use crate::status::{Health, SnapshotWriter};
 use crate::supervision::{Signs, Supervision};
 use crate::telemetry::Sampler;
+use esm_link::message::{Mode, SafeReason};
 use mission::Mission;
 use params::{LiveParams, SavedParams};
 use ready::Ready;

@@ -7,7 +7,7 @@ use super::RealTime;
 use super::slots::SlotEntry;
 use super::trace::StepObserver;
 use crate::board::{Board, OccurrenceStart};
-use crate::link::message::{Mode, SafeReason};
+use esm_link::message::{Mode, SafeReason};
 
 /// An occurrence that is being executed.
 #[derive(Clone, Copy)]

@@ -6,9 +6,9 @@
 use esm_core::tables::Tables;
 
 use crate::features::PARAMS;
-use crate::link::message::LinkError;
 use crate::ports::Registry;
 use crate::task::{ParamDeclaration, ParamKind};
+use esm_link::message::LinkError;
 
 /// How many parameters of a mission can differ from its blob at the same time.
 pub const MAX_CHANGED: usize = if PARAMS { 8 } else { 0 };

@@ -13,8 +13,8 @@ use super::tasks::NONE;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, OccurrenceStart, ticks};
 use crate::features::WARM;
-use crate::link::message::{Mode, SafeReason};
 use crate::task::Step;
+use esm_link::message::{Mode, SafeReason};
 
 /// How long occurrences may follow one another, each made ready after the one before, without a look at the whole clock.
 const LOOK_US: u32 = 100_000;

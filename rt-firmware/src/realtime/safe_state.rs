@@ -7,11 +7,11 @@ use core::sync::atomic::Ordering;
 use super::RealTime;
 use super::ready::Ready;
 use super::trial::is_the_missions_fault;
-use crate::black_box::Event;
 use crate::board::Board;
-use crate::link::message::{LinkError, Mode, SafeReason};
-use crate::link::trace::{EMERGENCY, TraceRecord};
 use crate::mail::Letter;
+use esm_link::black_box::Event;
+use esm_link::message::{LinkError, Mode, SafeReason};
+use esm_link::trace::{EMERGENCY, TraceRecord};
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.

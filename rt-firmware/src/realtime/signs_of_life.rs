@@ -4,7 +4,7 @@ use core::sync::atomic::Ordering;
 
 use super::RealTime;
 use crate::board::Board;
-use crate::link::message::Mode;
+use esm_link::message::Mode;
 
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Feeds the watchdog if all have shown that they live who should have.

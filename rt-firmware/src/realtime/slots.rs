@@ -2,7 +2,7 @@
 
 use super::tasks::NONE;
 use crate::board::microseconds;
-use crate::link::message::{DELAY_BUCKETS, SlotCounters};
+use esm_link::message::{DELAY_BUCKETS, SlotCounters};
 
 /// Bits of the ticks that the first bucket of start delays counts: those shorter than 16 ticks.
 const FIRST_BUCKET_BITS: u32 = 4;

@@ -7,9 +7,10 @@ use esm_core::tables::Tables;
 use esm_core::{Fault, Interpreter, Observer, StepSummary, TransitionTaken};
 
 use super::tasks::TaskTable;
-use crate::black_box::{BlackBox, Event};
-use crate::link::trace::{FaultCode, TraceRecord, write_step};
+use crate::black_box::BlackBox;
 use crate::ring::RingWriter;
+use esm_link::black_box::Event;
+use esm_link::trace::{FaultCode, TraceRecord, write_step};
 
 /// Room that transitions and steps leave to records that come seldom and must not be lost: a machine that goes wild fills the ring with
 /// transitions before its fault is known.

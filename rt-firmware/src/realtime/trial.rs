@@ -3,9 +3,9 @@
 use super::RealTime;
 use super::mission::Origin;
 use super::upcoming::Resting;
-use crate::link::message::{Mode, SafeReason};
-use crate::link::trace::TraceRecord;
-use crate::link::trial::{FallBack, FallBackReason};
+use esm_link::message::{Mode, SafeReason};
+use esm_link::trace::TraceRecord;
+use esm_link::trial::{FallBack, FallBackReason};
 
 /// What is known of the mission that runs while it is on trial.
 pub(super) struct Trial<'m> {

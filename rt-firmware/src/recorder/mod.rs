@@ -1,4 +1,4 @@
-//! The recorder: writes what enters the interpreter, if somebody wants it, for the link to [send](crate::link::record).
+//! The recorder: writes what enters the interpreter, if somebody wants it, for the link to [send](esm_link::recording).
 //!
 //! It has two sides, as everything between real-time side and link: [`Recorder`] writes, [`RecordReader`] reads and says whether anything is wanted. Without the feature `record` both are there, take
 //! neither flash nor memory, and a recording is refused.

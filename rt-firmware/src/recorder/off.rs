@@ -5,8 +5,8 @@ use core::ops::Deref;
 
 use esm_core::Interpreter;
 
-use crate::link::message::LinkError;
 use crate::ring::Part;
+use esm_link::message::LinkError;
 
 /// No memory.
 pub(crate) struct RecorderMemory<const WORDS: usize>;

@@ -7,12 +7,12 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use esm_core::Interpreter;
 
-use crate::link::message::LinkError;
-use crate::link::record::{
+use crate::ring::{Part, RecordRing, RingReader, RingWriter};
+use esm_link::message::LinkError;
+use esm_link::recording::{
     MAX_QUIET, STATE_HEAD_BYTES, STATE_WORD_BYTES, write_changes, write_quiet, write_skipped,
     write_started, write_state,
 };
-use crate::ring::{Part, RecordRing, RingReader, RingWriter};
 
 /// Subscriptions are numbered in the low half of a word; in the high half, how often one came after a time in which nothing was wanted.
 const PAUSE: u32 = 1 << 16;
@@ -314,7 +314,7 @@ mod tests {
     use esm_core::{Observer, TransitionTaken};
 
     use super::*;
-    use crate::link::record::Recorded;
+    use esm_link::recording::Recorded;
 
     /// A mission with a few tasks, whose firmware takes it where there is no other.
     const BLOB: &[u8] = include_bytes!("../../../boards/lm3s6965/stand_by.blob");

@@ -6,11 +6,11 @@ use super::keep::{RECORD_BYTES, slot_bytes};
 use super::kept_flash::{BLOB_BYTES, ERASE, blank, with_keep};
 use super::layout::HEAD_BYTES;
 use super::nor::Rewrite;
-use super::records::{Found, Key, PutError, RecordsState, WayIn};
-use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, NotKept};
-use crate::link::message::LinkError;
+use super::records::{Found, Key, PutError};
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
+use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord, NotKept};
+use esm_link::message::{LinkError, RecordsState, WayIn};
 
 #[test]
 fn a_robot_whose_records_are_damaged_is_stopped_and_keeps_them_as_they_are() {

@@ -22,10 +22,10 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use super::journal::COPY_BYTES;
 use super::keep::{Keep, RECORD_BYTES, flash_bytes, slot_bytes};
 use super::layout::{BLANK, BLOCK_BYTES, HEAD_BYTES, HEADED, NOTE, SEALED, TRIED};
-use super::records::{RecordsState, WayIn};
-use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord};
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
+use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord};
+use esm_link::message::{RecordsState, WayIn};
 
 type Broken = String;
 
@@ -515,7 +515,7 @@ fn in_by_the_key() -> Result<(), Broken> {
             keep.set_emergency_stop(false)?;
             Ok(keep.is_emergency_stopped())
         });
-        if released != Ok::<_, crate::link::message::LinkError>(false) {
+        if released != Ok::<_, esm_link::message::LinkError>(false) {
             return Err(format!("{released:?}"));
         }
         // What was there before is older now.

@@ -7,10 +7,10 @@ use super::budget::{Allowance, KEYS, RECORDS, UPLOADS};
 use super::keep::Keep;
 use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep};
 use super::nor::{Chip, Rewrite};
-use crate::link::key_safe::{KEY_RECORD_BYTES, KeyRecord, WriteError};
-use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
+use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord, WriteError};
+use esm_link::message::LinkError;
 
 type Broken = String;
 type Kept<'a> = Keep<'a, Chip<WRITE, ERASE>>;

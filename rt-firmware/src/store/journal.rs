@@ -27,7 +27,7 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::layout::{BLANK, BLOCK_BYTES, is_newer};
-use crate::link::key_safe::KEY_RECORD_BYTES;
+use esm_link::key_store::KEY_RECORD_BYTES;
 
 /// `esmJ`
 const MAGIC: u32 = 0x4A6D_7365;

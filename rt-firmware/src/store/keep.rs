@@ -1,23 +1,22 @@
 //! What a robot keeps in its flash: two missions, and the records behind them.
 
 use embedded_storage::nor_flash::NorFlash;
-use serde::{Deserialize, Serialize};
 
 use super::budget::{self, Budget};
-use super::records::{Found, Key, PutError, Records, RecordsState};
+use super::records::{Found, Key, PutError, Records};
 use super::{
-    AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, SlotState,
-    Store, TrialError, journal,
+    AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, Store,
+    TrialError, journal,
 };
-use crate::link::key_safe::{KeyRecord, NotKept, WriteError};
-use crate::link::message::{Capacity, LinkError};
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
+use esm_link::key_store::{KeyRecord, NotKept, WriteError};
+use esm_link::message::{Capacity, FlashHealth, Kept, LinkError, SlotState, Source};
 
 /// Room for records: what [`Keep::open`] is to be given.
 pub const RECORD_BYTES: usize = 512;
 
-/// The record of [`SavedParams`]; those before it are [those of the key](crate::link::key_safe::KeyRecord).
+/// The record of [`SavedParams`]; those before it are [those of the key](esm_link::key_store::KeyRecord).
 const SAVED_PARAMS: Key = Key(4);
 
 /// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where `erase_bytes` are erased at once.
@@ -29,48 +28,6 @@ pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
 /// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for them.
 pub const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
     (HEAD_BYTES + payload_bytes).next_multiple_of(erase_bytes)
-}
-
-/// Which mission runs, and why: what the robot tells of its flash.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Kept {
-    /// Where the mission is that runs.
-    pub runs: Source,
-    /// What is in slot A and slot B.
-    pub slots: [SlotState; 2],
-}
-
-impl Kept {
-    /// Whether a mission is on trial: neither confirmed nor given up.
-    pub fn is_on_trial(&self) -> bool {
-        self.slots.contains(&SlotState::OnTrial)
-    }
-}
-
-/// How a robot's flash is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FlashHealth {
-    /// How its records are.
-    pub records: RecordsState,
-    /// Places of the records that were neither blank nor whole at the start: bits that have changed, or what a loss of power has left. Where the records can be read, nothing was lost by it.
-    pub flaws: u16,
-    /// How often a slot for a mission was erased, both counted together.
-    pub mission_erases: u32,
-    /// How often an area for records was erased, both counted together.
-    pub record_erases: u32,
-}
-
-/// Where a mission is kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Source {
-    /// Nowhere: none runs.
-    Nothing,
-    /// In slot A of the flash.
-    A,
-    /// In slot B of the flash.
-    B,
-    /// In the firmware.
-    Firmware,
 }
 
 impl From<Slot> for Source {
@@ -196,7 +153,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         &mut self.records
     }
 
-    /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
+    /// Reads what belongs to the robot's key, as [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the record has no room.
@@ -204,7 +161,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.records.read_of_key(record, room)
     }
 
-    /// Keeps what belongs to the robot's key, as [`KeySafe::write`](crate::link::key_safe::KeySafe::write) does.
+    /// Keeps what belongs to the robot's key, as [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
     ///
     /// # Errors
     /// [`WriteError`]
@@ -223,7 +180,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         Ok(self.records.write_of_key(record, bytes)?)
     }
 
-    /// The key record that was kept last, where the records are damaged, as [`KeySafe::remembered_key`](crate::link::key_safe::KeySafe::remembered_key) reads it.
+    /// The key record that was kept last, where the records are damaged, as [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) reads it.
     ///
     /// # Errors
     /// [`NotKept`]: it is not known, or has no room.
@@ -231,7 +188,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.records.remembered_key(room)
     }
 
-    /// Writes records that are damaged anew, as [`KeySafe::renew`](crate::link::key_safe::KeySafe::renew) does.
+    /// Writes records that are damaged anew, as [`KeyStore::renew`](esm_link::key_store::KeyStore::renew) does.
     ///
     /// # Errors
     /// [`WriteError`]

@@ -2,7 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::SlotState;
+use esm_link::message::SlotState;
 
 /// Bytes of a block, the unit of everything in a slot: one write of the store is one block, and no block is written twice between two erases. So a flash may
 /// program up to this many bytes at once.

@@ -61,7 +61,7 @@
 use core::ops::Range;
 
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
-use serde::{Deserialize, Serialize};
+use esm_link::message::SlotState;
 
 /// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
 #[cfg(test)]
@@ -167,44 +167,6 @@ pub struct Mission {
     pub len: u32,
     /// It was never confirmed. If it is not until the next choice, the other is run again.
     pub on_trial: bool,
-}
-
-/// What is in a slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum SlotState {
-    /// The mission that runs.
-    Runs,
-    /// The mission that runs on trial.
-    OnTrial,
-    /// A confirmed mission, older than the one that runs.
-    Spare,
-    /// Nothing.
-    Empty,
-    /// A mission whose upload did not end.
-    Unsealed,
-    /// No header with a right checksum: an upload that did not come to its end, an erase that was cut, or damage.
-    BrokenHeader,
-    /// A header of a layout that this firmware does not know.
-    OtherFormat,
-    /// A mission that is longer than a slot of this firmware.
-    TooLong,
-    /// A mission that is longer than the room that it was to be read into.
-    NoRoom {
-        /// Its length in bytes.
-        len: u32,
-    },
-    /// A mission with a wrong checksum: damage.
-    BrokenPayload,
-    /// The flash gave an error when it was read.
-    Unreadable,
-    /// The caller refused it.
-    Refused,
-    /// A mission that was on trial and was not confirmed.
-    TrialFailed,
-    /// A mission that may not run, for the flash did not take the word that says that it is on trial.
-    TrialNotRecorded,
-    /// A mission that never ran, and whose place in the order was taken by the other one.
-    GivenUp,
 }
 
 /// Why an upload cannot begin.

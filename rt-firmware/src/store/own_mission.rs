@@ -4,12 +4,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use super::SlotState;
-use super::keep::{Keep, Source, Start, flash_bytes};
+use super::keep::{Keep, Start, flash_bytes};
 use super::kept_flash::{self, BLOB_BYTES, ERASE, Flash, WRITE};
 use super::nor::{Chip, Cut, Kind, Rewrite, Tear};
-use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
+use esm_link::message::{LinkError, SlotState, Source};
 
 const OWN: &[u8] = b"the firmware's own";
 

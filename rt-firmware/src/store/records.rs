@@ -64,12 +64,12 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use serde::{Deserialize, Serialize};
+use esm_link::message::{RecordsState, SlotState, WayIn};
 
 use super::journal::{self, Journal, KeyCopy, WORN_BITS};
 use super::layout::is_newer;
-use super::{Choice, Layout, LayoutError, Slot, SlotState, Store};
-use crate::link::key_safe::{KeyRecord, NotKept};
+use super::{Choice, Layout, LayoutError, Slot, Store};
+use esm_link::key_store::{KeyRecord, NotKept};
 
 /// The longest value of a record, in bytes.
 pub const MAX_VALUE_BYTES: usize = 64;
@@ -126,32 +126,6 @@ pub enum Found {
     /// There was a table, and it is not whole, or cannot be read, or is an old one. A robot must not take this for one that never had records. Nothing is kept until the records are
     /// [renewed](Records::renew), the flash is erased, or reads well.
     Damage,
-}
-
-/// How the records are, as a robot tells it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum RecordsState {
-    /// Nothing was ever kept.
-    New,
-    /// All that was kept is there twice.
-    Whole,
-    /// All that was kept is there, but the flash did not take it twice: the next damage loses it.
-    Once,
-    /// There were records, and none of them can be read: the robot is stopped, and takes nothing but from who [gets in](WayIn).
-    Unreadable(WayIn),
-    /// The records that can be read are older than those that were kept last, or nothing says that they are not; as with those that cannot be read.
-    Older(WayIn),
-}
-
-/// Who gets into a robot whose records are damaged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum WayIn {
-    /// The owner of the key that it had, which it remembers.
-    Key,
-    /// Everybody: it is certain that it had no key.
-    NoKey,
-    /// Nobody: its flash must be erased at the programmer, for it is not known which key it had.
-    Erase,
 }
 
 /// The records, and the flash that keeps them.
@@ -367,7 +341,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
     }
 
     /// Reads the key record that was kept last into the beginning of `room`, where there is [damage](Found::Damage); as
-    /// [`KeySafe::remembered_key`](crate::link::key_safe::KeySafe::remembered_key) does. 0 is for a robot that had none for certain.
+    /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) does. 0 is for a robot that had none for certain.
     ///
     /// # Errors
     /// [`NotKept`]: it is not known, or has no room.
@@ -421,7 +395,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         self.is_entered
     }
 
-    /// Reads what belongs to the robot's key, as [`KeySafe::read`](crate::link::key_safe::KeySafe::read) does.
+    /// Reads what belongs to the robot's key, as [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the record has no room.
@@ -436,7 +410,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         Ok(kept.len())
     }
 
-    /// Keeps what belongs to the robot's key, as [`KeySafe::write`](crate::link::key_safe::KeySafe::write) does.
+    /// Keeps what belongs to the robot's key, as [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the flash did not take it.

@@ -6,9 +6,9 @@ use std::vec::Vec;
 
 use super::kept_flash::{blank, with_keep};
 use super::nor::{Cut, Kind, Rewrite, Tear};
-use crate::link::message::LinkError;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
+use esm_link::message::LinkError;
 
 fn saved(mission: u32, values: &[(u16, u32)]) -> SavedParams {
     let mut bytes: Vec<u8> = mission.to_le_bytes().into();

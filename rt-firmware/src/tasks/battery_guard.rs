@@ -1,10 +1,10 @@
 //! Stops a robot whose battery is empty.
 
 use super::values::Battery;
-use crate::link::message::SafeReason;
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
+use esm_link::message::SafeReason;
 
 /// A guard that has not known the voltage for so long takes the battery for empty: whoever measures it has had its chance, also at the start.
 const UNKNOWN_US: u32 = 1_000_000;

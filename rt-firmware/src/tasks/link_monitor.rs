@@ -1,9 +1,9 @@
 //! Watches whether the host still calls.
 
-use crate::link::message::SafeReason;
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
+use esm_link::message::SafeReason;
 
 /// Sets `warn`, `slow` and `stop` while no request has come over the link for so many milliseconds, and clears them when one comes. Once `stop` has been
 /// set for a period of its slot, and the link is silent still, the runtime switches the motors off by itself, whatever the mission does: safe state, until the

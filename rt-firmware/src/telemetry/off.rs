@@ -2,8 +2,8 @@
 
 use core::marker::PhantomData;
 
-use crate::link::message::MAX_STREAM_BYTES;
 use crate::ports::Executor;
+use esm_link::message::MAX_STREAM_BYTES;
 
 /// No memory.
 pub(crate) struct TelemetryMemory;

@@ -2,10 +2,10 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
-use crate::link::message::MAX_STREAM_BYTES;
-use crate::link::telemetry::{self, HEAD_WORDS, MAX_VALUE_WORDS, SAMPLE_WORDS, WORD_BYTES};
 use crate::ports::Executor;
 use crate::show::Show;
+use esm_link::message::MAX_STREAM_BYTES;
+use esm_link::telemetry::{self, HEAD_WORDS, MAX_VALUE_WORDS, SAMPLE_WORDS, WORD_BYTES};
 
 /// What both sides look at.
 pub(crate) struct TelemetryMemory {

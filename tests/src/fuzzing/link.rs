@@ -3,22 +3,22 @@
 use std::collections::VecDeque;
 use std::sync::OnceLock;
 
-use host_tools::keys::SigningKey;
-use host_tools::plant::flash::Flash;
-use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::link::access::{
+use esm_link::access::{
     self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES,
     may_be_proven,
 };
-use rt_firmware::link::frame::{
+use esm_link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode, parse, unpack,
 };
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
-use rt_firmware::link::message::{
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
+use esm_link::message::{
     Channel, FromDevice, Identity, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response,
     Status, Stream, Swap, ToDevice,
 };
-use rt_firmware::link::telemetry::Sample;
+use esm_link::telemetry::Sample;
+use host_tools::keys::SigningKey;
+use host_tools::plant::flash::Flash;
+use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::{Keep, RECORD_BYTES, flash_bytes};
 use rt_firmware::{
@@ -152,7 +152,7 @@ impl LinkPort for Wire<'_> {
         count
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 
@@ -161,7 +161,7 @@ impl LinkPort for Wire<'_> {
     }
 }
 
-impl KeySafe for Wire<'_> {
+impl KeyStore for Wire<'_> {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         self.keep.read_of_key(record, room)
     }

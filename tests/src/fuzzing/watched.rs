@@ -11,6 +11,7 @@
 //! - A second machine, whose reads are checked, does the same.
 //! - So does [`Plain`], which looks at everything each time: nothing that mattered was skipped.
 
+use esm_core::Compiled;
 use esm_core::format::{FLAG_BUSY, FLAG_EXIT, PULSE, TASK_CONTROL_FLAGS};
 use esm_core::reads::{Checked, Reads};
 use esm_core::tables::{StateKind, Tables};
@@ -99,7 +100,7 @@ fn compare<R: Reads<Vec<u8>>>(
 }
 
 /// One macro step, and the watcher's account held against the machine.
-fn step<R: Reads<Vec<u8>>>(
+fn step<R: Reads<Vec<u8>> + Compiled>(
     machine: &mut Interpreter<'_, Vec<u8>, R>,
     watch: &mut Watch<'_>,
 ) -> Result<StepSummary, Fault> {
@@ -175,7 +176,7 @@ impl Change {
         }
     }
 
-    fn make<R: Reads<Vec<u8>>>(
+    fn make<R: Reads<Vec<u8>> + Compiled>(
         self,
         machine: &mut Interpreter<'_, Vec<u8>, R>,
         watch: &mut Watch<'_>,

@@ -3,31 +3,27 @@
 
 use std::fmt::Write;
 
-use esm_tests::command::root;
-use esm_tests::owner::{Installation, Owner, bytes_of as held};
-use host_tools::keys::SigningKey;
-use rt_firmware::black_box::{Event, Record};
-use rt_firmware::features::{Feature, Features};
-use rt_firmware::link::access::{
+use esm_link::access::{
     self, Access, KEY_BYTES, NO_UPLOAD, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES,
     SIGNATURE_BYTES, may_be_proven,
 };
-use rt_firmware::link::frame::{
+use esm_link::black_box::{Event, Record};
+use esm_link::features::{Feature, Features};
+use esm_link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
-use rt_firmware::link::message::{
-    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FromDevice, Identity,
-    LastWords, LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason,
-    Response, SafeReason, SlotCounters, Status, Stream, Swap, TaskCounters, ToDevice, UNKNOWN,
-    Uploads,
+use esm_link::message::{
+    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FlashHealth, FromDevice,
+    Identity, Kept, LastWords, LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode,
+    RecordsState, Request, ResetReason, Response, SafeReason, Silent, SlotCounters, SlotState,
+    Source, Status, Stream, Swap, TaskCounters, ToDevice, UNKNOWN, Uploads, WayIn,
 };
-use rt_firmware::link::news::{Cause, News};
-use rt_firmware::link::proof::{Secret, mask};
-use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
-use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{FlashHealth, Kept, Source};
-use rt_firmware::store::records::{RecordsState, WayIn};
-use rt_firmware::supervision::Silent;
+use esm_link::news::{Cause, News};
+use esm_link::proof::{Secret, mask};
+use esm_link::trial::{FallBack, FallBackReason, Trial};
+use esm_tests::command::root;
+use esm_tests::owner::{Installation, Owner, bytes_of as held};
+use host_tools::keys::SigningKey;
 use serde::Serialize;
 
 use super::counting;
@@ -743,7 +739,7 @@ fn received(bytes: &[u8]) -> Vec<String> {
         };
         let encoded = [&frame[..], &[0]].concat();
         // Nothing is read of it, so that bytes are left over: but for these it was right.
-        use rt_firmware::link::frame::FrameError::NotAMessage;
+        use esm_link::frame::FrameError::NotAMessage;
         if matches!(decode::<Any>(frame), Ok(_) | Err(NotAMessage)) {
             messages.push(hex(&message_of(&encoded)));
         }
@@ -1461,9 +1457,9 @@ fn the_vectors_are_what_the_firmware_does() {
 
 #[test]
 fn the_page_about_the_protocol_has_the_numbers_of_the_code() {
-    use rt_firmware::link::frame::{MAX_REPLY_BYTES, MAX_REPLY_FRAME_BYTES};
-    use rt_firmware::link::message::PROTOCOL_VERSION;
-    use rt_firmware::link::telemetry::{MAX_ASK_BYTES, MAX_VALUE_WORDS};
+    use esm_link::frame::{MAX_REPLY_BYTES, MAX_REPLY_FRAME_BYTES};
+    use esm_link::message::PROTOCOL_VERSION;
+    use esm_link::telemetry::{MAX_ASK_BYTES, MAX_VALUE_WORDS};
 
     let page = std::fs::read_to_string(root().join("docs/link.md")).unwrap();
     let hello = frame_of(&ToDevice {

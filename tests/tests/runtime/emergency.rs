@@ -1,10 +1,10 @@
 //! The emergency stop: what it stops, what does not end it, and what does.
 
+use esm_link::black_box::{Event, RECORD_BYTES, Record};
+use esm_link::frame::{MAX_FRAME_BYTES, encode};
+use esm_link::message::{LinkError, Mode, Request, SafeReason, Swap, ToDevice};
 use esm_tests::random::Random;
-use rt_firmware::black_box::{Event, RECORD_BYTES, Record};
 use rt_firmware::kept::{Ending, Kept};
-use rt_firmware::link::frame::{MAX_FRAME_BYTES, encode};
-use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason, Swap, ToDevice};
 
 use super::counting;
 use super::keeping::with_kept;

@@ -1,6 +1,6 @@
 //! Missions are exchanged before the macro step that is the next one's first: what happens in between, and what is refused before.
 
-use rt_firmware::link::message::{Capacity, LinkError, Mode, Request, Swap};
+use esm_link::message::{Capacity, LinkError, Mode, Request, Swap};
 
 use crate::mission::{Mission, hash};
 use crate::robot::{Answer, Bench, TICKS_PER_US, with_robot};

@@ -1,9 +1,9 @@
 //! What a robot writes down in RAM that a reset leaves alone, and tells at the next connection.
 
+use esm_link::black_box::{Event, RECORD_BYTES, Record};
+use esm_link::message::{LastWords, Mode, Request, ResetReason, SafeReason};
 use rt_firmware::About;
-use rt_firmware::black_box::{Event, RECORD_BYTES, Record};
 use rt_firmware::kept::{Ending, Kept};
-use rt_firmware::link::message::{LastWords, Mode, Request, ResetReason, SafeReason};
 
 use super::robot::{Answer, Bench, with_robot_that_is};
 use super::{counting, hogging};

@@ -1,14 +1,14 @@
 //! A robot with a key, and hosts that have another one, or none.
 
-use esm_tests::owner::{Installation, bytes_of};
-use host_tools::keys::SigningKey;
-use rt_firmware::link::access::{
+use esm_link::access::{
     self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Needs,
     PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES, needs,
 };
-use rt_firmware::link::keys::PAUSE_AFTER_WRONG_US;
-use rt_firmware::link::message::{LinkError, MAX_CHUNK, Mode, Request, Swap};
-use rt_firmware::link::proof::mask;
+use esm_link::keys::PAUSE_AFTER_WRONG_US;
+use esm_link::message::{LinkError, MAX_CHUNK, Mode, Request, Swap};
+use esm_link::proof::mask;
+use esm_tests::owner::{Installation, bytes_of};
+use host_tools::keys::SigningKey;
 
 use super::counting;
 use super::mission::hash;
@@ -726,7 +726,7 @@ fn strangers_take_neither_place_nor_answer_nor_nonce_from_the_owner() {
     with_locked_robot(|robot| {
         let blob = counting(5).blob();
         let len = blob.len() as u32;
-        let crc = rt_firmware::link::frame::checksum(&blob);
+        let crc = esm_link::frame::checksum(&blob);
         let flood = |robot: &mut Bench<'_, '_, '_>| {
             robot.by_anyone(|robot| {
                 let frames = [

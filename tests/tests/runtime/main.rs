@@ -20,13 +20,13 @@ use std::time::Duration;
 
 use esm_core::format::crc32;
 use esm_core::signature::fnv1a;
+use esm_link::access::Access;
+use esm_link::frame::checksum;
+use esm_link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason, Swap};
 use host_tools::schedule::handover::{Handover, SlotTable, lay_out};
 use host_tools::time::work_limit;
 use mission::Mission;
 use robot::{Answer, BLOB_BYTES, signature, with_robot};
-use rt_firmware::link::access::Access;
-use rt_firmware::link::frame::checksum;
-use rt_firmware::link::message::{Capacity, LinkError, MAX_CHUNK, Mode, Request, SafeReason, Swap};
 
 /// Interpreter every 10 ms, and a second slot every 5 ms, 2 ms after it.
 const SLOTS: [(u32, u32, u32); 2] = [(10_000, 1_000, 0), (5_000, 1_000, 2_000)];
@@ -1342,7 +1342,7 @@ fn the_link_is_in_step_again_after_noise() {
 fn a_request_of_another_version_is_told_so() {
     with_robot(|robot| {
         let mut frame = [0; 32];
-        let len = rt_firmware::link::frame::encode(&(9u8, 200u8, 1u8), &mut frame).unwrap();
+        let len = esm_link::frame::encode(&(9u8, 200u8, 1u8), &mut frame).unwrap();
         robot.wire.to_robot.extend(&frame[..len]);
         assert_eq!(robot.exchange(), [(9, Err(LinkError::Malformed))]);
     });

@@ -1,8 +1,8 @@
 //! Parameters that a host changes while the mission runs.
 
+use esm_link::message::{LinkError, Request};
 use host_tools::compile::compile;
 use host_tools::lang::load_text;
-use rt_firmware::link::message::{LinkError, Request};
 use rt_firmware::realtime::params::SavedParams;
 
 use crate::mission::hash;

@@ -1,7 +1,7 @@
 //! What a slot's first task is executed with is found before its time. Whatever happens meanwhile, all is as if it were found at its time.
 
+use esm_link::message::{Request, SafeReason};
 use esm_tests::random::Random;
-use rt_firmware::link::message::{Request, SafeReason};
 
 use crate::mission::Mission;
 use crate::robot::{Bench, TICKS_PER_US, signature, with_robot};

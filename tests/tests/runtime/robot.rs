@@ -4,23 +4,22 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use esm_link::access::{Access, NONCE_BYTES, may_be_proven};
+use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::message::{
+    FlashHealth, FromDevice, Identity, Kept, LastWords, LinkError, MAX_CHUNK, RecordsState,
+    Request, Response, SafeReason, SlotCounters, SlotState, Source as MissionSource, Status, Swap,
+    TaskCounters, ToDevice,
+};
+use esm_link::news::News;
+use esm_link::telemetry::Sample;
+use esm_link::trace::TraceRecord;
 use esm_tests::owner::Owner;
 use host_tools::keys::SigningKey;
-use rt_firmware::link::access::{Access, NONCE_BYTES, may_be_proven};
-use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, Volatile, WriteError};
-use rt_firmware::link::message::{
-    FromDevice, Identity, LastWords, LinkError, MAX_CHUNK, Request, Response, SafeReason,
-    SlotCounters, Status, Swap, TaskCounters, ToDevice,
-};
-use rt_firmware::link::news::News;
-use rt_firmware::link::telemetry::Sample;
-use rt_firmware::link::trace::TraceRecord;
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::realtime::params::SavedParams;
-use rt_firmware::store::SlotState;
-use rt_firmware::store::keep::{self, FlashHealth, Kept, Start};
-use rt_firmware::store::records::RecordsState;
+use rt_firmware::store::keep::Start;
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
@@ -304,7 +303,7 @@ impl MissionKeeper for Memo {
 
     fn kept(&self) -> Kept {
         Kept {
-            runs: keep::Source::Nothing,
+            runs: MissionSource::Nothing,
             slots: match self.is_on_trial {
                 true => [SlotState::OnTrial, SlotState::Empty],
                 false => [SlotState::Empty; 2],
@@ -362,7 +361,7 @@ pub struct Safe {
     pub damaged: Option<Vec<u8>>,
 }
 
-impl KeySafe for Safe {
+impl KeyStore for Safe {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         if self.broken || self.damaged.is_some() {
             return Err(NotKept);
@@ -431,8 +430,8 @@ impl LinkPort for Wire {
             .then_some(&mut self.memory as &mut dyn MissionKeeper)
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
-        self.safe.as_mut().map(|safe| safe as &mut dyn KeySafe)
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+        self.safe.as_mut().map(|safe| safe as &mut dyn KeyStore)
     }
 }
 
@@ -650,14 +649,12 @@ impl Bench<'_, '_, '_> {
             };
             let message = unpack(frame).expect("the robot sends frames");
             match parse(message).expect("the robot sends messages") {
-                FromDevice::Stream(stream)
-                    if stream.channel == rt_firmware::link::message::Channel::Log =>
-                {
+                FromDevice::Stream(stream) if stream.channel == esm_link::message::Channel::Log => {
                     self.log.extend(stream.bytes);
                 }
                 FromDevice::News(news) => self.news.push(news),
                 FromDevice::Stream(stream)
-                    if stream.channel == rt_firmware::link::message::Channel::Values =>
+                    if stream.channel == esm_link::message::Channel::Values =>
                 {
                     assert!(!stream.continues, "a part is a whole sample");
                     self.samples_dropped = stream.dropped;

@@ -1,9 +1,9 @@
 //! Streams and news: what they tell, and that neither slots nor requests wait for them.
 
-use rt_firmware::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, decode, encode};
-use rt_firmware::link::message::{FromDevice, Mode, Request, ToDevice};
-use rt_firmware::link::news::{Cause, News};
-use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
+use esm_link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, decode, encode};
+use esm_link::message::{FromDevice, Mode, Request, ToDevice};
+use esm_link::news::{Cause, News};
+use esm_link::telemetry::MAX_VALUE_WORDS;
 
 use crate::counting;
 use crate::mission::hash;

@@ -1,7 +1,7 @@
 //! Missions on trial: how they end, and that the robot says so.
 
-use rt_firmware::link::message::{LinkError, Mode, Request, SafeReason, Status, Swap};
-use rt_firmware::link::trial::{FallBack, FallBackReason, Trial};
+use esm_link::message::{LinkError, Mode, Request, SafeReason, Status, Swap};
+use esm_link::trial::{FallBack, FallBackReason, Trial};
 
 use crate::mission::{Mission, hash};
 use crate::robot::{Answer, Bench, signature, with_robot};

@@ -1,7 +1,7 @@
 //! Telemetry: values on nets, as they were between two macro steps, for as long as their mission runs.
 
-use rt_firmware::link::message::{Capacity, LinkError, Request, Swap};
-use rt_firmware::link::telemetry::MAX_VALUE_WORDS;
+use esm_link::message::{Capacity, LinkError, Request, Swap};
+use esm_link::telemetry::MAX_VALUE_WORDS;
 
 use crate::mission::{Mission, hash};
 use crate::robot::{Answer, Bench, Values, signature, with_robot};

@@ -1,6 +1,6 @@
 //! Warm swaps on a robot: tasks, nets, time and slots go on.
 
-use rt_firmware::link::message::{LinkError, Mode, Request, Swap};
+use esm_link::message::{LinkError, Mode, Request, Swap};
 
 use crate::SLOTS;
 use crate::mission::Mission;

@@ -16,6 +16,7 @@ use core::hint::black_box;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use esm_core::verify;
+use esm_link::message::SafeReason;
 use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US, now_ticks};
 use lm3s6965::console::Console;
 use lm3s6965::cortex_m::{self, peripheral::NVIC};
@@ -23,13 +24,15 @@ use lm3s6965::registers::{sys_tick, watchdog0};
 use lm3s6965::slots::SlotBoard;
 use lm3s6965::{PINS, pac::Interrupt, settings};
 use rt_firmware::body::{Parts, StopPin};
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::supervision::LINK_BOUND_US;
 use rt_firmware::{
     Bank, Board, Io, Memory, OccurrenceStart, PortType, Step, Task, WithStopButton, registry, task,
 };
 use semihosting::fd::AsFd;
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig};
+
+#[path = "../measured/steps.rs"]
+mod steps;
 
 /// Slots that a mission may have, the interpreter's included: as many as the largest that is measured has.
 const SLOTS: usize = 64;
@@ -340,6 +343,7 @@ fn phase() -> Phase {
             for (name, file) in CHECKED {
                 measure_check(name, file);
             }
+            measure_steps();
             semihosting::process::exit(0);
         }
     }
@@ -366,6 +370,26 @@ fn measure_check(name: &str, file: &CStr) {
         range.print(name);
     } else {
         let _ = writeln!(Console, "{name} does not pass");
+    }
+}
+
+/// Measures macro steps of the CD player, if its mission is in a file. Interrupts are masked.
+fn measure_steps() {
+    let mut blob = [0; 2048];
+    let Ok(opened) = sys_open(c"cd51.blob", OpenMode::RDONLY_BINARY) else {
+        return;
+    };
+    let Ok(left) = sys_read_orig(opened.as_fd(), &mut blob) else {
+        return;
+    };
+    let blob = blob.get(..blob.len() - left).unwrap_or_default();
+    let (step, pulse) = (Range::new(), Range::new());
+    let mut note = |is_step: bool, ticks| if is_step { &step } else { &pulse }.note(ticks);
+    if steps::measure(blob, &mut note).is_some() {
+        step.print("macro-step");
+        pulse.print("idle-pulse");
+    } else {
+        let _ = writeln!(Console, "macro-step is not what the chart says");
     }
 }
 

@@ -9,6 +9,7 @@
 use core::array;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use esm_link::message::SafeReason;
 use lm3s6965::PINS;
 use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
 use lm3s6965::cortex_m::peripheral::NVIC;
@@ -18,7 +19,6 @@ use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, StopPin, TriggerPin,
 };
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::rover::RoverParts;
 use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, Logger, Odometry, ProximityMonitor, SonarRing, Stop, Turn,

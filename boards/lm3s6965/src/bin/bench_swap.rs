@@ -12,6 +12,7 @@ use core::array;
 use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use esm_link::message::SafeReason;
 use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
 use lm3s6965::console::Console;
 use lm3s6965::registers::sys_tick;
@@ -19,7 +20,6 @@ use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::rover::RoverParts;
 use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, FollowWall, Logger, Odometry, ProximityMonitor, RoundCorner,

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
+use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
-use rt_firmware::link::message::SafeReason;
 use rt_firmware::{Background, Board, OccurrenceStart};
 
 use crate::lockstep::plant_side::PlantSide;

@@ -16,9 +16,9 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use esm_link::message::{Capacities, Mode};
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Parts, PinImage};
-use rt_firmware::link::message::{Capacities, Mode};
 use rt_firmware::rover::PinRover;
 use rt_firmware::store::keep::{self, Keep};
 use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, split};

@@ -5,8 +5,8 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
+use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
-use rt_firmware::link::key_safe::{KeyRecord, KeySafe, NotKept, WriteError};
 use rt_firmware::link::trial::MissionKeeper;
 use rt_firmware::store::keep::Keep;
 use rt_firmware::{LinkPort, StopListener};
@@ -58,7 +58,7 @@ struct Safe<'k> {
     keep: Option<Keep<'k, Flash>>,
 }
 
-impl KeySafe for Safe<'_> {
+impl KeyStore for Safe<'_> {
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
         let keep = self.keep.as_mut().ok_or(NotKept)?;
         keep.read_of_key(record, room)
@@ -226,7 +226,7 @@ impl LinkPort for Port<'_> {
         log_lines::dropped()
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         match self.safe.keep {
             Some(_) => Some(&mut self.safe),
             None => None,

@@ -4,8 +4,8 @@ use std::cmp::Ordering;
 use std::io;
 use std::time::Duration;
 
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Capacity, LinkError, PROTOCOL_VERSION};
+use esm_link::features::Feature;
+use esm_link::message::{Capacity, LinkError, PROTOCOL_VERSION};
 use thiserror::Error;
 
 use crate::keys::{KeyError, PublicKey};

@@ -33,13 +33,13 @@ mod upload;
 
 use std::time::{Duration, Instant};
 
-use rt_firmware::black_box::{RECORD_BYTES, Record};
-use rt_firmware::features::{Feature, Features};
-use rt_firmware::link::access::{
+use esm_link::access::{
     Access, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, may_be_proven, needs,
 };
-use rt_firmware::link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
-use rt_firmware::link::message::{
+use esm_link::black_box::{RECORD_BYTES, Record};
+use esm_link::features::{Feature, Features};
+use esm_link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
+use esm_link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION,
     PROVEN_HEAD_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
     ToDevice, Uploads, version_in_hello,
@@ -1332,7 +1332,7 @@ fn too_long(request: &'static str) -> ClientError {
     }
 }
 
-/// What is asked about values on nets, as [`Ask`](rt_firmware::link::telemetry::Ask) reads it.
+/// What is asked about values on nets, as [`Ask`](esm_link::telemetry::Ask) reads it.
 fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
     let mission = [mission as u16, (mission >> u16::BITS) as u16];
     let all = [&[what], &mission[..], numbers].concat();

@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use rt_firmware::features::Features;
-use rt_firmware::link::access::Access;
-use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::message::{
+use esm_link::access::Access;
+use esm_link::features::Features;
+use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_link::message::{
     Capacities, Channel, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION, Request, ResetReason,
     Response, Stream, ToDevice, Uploads,
 };
@@ -155,10 +155,10 @@ fn reply(seq: u8, result: Result<Response<'_>, LinkError>, of: u8) -> Vec<u8> {
 
 /// A robot with a key, and somebody who speaks before it.
 mod owned {
-    use rt_firmware::link::access::{NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
-    use rt_firmware::link::frame::encode_with;
-    use rt_firmware::link::message::{Identity, PROVEN_HEAD_BYTES};
-    use rt_firmware::link::proof::Session;
+    use esm_link::access::{NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
+    use esm_link::frame::encode_with;
+    use esm_link::message::{Identity, PROVEN_HEAD_BYTES};
+    use esm_link::proof::Session;
 
     use super::*;
     use crate::keys::SigningKey;

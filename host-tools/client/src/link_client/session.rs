@@ -4,9 +4,9 @@
 //! What a robot says outside of it may be anybody's. So nothing that a signature rests on is taken
 //! from there, and where a session is open, an answer without its proof is none.
 
-use rt_firmware::link::access::{MAX_PROVEN_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
-use rt_firmware::link::message::{LinkError, Request, Response, UNKNOWN};
-use rt_firmware::link::proof::{Proof, Session, is_same};
+use esm_link::access::{MAX_PROVEN_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
+use esm_link::message::{LinkError, Request, Response, UNKNOWN};
+use esm_link::proof::{Proof, Session, is_same};
 
 /// A session, and how far it has come.
 #[derive(Clone, Copy)]

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use rt_firmware::link::access::{
+use esm_link::access::{
     self, Access, MAX_SIGNED_BYTES, NO_UPLOAD, NONCE_BYTES, Needs, SALT_BYTES, SIGNATURE_BYTES,
     may_be_proven, needs,
 };
-use rt_firmware::link::message::{Identity, LinkError, Request, Response};
-use rt_firmware::link::proof::{is_same, mask};
+use esm_link::message::{Identity, LinkError, Request, Response};
+use esm_link::proof::{is_same, mask};
 
 use super::session::{Expected, OwnerSession};
 use super::timing::Patience;

@@ -1,10 +1,10 @@
 //! Streams from the robot, put together again: whole trace records and log bytes, and a word where something is missing.
 
-use rt_firmware::link::message::{Channel, Stream};
-use rt_firmware::link::news::News;
-use rt_firmware::link::record::Recorded;
-use rt_firmware::link::telemetry::Sample;
-use rt_firmware::link::trace::{TraceError, TraceRecord};
+use esm_link::message::{Channel, Stream};
+use esm_link::news::News;
+use esm_link::recording::Recorded;
+use esm_link::telemetry::Sample;
+use esm_link::trace::{TraceError, TraceRecord};
 
 /// Something that a stream brought.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -254,7 +254,7 @@ fn take_one(channel: Channel, bytes: &mut &[u8]) -> Result<(), TraceError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rt_firmware::link::trace::RecordSink;
+    use esm_link::trace::RecordSink;
 
     struct Bytes(Vec<u8>);
 

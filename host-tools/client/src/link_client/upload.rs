@@ -9,8 +9,8 @@
 
 use std::time::{Duration, Instant};
 
-use rt_firmware::link::frame;
-use rt_firmware::link::message::{LinkError, MAX_CHUNK, Request, Response, Uploads};
+use esm_link::frame;
+use esm_link::message::{LinkError, MAX_CHUNK, Request, Response, Uploads};
 
 use super::loss::{Loss, OVERHEAD};
 use super::session::{Answer, Expected};

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rt_firmware::features::Feature;
-use rt_firmware::link::message::{Channel, LinkError, Mode, Status, Swap};
-use rt_firmware::link::trace::TraceRecord;
+use esm_link::features::Feature;
+use esm_link::message::{Channel, LinkError, Mode, Status, Swap};
+use esm_link::trace::TraceRecord;
 use thiserror::Error;
 
 use super::board::{Board, BoardError, LinkWay, RunningBoard};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use esm_core::Verified;
-use rt_firmware::link::message::LinkError;
+use esm_link::message::LinkError;
 
 use crate::link_client::error::refusal_with_names;
 pub use esm_toolkit::mission_hash::hash_text;

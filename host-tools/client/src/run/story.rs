@@ -4,9 +4,9 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
-use rt_firmware::link::message::SafeReason;
-use rt_firmware::link::trace::{EMERGENCY, TraceRecord};
-use rt_firmware::link::trial::FallBackReason;
+use esm_link::message::SafeReason;
+use esm_link::trace::{EMERGENCY, TraceRecord};
+use esm_link::trial::FallBackReason;
 
 use esm_toolkit::pictures::{Mark, MissionStates, StatesRecorder};
 use esm_toolkit::recording::file::RunEnd;

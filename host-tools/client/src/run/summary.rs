@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use rt_firmware::link::message::Status;
+use esm_link::message::Status;
 use serde::Serialize;
 
 use esm_toolkit::counters::SlotReport;

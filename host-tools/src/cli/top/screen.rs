@@ -505,8 +505,8 @@ fn draw_tasks(frame: &mut Frame<'_>, area: Rect, view: &View, palette: Palette) 
 mod tests {
     use std::time::Duration;
 
+    use esm_link::message::{Mode, SafeReason};
     use ratatui::buffer::Buffer;
-    use rt_firmware::link::message::{Mode, SafeReason};
 
     use super::super::report::TopReport;
     use super::super::view::tests::{reading, reading_of, robot, view_of};

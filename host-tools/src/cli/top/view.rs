@@ -335,9 +335,7 @@ fn difference(now: &SlotReading, before: &SlotReading) -> SlotReport {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use rt_firmware::link::message::{
-        Capacities, ResetReason, SlotCounters, Status, TaskCounters, Uploads,
-    };
+    use esm_link::message::{Capacities, ResetReason, SlotCounters, Status, TaskCounters, Uploads};
 
     use crate::reading::{LineReport, TaskPlan};
     use esm_client::samples::status;
@@ -356,7 +354,7 @@ pub(super) mod tests {
                 exclusive_groups: 4,
             },
             mission: Some(0x1234_abcd),
-            access: rt_firmware::link::access::Access::Open,
+            access: esm_link::access::Access::Open,
             reset: ResetReason::PowerOn,
             uploads: Uploads {
                 chunk_bytes: 176,

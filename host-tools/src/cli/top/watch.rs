@@ -6,7 +6,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, TryRecvError};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use rt_firmware::link::message::LinkError;
+use esm_link::message::LinkError;
 
 use super::view::NetRow;
 use crate::cli::robot::{Robot, RobotArgs};

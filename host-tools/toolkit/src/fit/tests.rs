@@ -2,8 +2,8 @@ use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use rt_firmware::link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use rt_firmware::link::message::{
+use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
+use esm_link::message::{
     Capacities, Capacity, FromDevice, LinkError, MAX_CHUNK, Request, Swap, ToDevice,
 };
 use rt_firmware::{

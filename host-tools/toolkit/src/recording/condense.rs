@@ -9,10 +9,10 @@
 use esm_core::{
     Fault, Interpreter, MAX_STEPS, Observer, Progress, StepSummary, TransitionTaken, Verified,
 };
-use rt_firmware::link::record::{
+use esm_link::recording::{
     MAX_QUIET, Recorded, write_changes, write_quiet, write_skipped, write_started, write_state,
 };
-use rt_firmware::link::trace::RecordSink;
+use esm_link::trace::RecordSink;
 
 use crate::inspect::guards::GuardReader;
 

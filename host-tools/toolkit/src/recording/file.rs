@@ -24,7 +24,7 @@
 
 use std::io::{self, Write};
 
-use rt_firmware::link::frame::checksum;
+use esm_link::frame::checksum;
 use thiserror::Error;
 
 /// The form of files that this program writes. It reads those before it, too: in form 1 records are as the robot sent them.
@@ -90,7 +90,7 @@ pub enum Frame {
         /// Its blob.
         blob: Vec<u8>,
     },
-    /// Whole records, to be read with [`rt_firmware::link::record::Recorded::take_within`].
+    /// Whole records, to be read with [`esm_link::recording::Recorded::take_within`].
     Records(Vec<u8>),
     /// So many records or parts did not come.
     Gap(u32),

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use esm_core::Interpreter;
-use rt_firmware::link::record::{write_changes, write_quiet, write_started, write_state};
-use rt_firmware::link::trace::RecordSink;
+use esm_link::recording::{write_changes, write_quiet, write_started, write_state};
+use esm_link::trace::RecordSink;
 
 use super::condense::MAX_KEPT_QUIET;
 use super::file::{self, Frame, Head};

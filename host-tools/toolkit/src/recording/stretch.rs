@@ -1,7 +1,7 @@
 //! Records of a recording, as runs of one mission with a known beginning.
 
 use esm_core::Progress;
-use rt_firmware::link::record::{MAX_QUIET, Recorded};
+use esm_link::recording::{MAX_QUIET, Recorded};
 
 use super::condense::MAX_KEPT_QUIET;
 use super::file::Frame;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::io::{self, Write};
 
-use rt_firmware::link::record::{MAX_QUIET, Recorded, write_quiet};
+use esm_link::recording::{MAX_QUIET, Recorded, write_quiet};
 
 use super::condense::{Condenser, Missions, Runnable, Sink};
 use super::file::{self, Frame, Head, RunEnd};

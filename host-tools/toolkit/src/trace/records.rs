@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
-use rt_firmware::link::trace::{FaultCode, TraceRecord};
+use esm_link::trace::{FaultCode, TraceRecord};
 
 use super::directory::Directory;
 use super::{Snapshot, Step, TraceWriter};
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use crate::samples::{FLOOD, ROVER, directory_and_blob};
     use esm_core::{Interpreter, Observer, TransitionTaken};
-    use rt_firmware::link::trace::{RecordSink, write_step};
+    use esm_link::trace::{RecordSink, write_step};
 
     /// The records of a robot, as they come over the wire.
     #[derive(Default)]

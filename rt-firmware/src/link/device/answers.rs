@@ -5,14 +5,14 @@ use core::sync::atomic::Ordering;
 use super::desk::Desk;
 use super::port::LinkPort;
 use crate::black_box::KEEPS_RECORDS;
-use crate::features::{Feature, Features, NEWS, PARAMS, RECORD, TELEMETRY, WARM};
-use crate::link::access::Access;
-use crate::link::message::{
-    DeviceInfo, LastWords, LinkError, MAX_CHUNK, MAX_PART, Mode, PROTOCOL_VERSION, Response,
-    Status, Uploads,
-};
+use crate::features::{NEWS, PARAMS, RECORD, TELEMETRY, WARM};
 use crate::mail::{Bytes, Letter};
-use crate::store::keep::{FlashHealth, Kept};
+use esm_link::access::Access;
+use esm_link::features::{Feature, Features};
+use esm_link::message::{
+    DeviceInfo, FlashHealth, Kept, LastWords, LinkError, MAX_CHUNK, MAX_PART, Mode,
+    PROTOCOL_VERSION, Response, Status, Uploads,
+};
 
 impl Desk<'_, '_> {
     pub(super) fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {

@@ -6,10 +6,10 @@
 //! sent again. A stop is carried out whenever it comes.
 
 use super::outgoing::{Outgoing, ProofOf};
-use crate::link::access::PROOF_BYTES;
-use crate::link::frame::{MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES};
-use crate::link::keys::Session;
-use crate::link::message::{FromDevice, LinkError, Response, UNKNOWN};
+use esm_link::access::PROOF_BYTES;
+use esm_link::frame::{MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES};
+use esm_link::keys::Session;
+use esm_link::message::{FromDevice, LinkError, Response, UNKNOWN};
 
 /// Who sent a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

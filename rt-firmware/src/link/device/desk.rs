@@ -11,11 +11,6 @@ use super::conversation::Sender;
 use super::port::LinkPort;
 use super::upload::Upload;
 use crate::features::{NEWS, PARAMS, TELEMETRY};
-use crate::link::access::{
-    Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
-};
-use crate::link::keys::Keys;
-use crate::link::message::{Capacities, LinkError, Request, Response};
 use crate::link::news::Watch;
 use crate::link::stops::Place;
 use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
@@ -27,6 +22,11 @@ use crate::runtime::About;
 use crate::status::SnapshotReader;
 use crate::supervision::Signs;
 use crate::telemetry::SampleReader;
+use esm_link::access::{
+    Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
+};
+use esm_link::keys::Keys;
+use esm_link::message::{Capacities, LinkError, Request, Response};
 
 /// What requests are answered from.
 pub(crate) struct Desk<'q, 'm> {

@@ -4,8 +4,8 @@ use core::sync::atomic::Ordering;
 
 use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
-use crate::link::message::{LinkError, Response};
 use crate::mail::Letter;
+use esm_link::message::{LinkError, Response};
 
 impl Desk<'_, '_> {
     /// Asks the real-time side to end the emergency stop that is latched now.

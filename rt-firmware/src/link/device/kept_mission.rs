@@ -4,11 +4,11 @@ use super::desk::Desk;
 use super::port::LinkPort;
 use super::stage::verified;
 use crate::check::{check, check_slots};
-use crate::link::message::{LinkError, Swap};
 use crate::link::trial::{MissionKeeper, TRIAL_AT_START_MS};
 use crate::mail::{Freed, Letter};
 use crate::realtime::params::SavedParams;
 use crate::store::keep::Start;
+use esm_link::message::{LinkError, Swap};
 
 impl Desk<'_, '_> {
     /// Starts the mission that the board's keeper has for the robot, if it has one and may start it: the keeper looks at its missions also if not. Returns false if that is to be tried again, for

@@ -5,8 +5,8 @@
 use super::answers::text_part;
 use super::conversation::Sender;
 use super::desk::{Desk, Reaction, Ticket};
-use crate::link::message::{LinkError, Response};
 use crate::mail::{Letter, NO_DEADLINE, Posted};
+use esm_link::message::{LinkError, Response};
 
 impl<'m> Desk<'_, 'm> {
     /// Asks the real-time side.

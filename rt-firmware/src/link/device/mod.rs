@@ -30,15 +30,15 @@ pub use port::LinkPort;
 use core::sync::atomic::Ordering;
 
 use crate::features::{KEYS, PARAMS};
-use crate::link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
-use crate::link::message::{
-    Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
-};
 use crate::link::stop_listener::StopListener;
 use crate::mail::{Letter, NO_DEADLINE};
 use budget::Budget;
 use conversation::{Answered, AwaitedStop, Before, Conversation, Sender};
 use desk::{Reaction, Ticket};
+use esm_link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
+use esm_link::message::{
+    Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
+};
 use kept_mission::keep_in_mind;
 use letter::answer_of;
 use outgoing::Outgoing;

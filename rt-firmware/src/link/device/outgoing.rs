@@ -4,9 +4,9 @@
 
 use super::port::LinkPort;
 use crate::features::{KEYS, NEWS, PARAMS};
-use crate::link::frame::encode_with;
-use crate::link::keys::Session;
-use crate::link::message::{FromDevice, PROVEN_HEAD_BYTES, Response};
+use esm_link::frame::encode_with;
+use esm_link::keys::Session;
+use esm_link::message::{FromDevice, PROVEN_HEAD_BYTES, Response};
 
 /// A frame on its way out.
 pub(super) struct Outgoing<const N: usize> {

@@ -10,7 +10,7 @@ use super::conversation::{Answered, AwaitedStop, Conversation, Sender, UntoldChu
 use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
 use super::upload::Upload;
-use crate::link::message::{Request, Response};
+use esm_link::message::{Request, Response};
 
 /// With more bytes than this in the queue, and an answer on its way out, requests are read that are not answered: 22 ms of a line of 115,200 baud.
 /// A client that waits for its answers never comes to it.

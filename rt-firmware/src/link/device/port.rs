@@ -1,8 +1,8 @@
 //! What a board gives the link: its bytes, its clock, its log, and where it keeps keys and missions.
 
-use crate::link::key_safe::KeySafe;
-use crate::link::message::MAX_CHUNK;
 use crate::link::trial::MissionKeeper;
+use esm_link::key_store::KeyStore;
+use esm_link::message::MAX_CHUNK;
 
 /// The byte link of a board, and its log.
 pub trait LinkPort {
@@ -52,7 +52,7 @@ pub trait LinkPort {
     }
 
     /// Where the board keeps the robot's key. None: it has none, and cannot.
-    fn key_safe(&mut self) -> Option<&mut dyn KeySafe> {
+    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
         None
     }
 

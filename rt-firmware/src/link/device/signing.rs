@@ -3,10 +3,10 @@
 use super::desk::Desk;
 use super::port::LinkPort;
 use super::upload::Upload;
-use crate::link::access::{Needs, needs};
-use crate::link::key_safe::KeySafe;
-use crate::link::keys::SignedUpload;
-use crate::link::message::{LinkError, Request, Response};
+use esm_link::access::{Needs, needs};
+use esm_link::key_store::KeyStore;
+use esm_link::keys::SignedUpload;
+use esm_link::message::{LinkError, Request, Response};
 
 impl Desk<'_, '_> {
     /// Whether the key has signed this request, which `bytes` are. Answers until when that is good.
@@ -45,7 +45,7 @@ impl Desk<'_, '_> {
     pub(super) fn of_keys(
         &mut self,
         request: &Request<'_>,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
     ) -> Result<Response<'_>, LinkError> {
         match *request {

@@ -12,11 +12,11 @@ use super::port::LinkPort;
 use super::upload::Upload;
 use crate::check::{check, check_slots};
 use crate::features::WARM;
-use crate::link::access::Access;
-use crate::link::frame::checksum;
-use crate::link::message::{LinkError, Swap};
 use crate::mail::Letter;
 use crate::realtime::upcoming::Upcoming;
+use esm_link::access::Access;
+use esm_link::frame::checksum;
+use esm_link::message::{LinkError, Swap};
 
 impl<'m> Desk<'_, 'm> {
     /// Checks the blob that was uploaded, and hands it over.

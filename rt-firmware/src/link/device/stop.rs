@@ -4,7 +4,7 @@ use super::LinkSide;
 use super::conversation::AwaitedStop;
 use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
-use crate::link::message::Response;
+use esm_link::message::Response;
 
 impl Desk<'_, '_> {
     /// Lets the real-time side stop the robot.

@@ -8,9 +8,9 @@ use super::LinkSide;
 use super::desk::Desk;
 use super::port::LinkPort;
 use crate::features::{NEWS, TELEMETRY};
-use crate::link::frame::CRC_BYTES;
-use crate::link::message::{Channel, FromDevice, MAX_STREAM_BYTES, Stream};
-use crate::link::news::News;
+use esm_link::frame::CRC_BYTES;
+use esm_link::message::{Channel, FromDevice, MAX_STREAM_BYTES, Stream};
+use esm_link::news::News;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
 /// checksum, COBS, delimiter.

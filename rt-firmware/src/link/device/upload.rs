@@ -6,8 +6,8 @@ use esm_core::BlobBuffer;
 
 use super::desk::Desk;
 use super::port::LinkPort;
-use crate::link::keys::SignedUpload;
-use crate::link::message::{Capacity, LinkError, Response};
+use esm_link::keys::SignedUpload;
+use esm_link::message::{Capacity, LinkError, Response};
 
 /// A blob that arrives.
 pub(crate) struct Upload<'m> {

@@ -6,11 +6,11 @@ use esm_core::{BlobBuffer, BlobReader, Pairing, Verified};
 
 use super::{Prepared, Resting, Room};
 use crate::features::MISSIONS;
-use crate::link::message::{Capacity, LinkError};
 use crate::ports::Registry;
 use crate::realtime::RealTime;
 use crate::realtime::mission::Origin;
 use crate::task::Direction;
+use esm_link::message::{Capacity, LinkError};
 
 /// The memory of a mission that has ended: it stays with the blob.
 pub(crate) type Spare<'m> = Room<'m>;

@@ -5,10 +5,10 @@ use core::marker::PhantomData;
 use esm_core::{BlobBuffer, Verified};
 
 use super::{Resting, Room};
-use crate::link::message::LinkError;
 use crate::ports::Registry;
 use crate::realtime::RealTime;
 use crate::realtime::mission::Origin;
+use esm_link::message::LinkError;
 
 /// The memory of a mission that has ended: it is where there is memory for the next.
 pub(crate) struct Spare<'m>(PhantomData<&'m mut ()>);

@@ -1,10 +1,11 @@
-//! What host and robot say to each other. Messages are postcard, in [frames](super::frame).
+//! What host and robot say to each other. Messages are postcard, in [frames](crate::frame).
 //!
 //! *Invariant:* a message is encoded by the order of its variants and fields: who changes an order changes the protocol, and says so in [`PROTOCOL_VERSION`].
 
 mod counters;
 mod device_info;
 mod error;
+mod flash;
 mod last_words;
 mod request;
 mod response;
@@ -16,7 +17,8 @@ mod tests;
 pub use counters::{DELAY_BUCKETS, SlotCounters, TaskCounters};
 pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
 pub use error::LinkError;
-pub use last_words::{CoreFault, LastWords, ResetReason};
+pub use flash::{FlashHealth, Kept, RecordsState, SlotState, Source, WayIn};
+pub use last_words::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
 pub use request::{Request, Swap};
 pub use response::{Identity, NO_STATE, Response};
 pub use status::{Mode, SafeReason, Status};
@@ -24,8 +26,8 @@ pub use stream::{Channel, Stream};
 
 use serde::{Deserialize, Serialize};
 
-use crate::link::access::PROOF_BYTES;
-use crate::link::news::News;
+use crate::access::PROOF_BYTES;
+use crate::news::News;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
 /// encoding, and that of its answer's first field, never changes.
@@ -69,7 +71,7 @@ pub enum FromDevice<'a> {
     Proven {
         /// The message's number, as in [`FromDevice::Reply`].
         seq: u8,
-        /// [`of_answer`](super::proof::Session::of_answer), over the bytes of the fields that follow.
+        /// [`of_answer`](crate::proof::Session::of_answer), over the bytes of the fields that follow.
         proof: [u8; PROOF_BYTES],
         /// As in [`FromDevice::Reply`].
         #[serde(borrow)]

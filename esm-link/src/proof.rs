@@ -14,7 +14,7 @@
 
 use hmac_sha256::HMAC;
 
-use super::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES};
+use crate::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES};
 
 /// Bytes of a context.
 const CONTEXT_BYTES: usize = 16;
@@ -52,7 +52,7 @@ impl Secret {
         Secret(cut(&mac(private, &SECRET, &[salt])))
     }
 
-    /// The proof of an [`Identity`](super::message::Identity), by its fields and the nonce of the
+    /// The proof of an [`Identity`](crate::message::Identity), by its fields and the nonce of the
     /// request.
     pub fn of_identity(
         &self,
@@ -98,13 +98,13 @@ impl Session {
     }
 
     /// The proof of a request, by its number in the session and its bytes as they are in
-    /// [`Request::Proven`](super::message::Request::Proven).
+    /// [`Request::Proven`](crate::message::Request::Proven).
     pub fn of_request(&self, number: u32, request: &[u8]) -> Proof {
         cut(&mac(&self.key, &REQUEST, &[&number.to_le_bytes(), request]))
     }
 
     /// The proof of an answer, by the number of the request and the bytes of the message
-    /// [behind the proof](super::message::PROVEN_HEAD_BYTES).
+    /// [behind the proof](crate::message::PROVEN_HEAD_BYTES).
     pub fn of_answer(&self, number: u32, answer: &[u8]) -> Proof {
         cut(&mac(&self.key, &ANSWER, &[&number.to_le_bytes(), answer]))
     }

@@ -1,53 +1,54 @@
 //! Takes the place of `keys` in a firmware that is built without: the robot has no key and says so.
+#![expect(missing_docs, reason = "each item is as in `keys`")]
 
-use super::access::{Access, NONCE_BYTES, PROOF_BYTES, Recurrence};
-use super::key_safe::KeySafe;
-use super::message::{Identity, LinkError};
+use crate::access::{Access, NONCE_BYTES, PROOF_BYTES, Recurrence};
+use crate::key_store::KeyStore;
+use crate::message::{Identity, LinkError};
 
 /// There is none.
 #[derive(Clone, Copy)]
-pub(crate) enum SignedUpload {}
+pub enum SignedUpload {}
 
 impl SignedUpload {
-    pub(crate) fn is(&self, _: u64, _: &[u8]) -> bool {
+    pub fn is(&self, _: u64, _: &[u8]) -> bool {
         match *self {}
     }
 }
 
 /// There is none.
 #[derive(Clone, Copy)]
-pub(crate) enum Session {}
+pub enum Session {}
 
 impl Session {
-    pub(crate) fn of_answer(&self, _: u32, _: &[u8]) -> [u8; PROOF_BYTES] {
+    pub fn of_answer(&self, _: u32, _: &[u8]) -> [u8; PROOF_BYTES] {
         match *self {}
     }
 }
 
 /// Nothing.
-pub(crate) struct Keys;
+pub struct Keys;
 
 impl Keys {
-    pub(crate) const fn new() -> Self {
+    pub const fn new() -> Self {
         Keys
     }
 
-    pub(crate) fn access(&mut self, _: Option<&mut dyn KeySafe>) -> Access {
+    pub fn access(&mut self, _: Option<&mut dyn KeyStore>) -> Access {
         Access::Unsupported
     }
 
-    pub(crate) fn identify(
+    pub fn identify(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
         _: &[u8; NONCE_BYTES],
     ) -> Result<Identity, LinkError> {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn open_session(
+    pub fn open_session(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
         _: &[u8; NONCE_BYTES],
         _: &[u8; NONCE_BYTES],
@@ -56,7 +57,7 @@ impl Keys {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn check_proven(
+    pub fn check_proven(
         &mut self,
         _: u32,
         _: &[u8; PROOF_BYTES],
@@ -65,21 +66,21 @@ impl Keys {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn session(&self) -> Option<Session> {
+    pub fn session(&self) -> Option<Session> {
         None
     }
 
-    pub(crate) fn challenge(
+    pub fn challenge(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
     ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn check_upload(
+    pub fn check_upload(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
         _: u64,
         _: &[u8],
@@ -88,9 +89,9 @@ impl Keys {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn check_command(
+    pub fn check_command(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
         _: &[u8],
         _: Option<&SignedUpload>,
@@ -99,9 +100,9 @@ impl Keys {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn install(
+    pub fn install(
         &mut self,
-        _: &mut dyn KeySafe,
+        _: &mut dyn KeyStore,
         _: u64,
         _: &[u8],
         _: &[u8],
@@ -111,15 +112,11 @@ impl Keys {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn remove(&mut self, _: &mut dyn KeySafe) -> Result<(), LinkError> {
+    pub fn remove(&mut self, _: &mut dyn KeyStore) -> Result<(), LinkError> {
         Err(LinkError::NoKeySupport)
     }
 
-    pub(crate) fn accept(
-        &mut self,
-        _: &mut dyn KeySafe,
-        upload: &SignedUpload,
-    ) -> Result<(), LinkError> {
+    pub fn accept(&mut self, _: &mut dyn KeyStore, upload: &SignedUpload) -> Result<(), LinkError> {
         match *upload {}
     }
 }

@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::message::Request;
+use crate::message::Request;
 
 /// Bytes of a public key.
 pub const KEY_BYTES: usize = 32;
@@ -45,7 +45,7 @@ const INSTALL: [u8; CONTEXT_BYTES] = *b"esm install v2\0\0";
 /// Stands for the signature of an upload where a request has nothing to do with one.
 pub const NO_UPLOAD: [u8; SIGNATURE_BYTES] = [0; SIGNATURE_BYTES];
 
-/// Whether a robot has a key, as it tells with its [`Hello`](super::message::Response::Hello).
+/// Whether a robot has a key, as it tells with its [`Hello`](crate::message::Response::Hello).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Access {
     /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes requests from anyone.
@@ -78,11 +78,7 @@ pub enum Needs {
 
 /// What a request in the owner's session is, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(
-    not(feature = "keys"),
-    expect(dead_code, reason = "without keys there are no sessions")
-)]
-pub(crate) enum Recurrence {
+pub enum Recurrence {
     /// The next one.
     New,
     /// The last one, once more.

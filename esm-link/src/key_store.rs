@@ -1,7 +1,7 @@
 //! Where a board keeps what belongs to the robot's key.
 
-use super::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES};
-use super::message::LinkError;
+use crate::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES};
+use crate::message::LinkError;
 
 /// Bytes of [`KeyRecord::Key`].
 pub const KEY_RECORD_BYTES: usize = KEY_BYTES + SALT_BYTES + SECRET_BYTES;
@@ -40,7 +40,7 @@ impl From<NotKept> for WriteError {
 }
 
 /// Where a board keeps what belongs to its key.
-pub trait KeySafe {
+pub trait KeyStore {
     /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or an empty one.
     ///
     /// # Errors
@@ -64,7 +64,7 @@ pub trait KeySafe {
     }
 
     /// Where the records cannot be read: writes them anew, with this key record and an emergency stop that is latched, and with nothing else. When it returns, they can be read.
-    /// To be called for who has proven to be the owner of the key that is [remembered](KeySafe::remembered_key). The counter of uploads starts anew.
+    /// To be called for who has proven to be the owner of the key that is [remembered](KeyStore::remembered_key). The counter of uploads starts anew.
     ///
     /// # Errors
     /// They are damaged as before; or new ones are there all the same, and can be read.
@@ -83,7 +83,7 @@ pub struct Volatile {
 }
 
 impl Volatile {
-    /// Reads a record, as [`KeySafe::read`] does.
+    /// Reads a record, as [`KeyStore::read`] does.
     ///
     /// # Errors
     /// [`NotKept`]: it has no room.
@@ -99,7 +99,7 @@ impl Volatile {
         Ok(kept.len())
     }
 
-    /// Replaces a record, as [`KeySafe::write`] does.
+    /// Replaces a record, as [`KeyStore::write`] does.
     ///
     /// # Errors
     /// [`NotKept`]: it has another length than that kind has.

@@ -1,19 +1,15 @@
 //! The greatest messages, and what is read out of counters.
 
 use super::*;
-use crate::features::Features;
-use crate::link::access::{
+use crate::access::{
     Access, KEY_BYTES, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES,
     SECRET_BYTES, SIGNATURE_BYTES,
 };
-use crate::link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
-use crate::link::news::Cause;
-use crate::link::telemetry::MAX_ASK_BYTES;
-use crate::link::trial::{FallBack, FallBackReason, Trial};
-use crate::store::SlotState;
-use crate::store::keep::{FlashHealth, Kept, Source};
-use crate::store::records::{RecordsState, WayIn};
-use crate::supervision::Silent;
+use crate::features::Features;
+use crate::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
+use crate::news::Cause;
+use crate::telemetry::MAX_ASK_BYTES;
+use crate::trial::{FallBack, FallBackReason, Trial};
 
 #[test]
 fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {
@@ -305,7 +301,7 @@ fn the_greatest_messages_fit_into_a_frame() {
                 silent: Some(Silent::Slot(u8::MAX)),
                 bad_starts: u32::MAX,
             },
-            file: &part[..crate::kept::MAX_PLACE_BYTES],
+            file: &part[..MAX_PLACE_BYTES],
         },
         Response::BlackBox {
             end: u32::MAX,

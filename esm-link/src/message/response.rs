@@ -6,8 +6,8 @@ use super::counters::{SlotCounters, TaskCounters};
 use super::device_info::DeviceInfo;
 use super::last_words::LastWords;
 use super::status::Status;
+use crate::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 use crate::features::Features;
-use crate::link::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 
 #[cfg(doc)]
 use super::Request;
@@ -69,7 +69,7 @@ pub enum Response<'a> {
     LastWords {
         /// What is known in numbers.
         words: LastWords,
-        /// The end of the path of the file that panicked, at most [`MAX_PLACE_BYTES`](crate::kept::MAX_PLACE_BYTES); none where none did.
+        /// The end of the path of the file that panicked, at most [`MAX_PLACE_BYTES`](super::MAX_PLACE_BYTES); none where none did.
         file: &'a [u8],
     },
     /// To [`Request::BlackBox`].
@@ -82,7 +82,7 @@ pub enum Response<'a> {
     },
     /// To [`Request::Challenge`].
     Challenge {
-        /// Good for one [`Request::Signed`] within [`NONCE_LIFE_US`](crate::link::access::NONCE_LIFE_US).
+        /// Good for one [`Request::Signed`] within [`NONCE_LIFE_US`](crate::access::NONCE_LIFE_US).
         nonce: [u8; NONCE_BYTES],
         /// Of the last upload that was accepted.
         counter: u64,
@@ -127,12 +127,12 @@ pub enum Response<'a> {
 pub struct Identity {
     /// The robot's public key.
     pub key: [u8; KEY_BYTES],
-    /// From which the owner of the key [derives](crate::link::proof::Secret::of_owner) the robot's secret.
+    /// From which the owner of the key [derives](crate::proof::Secret::of_owner) the robot's secret.
     pub salt: [u8; SALT_BYTES],
-    /// Good for one [`Request::OpenSession`] within [`NONCE_LIFE_US`](crate::link::access::NONCE_LIFE_US).
+    /// Good for one [`Request::OpenSession`] within [`NONCE_LIFE_US`](crate::access::NONCE_LIFE_US).
     pub nonce: [u8; NONCE_BYTES],
     /// Of the last upload that was accepted.
     pub counter: u64,
-    /// [`of_identity`](crate::link::proof::Secret::of_identity)
+    /// [`of_identity`](crate::proof::Secret::of_identity)
     pub proof: [u8; PROOF_BYTES],
 }

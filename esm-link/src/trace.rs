@@ -75,7 +75,7 @@ pub enum TraceRecord<'a> {
         /// How many.
         count: u32,
     },
-    /// The motors are off, and why: the number of a [`SafeReason`](super::message::SafeReason), [`EMERGENCY`] for an emergency stop, or none after `stop`.
+    /// The motors are off, and why: the number of a [`SafeReason`](crate::message::SafeReason), [`EMERGENCY`] for an emergency stop, or none after `stop`.
     MotorsOff {
         /// Why.
         reason: Option<u8>,
@@ -84,7 +84,7 @@ pub enum TraceRecord<'a> {
     FellBack {
         /// Its hash.
         mission: u32,
-        /// The number of a [`FallBackReason`](super::trial::FallBackReason).
+        /// The number of a [`FallBackReason`](crate::trial::FallBackReason).
         reason: u8,
     },
 }
@@ -203,7 +203,7 @@ pub trait RecordSink {
 }
 
 /// Writes a number.
-pub(super) fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
+pub(crate) fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
     let mut number: u64 = number.into();
     while number >= 0x80 {
         sink.put(number as u8 | 0x80);
@@ -424,20 +424,20 @@ pub enum TraceError {
     Unknown,
 }
 
-pub(super) fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
+pub(crate) fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
     let (first, rest) = bytes.split_first().ok_or(TraceError::Incomplete)?;
     *bytes = rest;
     Ok(*first)
 }
 
 /// Takes the hash of a mission.
-pub(super) fn hash(bytes: &mut &[u8]) -> Result<u32, TraceError> {
+pub(crate) fn hash(bytes: &mut &[u8]) -> Result<u32, TraceError> {
     let (hash, rest) = bytes.split_first_chunk().ok_or(TraceError::Incomplete)?;
     *bytes = rest;
     Ok(u32::from_le_bytes(*hash))
 }
 
-pub(super) fn take<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Result<N, TraceError> {
+pub(crate) fn take<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Result<N, TraceError> {
     let mut number = 0u64;
     for shift in (0..u64::BITS).step_by(7) {
         let next = byte(bytes)?;

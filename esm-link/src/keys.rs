@@ -5,38 +5,38 @@
 //! before the mission runs.
 //!
 //! A signature takes a tenth of a second to verify. So it is looked at in the owner's session only, which strangers have no
-//! part in: its requests have a [proof](super::proof), which takes next to no time. After a wrong signature the robot looks at none for [`PAUSE_AFTER_WRONG_US`].
+//! part in: its requests have a [proof](crate::proof), which takes next to no time. After a wrong signature the robot looks at none for [`PAUSE_AFTER_WRONG_US`].
 
 use ed25519_compact::{PublicKey, Signature, VerifyingState};
 
-use super::access::{
+use crate::access::{
     self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Recurrence,
     SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
-use super::key_safe::{KEY_RECORD_BYTES, KeyRecord, KeySafe, NotKept, WriteError};
-use super::message::{Identity, LinkError};
-pub(crate) use super::proof::Session;
-use super::proof::{Proof, Secret, is_same, mask};
+use crate::key_store::{KEY_RECORD_BYTES, KeyRecord, KeyStore, NotKept, WriteError};
+use crate::message::{Identity, LinkError};
+pub use crate::proof::Session;
+use crate::proof::{Proof, Secret, is_same, mask};
 
 /// How long no signature is looked at after a wrong one, in microseconds.
 pub const PAUSE_AFTER_WRONG_US: u64 = 1_000_000;
 
 /// An upload that the key has signed.
 #[derive(Clone, Copy)]
-pub(crate) struct SignedUpload {
+pub struct SignedUpload {
     counter: u64,
     signature: [u8; SIGNATURE_BYTES],
 }
 
 impl SignedUpload {
     /// Whether it was signed with this.
-    pub(crate) fn is(&self, counter: u64, signature: &[u8]) -> bool {
+    pub fn is(&self, counter: u64, signature: &[u8]) -> bool {
         self.counter == counter && self.signature == signature
     }
 }
 
 /// What the link knows of the robot's key.
-pub(crate) struct Keys {
+pub struct Keys {
     lock: Lock,
     /// Of the last upload that was accepted.
     counter: u64,
@@ -100,7 +100,8 @@ impl Lock {
 }
 
 impl Keys {
-    pub(crate) const fn new() -> Self {
+    /// A robot of which nothing has been read yet.
+    pub const fn new() -> Self {
         Keys {
             lock: Lock::Unread,
             counter: 0,
@@ -113,7 +114,7 @@ impl Keys {
     }
 
     /// Whether the robot has a key.
-    pub(crate) fn access(&mut self, safe: Option<&mut dyn KeySafe>) -> Access {
+    pub fn access(&mut self, safe: Option<&mut dyn KeyStore>) -> Access {
         let Some(safe) = safe else {
             return Access::Unsupported;
         };
@@ -128,13 +129,13 @@ impl Keys {
     }
 
     /// Reads what is kept, if nobody has yet.
-    fn look(&mut self, safe: &mut dyn KeySafe) {
+    fn look(&mut self, safe: &mut dyn KeyStore) {
         if matches!(self.lock, Lock::Unread) {
             (self.lock, self.counter) = read(safe);
         }
     }
 
-    fn owner(&mut self, safe: &mut dyn KeySafe) -> Result<Owner, LinkError> {
+    fn owner(&mut self, safe: &mut dyn KeyStore) -> Result<Owner, LinkError> {
         self.look(safe);
         match self.lock {
             Lock::Locked(owner) | Lock::Recovering(owner) => Ok(owner),
@@ -144,7 +145,7 @@ impl Keys {
     }
 
     /// The number of this start, which no other one has.
-    fn start(&mut self, safe: &mut dyn KeySafe) -> Result<u64, WriteError> {
+    fn start(&mut self, safe: &mut dyn KeyStore) -> Result<u64, WriteError> {
         if let Some(start) = self.start {
             return Ok(start);
         }
@@ -164,9 +165,9 @@ impl Keys {
     /// who asks again and again takes nothing from the owner.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
-    pub(crate) fn identify(
+    pub fn identify(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
         client: &[u8; NONCE_BYTES],
     ) -> Result<Identity, LinkError> {
@@ -185,9 +186,9 @@ impl Keys {
 
     /// Begins a session, in place of the one before. Its first answer has the number 0.
     #[inline(never)]
-    pub(crate) fn open_session(
+    pub fn open_session(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
         client: &[u8; NONCE_BYTES],
         robot: &[u8; NONCE_BYTES],
@@ -233,7 +234,7 @@ impl Keys {
 
     /// Whether a request is of the owner's session, and whether it is a new one.
     #[inline(never)]
-    pub(crate) fn check_proven(
+    pub fn check_proven(
         &mut self,
         number: u32,
         proof: &Proof,
@@ -257,7 +258,7 @@ impl Keys {
     }
 
     /// The owner's session, to prove answers with.
-    pub(crate) fn session(&self) -> Option<Session> {
+    pub fn session(&self) -> Option<Session> {
         self.session.as_ref().map(|open| open.session)
     }
 
@@ -273,9 +274,9 @@ impl Keys {
     /// upload.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
-    pub(crate) fn challenge(
+    pub fn challenge(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
     ) -> Result<([u8; NONCE_BYTES], u64), LinkError> {
         let Owner { secret, .. } = self.owner(safe)?;
@@ -294,9 +295,9 @@ impl Keys {
     }
 
     /// Whether the key has signed an upload, which must be newer than the last one.
-    pub(crate) fn check_upload(
+    pub fn check_upload(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
         counter: u64,
         signature: &[u8],
@@ -322,9 +323,9 @@ impl Keys {
     }
 
     /// Whether the key has signed a request, with the nonce that was given out last. That is used up, whatever comes of it. Answers when the nonce's life ends.
-    pub(crate) fn check_command(
+    pub fn check_command(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
         signature: &[u8],
         upload: Option<&SignedUpload>,
@@ -346,9 +347,9 @@ impl Keys {
     }
 
     /// Takes over a key, which must have signed itself. Who may do that was asked before.
-    pub(crate) fn install(
+    pub fn install(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         now_us: u64,
         key: &[u8],
         salt: &[u8],
@@ -385,7 +386,7 @@ impl Keys {
     }
 
     /// Forgets the key. The counter stays: an old upload is no newer for it.
-    pub(crate) fn remove(&mut self, safe: &mut dyn KeySafe) -> Result<(), LinkError> {
+    pub fn remove(&mut self, safe: &mut dyn KeyStore) -> Result<(), LinkError> {
         self.owner(safe)?;
         self.write(safe, KeyRecord::Key, &[])?;
         self.lock = Lock::Open;
@@ -394,9 +395,9 @@ impl Keys {
     }
 
     /// The mission of this upload is about to run: from now on only newer ones are accepted.
-    pub(crate) fn accept(
+    pub fn accept(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         upload: &SignedUpload,
     ) -> Result<(), LinkError> {
         self.write(safe, KeyRecord::Counter, &upload.counter.to_le_bytes())?;
@@ -407,7 +408,7 @@ impl Keys {
     /// Keeps a record. Where that is refused it may be kept all the same: then what holds is what will be read at the next start.
     fn write(
         &mut self,
-        safe: &mut dyn KeySafe,
+        safe: &mut dyn KeyStore,
         record: KeyRecord,
         bytes: &[u8],
     ) -> Result<(), WriteError> {
@@ -525,7 +526,7 @@ fn given_at_us(nonce: &[u8; NONCE_BYTES]) -> u64 {
 }
 
 /// A record that is a number; 0 where there is none.
-fn number(safe: &mut dyn KeySafe, record: KeyRecord) -> Result<u64, NotKept> {
+fn number(safe: &mut dyn KeyStore, record: KeyRecord) -> Result<u64, NotKept> {
     let mut bytes = [0; size_of::<u64>()];
     match safe.read(record, &mut bytes)? {
         0 => Ok(0),
@@ -535,7 +536,7 @@ fn number(safe: &mut dyn KeySafe, record: KeyRecord) -> Result<u64, NotKept> {
 }
 
 /// The lock and the counter, as they are kept.
-fn read(safe: &mut dyn KeySafe) -> (Lock, u64) {
+fn read(safe: &mut dyn KeyStore) -> (Lock, u64) {
     match read_records(safe) {
         Ok(kept) => kept,
         Err(NotKept) => (remembered(safe), u64::MAX),
@@ -543,7 +544,7 @@ fn read(safe: &mut dyn KeySafe) -> (Lock, u64) {
 }
 
 /// Who may have the records begun anew, where they cannot be read.
-fn remembered(safe: &mut dyn KeySafe) -> Lock {
+fn remembered(safe: &mut dyn KeyStore) -> Lock {
     let mut bytes = [0; KEY_RECORD_BYTES];
     match safe.remembered_key(&mut bytes) {
         Ok(0) => Lock::Damaged,
@@ -553,7 +554,7 @@ fn remembered(safe: &mut dyn KeySafe) -> Lock {
     }
 }
 
-fn read_records(safe: &mut dyn KeySafe) -> Result<(Lock, u64), NotKept> {
+fn read_records(safe: &mut dyn KeyStore) -> Result<(Lock, u64), NotKept> {
     let mut bytes = [0; KEY_RECORD_BYTES];
     let lock = match safe.read(KeyRecord::Key, &mut bytes)? {
         0 => Lock::Open,

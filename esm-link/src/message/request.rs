@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::link::access::{NONCE_BYTES, PROOF_BYTES};
+use crate::access::{NONCE_BYTES, PROOF_BYTES};
 
 #[cfg(doc)]
 use super::{DeviceInfo, LinkError, MAX_CHUNK, Mode, Response, Uploads};
 #[cfg(doc)]
-use crate::link::access::KEY_BYTES;
+use crate::access::KEY_BYTES;
 
 /// What a host can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -98,28 +98,28 @@ pub enum Request<'a> {
     Challenge,
     /// A request that the robot's key has signed, within a session. Answer: that request's.
     Signed {
-        /// The signature of [`command`](super::super::access::command): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
+        /// The signature of [`command`](crate::access::command): [`SIGNATURE_BYTES`](crate::access::SIGNATURE_BYTES).
         signature: &'a [u8],
-        /// The request as it is serialized, without a number; one that [needs](super::super::access::needs) a key.
+        /// The request as it is serialized, without a number; one that [needs](crate::access::needs) a key.
         request: &'a [u8],
     },
     /// The signature of the blob that was uploaded, which a robot with a key wants before [`Request::Commit`]. Answer: [`Response::Done`].
     Sign {
-        /// Greater than that of any upload before, by [`MAX_COUNTER_STEP`](super::super::access::MAX_COUNTER_STEP) at most.
+        /// Greater than that of any upload before, by [`MAX_COUNTER_STEP`](crate::access::MAX_COUNTER_STEP) at most.
         counter: u64,
-        /// The signature of [`upload`](super::super::access::upload): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
+        /// The signature of [`upload`](crate::access::upload): [`SIGNATURE_BYTES`](crate::access::SIGNATURE_BYTES).
         signature: &'a [u8],
     },
     /// From now on the robot has this key. Answer, when it is kept: [`Response::Done`].
     InstallKey {
         /// The public key: [`KEY_BYTES`] bytes.
         key: &'a [u8],
-        /// Names the robot's secret: [`SALT_BYTES`](super::super::access::SALT_BYTES) random bytes, new with each installation.
+        /// Names the robot's secret: [`SALT_BYTES`](crate::access::SALT_BYTES) random bytes, new with each installation.
         salt: &'a [u8],
-        /// What robot and owner know alone: [`SECRET_BYTES`](super::super::access::SECRET_BYTES) bytes. Within a session they are
-        /// [masked](super::super::proof::mask).
+        /// What robot and owner know alone: [`SECRET_BYTES`](crate::access::SECRET_BYTES) bytes. Within a session they are
+        /// [masked](crate::proof::mask).
         secret: &'a [u8],
-        /// The key's own signature of [`install`](super::super::access::install): [`SIGNATURE_BYTES`](super::super::access::SIGNATURE_BYTES).
+        /// The key's own signature of [`install`](crate::access::install): [`SIGNATURE_BYTES`](crate::access::SIGNATURE_BYTES).
         signature: &'a [u8],
     },
     /// From now on the robot has no key. Answer, when it is forgotten: [`Response::Done`].
@@ -141,11 +141,11 @@ pub enum Request<'a> {
         /// Bits of the value.
         value: u32,
     },
-    /// Tell [news](super::super::news) from now on, or no more. Answer: [`Response::Done`], and then the first news.
+    /// Tell [news](crate::news) from now on, or no more. Answer: [`Response::Done`], and then the first news.
     Watch {
         /// Whether news are wanted.
         news: bool,
-        /// A sample each so many milliseconds of the mission's time, at least [`SHORTEST_PERIOD_MS`](super::super::news::SHORTEST_PERIOD_MS); 0 for none.
+        /// A sample each so many milliseconds of the mission's time, at least [`SHORTEST_PERIOD_MS`](crate::news::SHORTEST_PERIOD_MS); 0 for none.
         period_ms: u32,
     },
     /// Keep the values that differ now from the mission's: with them it starts from now on. Where none differs, none is kept. Answer, when the flash has them:
@@ -165,14 +165,14 @@ pub enum Request<'a> {
     Within {
         /// The last microsecond on the robot's [clock](Request::Clock) at which it may still be done.
         by_us: u64,
-        /// The request as it is serialized, without a number; one that [may have a deadline](super::super::access::may_have_deadline).
+        /// The request as it is serialized, without a number; one that [may have a deadline](crate::access::may_have_deadline).
         request: &'a [u8],
     },
     /// What was the firmware built with, and how long does its flash take? Answer: [`Response::Features`].
     Features,
-    /// Send [values](super::super::telemetry) on these nets from now on, and no others; or say what values are made of. Answer: [`Response::Done`], or [`Response::TaskText`].
+    /// Send [values](crate::telemetry) on these nets from now on, and no others; or say what values are made of. Answer: [`Response::Done`], or [`Response::TaskText`].
     Values {
-        /// Which: see [`Ask`](super::super::telemetry::Ask). Nothing: no values from now on.
+        /// Which: see [`Ask`](crate::telemetry::Ask). Nothing: no values from now on.
         ask: &'a [u8],
     },
     /// Which key do you have? The first step of a session. Answer: [`Response::Identity`].
@@ -186,14 +186,14 @@ pub enum Request<'a> {
         client: [u8; NONCE_BYTES],
         /// The nonce of [`Response::Identity`].
         robot: [u8; NONCE_BYTES],
-        /// [`opening`](super::super::proof::Session::opening)
+        /// [`opening`](crate::proof::Session::opening)
         proof: [u8; PROOF_BYTES],
     },
     /// A request of the owner's session. Answer: that request's, [with a proof](super::FromDevice::Proven).
     Proven {
         /// Greater than that of the one before in this session.
         number: u32,
-        /// [`of_request`](super::super::proof::Session::of_request)
+        /// [`of_request`](crate::proof::Session::of_request)
         proof: [u8; PROOF_BYTES],
         /// The request as it is serialized, without a number.
         request: &'a [u8],

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::supervision::Silent;
+/// Greatest length of the path of a file that panicked, of which the end is kept.
+pub const MAX_PLACE_BYTES: usize = 40;
 
 /// Why a robot started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,4 +77,66 @@ pub struct CoreFault {
     pub hard_status: u32,
     /// The address of a bad access (MMFAR or BFAR), 0 if it is not known.
     pub address: u32,
+}
+
+/// Who was silent for too long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Silent {
+    /// The slot with this index in the mission's blob was executed no more; 255 stands for more, too.
+    Slot(u8),
+    /// The link got no turn.
+    Link,
+    /// A slot-0 task did not return, or slots left it no time.
+    Slot0,
+    /// The link took the time of slot 0, with what came over the line: no doing of the mission's.
+    Slot0ForLink,
+}
+
+/// Behind the numbers of slots.
+const SLOT_0_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
+
+impl Silent {
+    /// Whether it came of what somebody sent over the line. Such a reset is not counted against the mission.
+    pub fn is_load_from_outside(self) -> bool {
+        self == Silent::Slot0ForLink
+    }
+
+    /// Its number, as it is kept across a reset: 0 stands for nobody.
+    pub fn number(self) -> u32 {
+        match self {
+            Silent::Link => 1,
+            Silent::Slot0 => 2,
+            Silent::Slot(slot) => 3 + u32::from(slot),
+            Silent::Slot0ForLink => SLOT_0_FOR_LINK,
+        }
+    }
+
+    /// Who has this number.
+    pub fn from_number(number: u32) -> Option<Silent> {
+        match number {
+            0 => None,
+            1 => Some(Silent::Link),
+            2 => Some(Silent::Slot0),
+            SLOT_0_FOR_LINK => Some(Silent::Slot0ForLink),
+            slot => u8::try_from(slot - 3).ok().map(Silent::Slot),
+        }
+    }
+}
+
+impl ResetReason {
+    /// All reasons, in the order of their numbers.
+    const ALL: [ResetReason; 7] = [
+        ResetReason::PowerOn,
+        ResetReason::Pin,
+        ResetReason::Watchdog,
+        ResetReason::Panic,
+        ResetReason::CpuFault,
+        ResetReason::BrownOut,
+        ResetReason::Software,
+    ];
+
+    /// The reason with this number, which is its place in the enum.
+    pub fn from_number(number: u8) -> Option<ResetReason> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
 }

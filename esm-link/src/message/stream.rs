@@ -23,12 +23,12 @@ pub struct Stream<'a> {
 /// The streams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Channel {
-    /// [Trace records](super::super::trace), whole ones.
+    /// [Trace records](crate::trace), whole ones.
     Trace,
     /// What the firmware's log holds: defmt frames on a board, text on the host.
     Log,
-    /// [Recorded inputs](super::super::record), whole ones.
+    /// [Recorded inputs](crate::recording), whole ones.
     Record,
-    /// [Values on nets](super::super::telemetry), a sample a part.
+    /// [Values on nets](crate::telemetry), a sample a part.
     Values,
 }

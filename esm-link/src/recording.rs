@@ -3,14 +3,14 @@
 //! A macro step is made of what the machine is and of the flags that tasks wrote since the one before, so these are all that is recorded, by how they differ. A macro step before which nothing
 //! changed only lengthens a count.
 //!
-//! A record begins with a number, written as in [trace records](super::trace): four times the macro steps without a change before it, and what follows in the two low bits. 1 and 2
+//! A record begins with a number, written as in [trace records](crate::trace): four times the macro steps without a change before it, and what follows in the two low bits. 1 and 2
 //! are as many changed bits, 3 is three and as many more as the next number says; 0 is one of the kinds below, whose byte is next. Bits are counted as in
 //! [`Interpreter::input_words`](esm_core::Interpreter::input_words): flags, and from the next multiple of 32 on the enable bits of task instances. The first is a number, each further one
 //! the difference from the one before. Each such bit is turned over, and then the next macro step is made.
 
 use esm_core::{Fault, Progress};
 
-use super::trace::{RecordSink, TraceError, byte, hash, put_number, take};
+use crate::trace::{RecordSink, TraceError, byte, hash, put_number, take};
 
 /// Macro steps without a change after which a record says so, at most: a reader is never further behind than this.
 pub const MAX_QUIET: u32 = 128;

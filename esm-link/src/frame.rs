@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::access::{MAX_PROVEN_BYTES, PROOF_BYTES};
+use crate::access::{MAX_PROVEN_BYTES, PROOF_BYTES};
 
 /// Greatest number of bytes of a serialized message: that of the longest request in an owner's session.
 pub const MAX_MESSAGE_BYTES: usize = 9 + PROOF_BYTES + MAX_PROVEN_BYTES;
@@ -20,7 +20,7 @@ pub const MAX_REPLY_FRAME_BYTES: usize = MAX_REPLY_BYTES + CRC_BYTES + 2;
 /// The byte that ends a frame.
 pub const DELIMITER: u8 = 0;
 
-/// CRC-32 (IEEE 802.3) of some bytes: the one that blobs, frames and [`Request::Begin`](super::message::Request::Begin) use.
+/// CRC-32 (IEEE 802.3) of some bytes: the one that blobs, frames and [`Request::Begin`](crate::message::Request::Begin) use.
 pub fn checksum(bytes: &[u8]) -> u32 {
     esm_core::format::crc32(bytes)
 }
@@ -179,7 +179,7 @@ impl FrameReader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::message::{MAX_CHUNK, Request, ToDevice};
+    use crate::message::{MAX_CHUNK, Request, ToDevice};
     use std::vec::Vec;
 
     fn frame_of(request: Request<'_>) -> Vec<u8> {

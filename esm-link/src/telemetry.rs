@@ -1,11 +1,11 @@
 //! Telemetry: the values that are on nets of the mission, read between two macro steps.
 //!
-//! A host [asks](super::message::Request::Values) for some nets of the mission that runs. The real-time side reads all of them after a macro step, before any task of
+//! A host [asks](crate::message::Request::Values) for some nets of the mission that runs. The real-time side reads all of them after a macro step, before any task of
 //! that slot: what is in a sample was on the nets at the same time. A sample that the one before has not left room for is dropped and counted; nobody waits.
 //!
-//! What a part of the channel [`Values`](super::message::Channel::Values) holds is one sample, whole. All of it is words of 32 bits, little endian.
+//! What a part of the channel [`Values`](crate::message::Channel::Values) holds is one sample, whole. All of it is words of 32 bits, little endian.
 
-use super::message::{Capacity, LinkError, MAX_STREAM_BYTES};
+use crate::message::{Capacity, LinkError, MAX_STREAM_BYTES};
 
 /// Bytes of a word.
 pub const WORD_BYTES: usize = 4;
@@ -14,8 +14,7 @@ pub const HEAD_WORDS: usize = 4;
 /// Words that the values of all nets of a sample have room for, so that it is one part. So many nets can be asked for, too.
 pub const MAX_VALUE_WORDS: usize = MAX_STREAM_BYTES / WORD_BYTES - HEAD_WORDS;
 /// Words of a sample.
-#[cfg(feature = "telemetry")]
-pub(crate) const SAMPLE_WORDS: usize = HEAD_WORDS + MAX_VALUE_WORDS;
+pub const SAMPLE_WORDS: usize = HEAD_WORDS + MAX_VALUE_WORDS;
 /// Bytes of a number in an [`Ask`].
 const NUMBER_BYTES: usize = 2;
 /// Greatest number of bytes of an [`Ask`].
@@ -76,7 +75,7 @@ impl<'a> Sample<'a> {
     }
 }
 
-/// What a host [asks](super::message::Request::Values) for, in numbers of two bytes, little endian: a hash is two of them, the lower half first.
+/// What a host [asks](crate::message::Request::Values) for, in numbers of two bytes, little endian: a hash is two of them, the lower half first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ask<'a> {
     /// 0, the mission, the net, the offset: what are values on this net made of?
@@ -85,7 +84,7 @@ pub enum Ask<'a> {
         mission: u32,
         /// Index of the net in its blob.
         net: u16,
-        /// The first byte wanted of [`PortType::FIELDS`](crate::PortType::FIELDS).
+        /// The first byte wanted of the text of its fields.
         offset: u16,
     },
     /// 1, the mission, the period, the nets: samples of values on these nets.
@@ -135,13 +134,11 @@ impl<'a> Ask<'a> {
 }
 
 /// The first word of a sample of values.
-#[cfg(feature = "telemetry")]
-pub(crate) fn head(number: u8, left_out: u8) -> u32 {
+pub fn head(number: u8, left_out: u8) -> u32 {
     u32::from_le_bytes([number, VALUES, left_out, 0])
 }
 
 /// The first word of what says that no more samples come.
-#[cfg(feature = "telemetry")]
-pub(crate) fn end(number: u8) -> u32 {
+pub fn end(number: u8) -> u32 {
     u32::from_le_bytes([number, ENDED, 0, 0])
 }

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::flash::{FlashHealth, Kept};
 use super::last_words::ResetReason;
-use crate::link::trial::{FallBack, Trial};
-use crate::store::keep::{FlashHealth, Kept};
+use crate::trial::{FallBack, Trial};
 
 #[cfg(doc)]
 use super::Request;
@@ -97,4 +97,52 @@ pub enum SafeReason {
     LinkLost,
     /// The board found something else.
     Board,
+}
+
+impl SafeReason {
+    /// All reasons, in the order of their numbers.
+    pub const ALL: [SafeReason; 8] = [
+        SafeReason::EventQueueOverflow,
+        SafeReason::MacroStepLimit,
+        SafeReason::Overruns,
+        SafeReason::Missed,
+        SafeReason::BodyLost,
+        SafeReason::LowBattery,
+        SafeReason::LinkLost,
+        SafeReason::Board,
+    ];
+
+    /// The reason's number, as trace records and snapshots carry it.
+    pub fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// The reason with this number.
+    pub fn from_number(number: u8) -> Option<SafeReason> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+}
+
+impl Mode {
+    /// The mode's number in records and snapshots: those of the reasons follow those of the modes.
+    pub fn number(self) -> u8 {
+        match self {
+            Mode::Empty => 0,
+            Mode::Running => 1,
+            Mode::Stopped => 2,
+            Mode::Safe(reason) => 3 + reason.number(),
+            Mode::EmergencyStopped => u8::MAX,
+        }
+    }
+
+    /// The mode with this number.
+    pub fn from_number(number: u8) -> Option<Mode> {
+        Some(match number {
+            0 => Mode::Empty,
+            1 => Mode::Running,
+            2 => Mode::Stopped,
+            u8::MAX => Mode::EmergencyStopped,
+            safe => Mode::Safe(SafeReason::from_number(safe - 3)?),
+        })
+    }
 }

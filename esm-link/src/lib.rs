@@ -1,0 +1,45 @@
+//! The link between a robot and its host: frames, messages, keys, and records.
+//!
+//! A link is a stream of bytes in each direction, which may lose, change or double some of them. On it travel [frames](frame); a frame
+//! holds one [message]. The host asks and the robot answers, one request at a time: a request without an answer is sent again
+//! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
+//! sends [trace records](trace), a [recording] and log bytes as streams, where there is room between answers.
+//!
+//! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and deadlines go out. So firmware, the
+//! `esm` command and a page in a browser run the same code.
+#![cfg_attr(not(any(test, feature = "mutants")), no_std)]
+
+/// Whether this mutant is active. Only tests have mutants: each must make them fail.
+#[cfg(feature = "mutants")]
+macro_rules! planted {
+    ($bug:ident) => {
+        crate::mutants::is_planted(crate::mutants::Bug::$bug)
+    };
+}
+#[cfg(not(feature = "mutants"))]
+macro_rules! planted {
+    ($bug:ident) => {
+        false
+    };
+}
+
+pub mod access;
+pub mod black_box;
+pub mod features;
+pub mod frame;
+pub mod key_store;
+#[cfg(feature = "keys")]
+pub mod keys;
+#[cfg(not(feature = "keys"))]
+#[path = "no_keys.rs"]
+pub mod keys;
+pub mod message;
+#[cfg(feature = "mutants")]
+pub mod mutants;
+pub mod news;
+#[cfg(feature = "keys")]
+pub mod proof;
+pub mod recording;
+pub mod telemetry;
+pub mod trace;
+pub mod trial;
