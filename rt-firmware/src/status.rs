@@ -225,7 +225,7 @@ fn unpack(words: &[u32; WORDS]) -> Health {
 
 impl SafeReason {
     /// All reasons, in the order of their numbers.
-    const ALL: [SafeReason; 8] = [
+    const ALL: [SafeReason; 9] = [
         SafeReason::EventQueueOverflow,
         SafeReason::MacroStepLimit,
         SafeReason::Overruns,
@@ -234,6 +234,7 @@ impl SafeReason {
         SafeReason::LowBattery,
         SafeReason::LinkLost,
         SafeReason::Board,
+        SafeReason::MonitorSilent,
     ];
 
     /// The reason's number, as trace records and snapshots carry it.
