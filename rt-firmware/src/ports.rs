@@ -2004,4 +2004,56 @@ mod tests {
             Some(RegistryFault::TypeNameTwice { type_name: "Count" })
         );
     }
+
+    /// A monitor that does in each execution what it is told.
+    struct Watcher(std::vec::IntoIter<Word>);
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Word {
+        Nothing,
+        Flag,
+        Value,
+        Beat,
+    }
+
+    task! {
+        impl Watcher { endless; monitor; data { out seen: u32; } flags { out near; } }
+    }
+
+    impl Task for Watcher {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            match self.0.next().unwrap() {
+                Word::Nothing => {}
+                Word::Flag => io.set(Self::NEAR, false),
+                Word::Value => *io.write(Self::SEEN) = 7,
+                Word::Beat => io.beat(),
+            }
+            Step::Run
+        }
+    }
+
+    #[test]
+    fn a_monitor_may_be_silent_for_less_than_its_limit_and_says_anything_at_all() {
+        const LIMIT: usize = SILENT_EXECUTIONS as usize;
+        let mut words = std::vec::Vec::new();
+        for word in [Word::Flag, Word::Value, Word::Beat] {
+            words.extend([Word::Nothing].repeat(LIMIT - 1));
+            words.push(word);
+        }
+        words.extend([Word::Nothing].repeat(LIMIT + 2));
+        words.push(Word::Flag);
+        let mut bench = crate::TaskBench::new(Watcher(words.clone().into_iter()));
+        for (step, word) in words.iter().enumerate() {
+            // A mission that enters the state anew all the time changes nothing.
+            bench.enter_anew().step();
+            let is_silent = (3 * LIMIT + LIMIT - 1..words.len() - 1).contains(&step);
+            let expected = is_silent.then_some(SafeReason::MonitorSilent);
+            assert_eq!(
+                bench.failure(),
+                expected,
+                "{step}: {}",
+                *word == Word::Nothing
+            );
+        }
+    }
 }

@@ -7,6 +7,7 @@
 
 use std::array;
 use std::cell::Cell;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use esm_tests::command::root;
@@ -368,9 +369,12 @@ impl Driven {
         assert!(stands_us <= bound_us + ROLLING_US, "{what}: {stands_us} us");
     }
 
-    /// That the book's table has these numbers in the row of `name`.
+    /// That the book's table has these numbers in the row of `name`; `ESM_BLESS=1` writes them.
     fn is_in_book(&self, name: &str) {
-        let book = std::fs::read_to_string(root().join("docs/src/breakdowns.md")).unwrap();
+        static BOOK: Mutex<()> = Mutex::new(());
+        let _one_at_a_time = BOOK.lock();
+        let path = root().join("docs/src/breakdowns.md");
+        let book = std::fs::read_to_string(&path).unwrap();
         let expected = format!(
             "| {:.2} s | {:.2} s | {} cm |",
             self.power_off_us() as f64 / 1e6,
@@ -381,9 +385,15 @@ impl Driven {
             line.starts_with(&format!("| {name} ")) && line.matches(" | ").count() == 4
         };
         let row = book.lines().find(row).unwrap_or("");
+        if std::env::var_os("ESM_BLESS").is_some() && !row.ends_with(&expected) {
+            let what: Vec<&str> = row.split(" | ").take(2).collect();
+            let written = format!("{} {expected}", what.join(" | "));
+            std::fs::write(path, book.replace(row, &written)).unwrap();
+            return;
+        }
         assert!(
             row.ends_with(&expected),
-            "the row of {name} is to end with {expected}, and is: {row}"
+            "the row of {name} is to end with {expected}, and is: {row} (ESM_BLESS=1 writes it)"
         );
     }
 }
@@ -415,7 +425,7 @@ fn mission(motion: &str, paths: &str) -> String {
 #[test]
 fn patrol_stands_whoever_of_its_writers_freezes() {
     let office = Subject::new(patrol(), "office");
-    const FAST_US: u64 = 20_000_000; // down a free way, at full speed
+    const FAST_US: u64 = 22_000_000; // down a free way, at full speed
     let ranges_us = input_bound_us::<Cruise>("ranges");
     stands(&office, "SonarRing", FAST_US, ranges_us).is_in_book("`SonarRing`");
     let speeds_us = within_us::<PinWheelSpeed>("speeds") + PERIOD_US;
@@ -433,10 +443,10 @@ fn patrol_stands_too_where_the_sonars_freeze_while_it_turns() {
     let close_us = within_us::<ProximityMonitor>("ranges") + SLOW_PERIOD_US;
     let bound_us = close_us + 2 * PERIOD_US + BRAKING_US;
     let office = Subject::new(patrol(), "office");
-    stands(&office, "SonarRing", 11_000_000, bound_us)
+    stands(&office, "SonarRing", 17_700_000, bound_us)
         .is_in_book("`SonarRing`, while the robot turns");
     // The alarm ends after a second, again and again. It stands all the same, to the end.
-    let driven = office.driven(&Freeze::new("SonarRing", 20_000_000), 60_000_000);
+    let driven = office.driven(&Freeze::new("SonarRing", 22_000_000), 60_000_000);
     assert!(driven.stands_us() <= MOST_STANDS_US);
     assert_eq!(driven.collisions(), 0);
 }
@@ -534,7 +544,7 @@ fn a_robot_without_encoders_stands_too() {
 
 #[test]
 fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
-    const LEFT_US: u64 = 20_000_000;
+    const LEFT_US: u64 = 22_000_000;
     // Nothing freezes here: the state is left that measures.
     let guard = "region guard { task Keep: BatteryGuard; initial -> Keep; }\n    region diary {";
     let guarded = patrol()
@@ -545,7 +555,7 @@ fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
         )
         .replace(
             "task Measure: BatteryMonitor;",
-            "task Measure: BatteryMonitor timeout 20 s;",
+            "task Measure: BatteryMonitor timeout 22 s;",
         )
         .replace(
             "Measure -> final on pulse [.low]",

@@ -17,7 +17,7 @@ use host_tools::world::{StartPose, World};
 
 /// How far from its start the robot may be at the end.
 const MOST_M: f64 = 0.03;
-const MOST_DEGREES: f64 = 3.0;
+const MOST_DEGREES: f64 = 2.0;
 /// And from each corner, on its way.
 const CORNER_M: f64 = 0.03;
 

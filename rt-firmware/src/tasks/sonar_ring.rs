@@ -54,8 +54,8 @@ const FINDS_BLIND: bool = cfg!(feature = "all-tasks");
 /// Directions that the robot tells apart where it looks for deaf sonars: 15° each, a sonar's beam to one side.
 const DIRECTIONS: usize = 24;
 
-/// Directions of which the robot knows where nothing is near.
-const CLEAR_DIRECTIONS: usize = if FINDS_BLIND { DIRECTIONS } else { 0 };
+/// How many maps a robot has of where nothing is near.
+const CLEAR_MAPS: usize = FINDS_BLIND as usize;
 
 /// What was heard counts at a place, and for a time: who drives on or waits looks at something else.
 const PLACE_M: f32 = 0.05;
@@ -224,7 +224,7 @@ struct Heard {
     /// Counter-clockwise from the x axis of the pose. Bit *i* is sonar *i*.
     by: [u8; DIRECTIONS],
     /// The same for those that have heard that nothing is near.
-    clear: [u8; CLEAR_DIRECTIONS],
+    clear: [[u8; DIRECTIONS]; CLEAR_MAPS],
     place: Pose,
     /// Where the robot looks now, in directions.
     heading: usize,
@@ -234,7 +234,7 @@ struct Heard {
 impl Heard {
     const NOTHING: Self = Self {
         by: [0; DIRECTIONS],
-        clear: [0; CLEAR_DIRECTIONS],
+        clear: [[0; DIRECTIONS]; CLEAR_MAPS],
         place: Pose::START,
         heading: 0,
         age_us: u32::MAX,
@@ -267,13 +267,17 @@ impl Heard {
     }
 
     fn note_clear(&mut self, bearing: Bearing, bit: u8) {
-        self.clear[self.direction(bearing)] |= bit;
+        let direction = self.direction(bearing);
+        for clear in &mut self.clear {
+            clear[direction] |= bit;
+        }
     }
 
     /// The direction, if others than this sonar have heard that nothing is near there, nor to both sides of it.
     fn clear_to_others(&self, bearing: Bearing, bit: u8) -> Option<usize> {
         let direction = self.direction(bearing);
-        known_to_others(&self.clear, direction, bit).then_some(direction)
+        let known = |clear| known_to_others(clear, direction, bit);
+        self.clear.iter().any(known).then_some(direction)
     }
 
     /// The direction, if others than this sonar have heard something there and to both sides of it: not only an edge.
@@ -284,7 +288,7 @@ impl Heard {
 }
 
 /// Whether others than the sonar of this bit know something of a direction, and of those to both sides of it.
-fn known_to_others(known: &[u8], direction: usize, bit: u8) -> bool {
+fn known_to_others(known: &[u8; DIRECTIONS], direction: usize, bit: u8) -> bool {
     [DIRECTIONS - 1, 0, 1]
         .into_iter()
         .all(|side| known[(direction + side) % DIRECTIONS] & !bit != 0)
