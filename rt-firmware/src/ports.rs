@@ -254,6 +254,12 @@ pub trait OutputPorts: sealed::Sealed {
     /// The buffers of a port, if it is one that the task writes.
     #[doc(hidden)]
     fn port(&self, index: usize) -> Option<&dyn PortBuffers>;
+    /// How long a monitor has said nothing; none for any other task.
+    #[doc(hidden)]
+    #[inline(always)]
+    fn silence(&self) -> Option<&Silence> {
+        None
+    }
 }
 
 impl sealed::Sealed for () {}
@@ -264,9 +270,46 @@ impl OutputPorts for () {
     }
 }
 
+/// A monitor that said nothing in so many executions in a row is broken, and the robot goes to its safe state: 200 ms in a slot
+/// of 40 ms, which is how old a range may be. One that works says something in each.
+pub const SILENT_EXECUTIONS: u8 = 5;
+
+/// Executions of a monitor in a row in which it said nothing. It stands at the end of the list, behind the ports.
+#[doc(hidden)]
+pub struct Silence(Cell<u8>);
+
+impl sealed::Sealed for Silence {}
+impl OutputPorts for Silence {
+    const EMPTY: Self = Silence(Cell::new(0));
+    fn port(&self, _index: usize) -> Option<&dyn PortBuffers> {
+        None
+    }
+    fn silence(&self) -> Option<&Silence> {
+        Some(self)
+    }
+}
+
+impl Silence {
+    /// Counts the execution that has just ended.
+    #[inline(never)]
+    fn count(&self, state: &mut IoState) {
+        let is_heard = state.is_heard || state.flags.written != 0 || state.written != 0;
+        let silent = if is_heard { 0 } else { self.0.get() + 1 };
+        if silent < SILENT_EXECUTIONS {
+            self.0.set(silent);
+        } else {
+            state.failure = Some(SafeReason::MonitorSilent);
+        }
+    }
+}
+
 impl<P: PortSlot, R: OutputPorts> sealed::Sealed for (P, R) {}
 impl<P: PortSlot, R: OutputPorts> OutputPorts for (P, R) {
     const EMPTY: Self = (P::EMPTY, R::EMPTY);
+    #[inline(always)]
+    fn silence(&self) -> Option<&Silence> {
+        self.1.silence()
+    }
     fn port(&self, index: usize) -> Option<&dyn PortBuffers> {
         match index.checked_sub(1) {
             None => self.0.buffers(),
@@ -348,6 +391,9 @@ impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
             // SAFETY: the caller promises that nobody else uses this task.
             let task = unsafe { &mut *place.task.get() };
             task.reset();
+            if let Some(silence) = place.outputs.silence() {
+                silence.0.set(0);
+            }
         }
     }
 
@@ -360,7 +406,11 @@ impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
         if enter {
             task.enter();
         }
-        task.step(io)
+        let step = task.step(io);
+        if let Some(silence) = place.outputs.silence() {
+            silence.count(io.state);
+        }
+        step
     }
 }
 
@@ -393,6 +443,8 @@ struct IoState {
     flags: FlagChanges,
     allowed_overruns: Option<u32>,
     failure: Option<SafeReason>,
+    /// The task has said that it still watches.
+    is_heard: bool,
 }
 
 impl IoState {
@@ -420,6 +472,7 @@ impl IoState {
         },
         allowed_overruns: None,
         failure: None,
+        is_heard: false,
     };
 
     /// Makes it that of another execution, by a task of this declaration, where it is: it is too large to be passed around in each
@@ -447,6 +500,7 @@ impl IoState {
         self.flags = FlagChanges::default();
         self.allowed_overruns = None;
         self.failure = None;
+        self.is_heard = false;
     }
 }
 
@@ -599,6 +653,11 @@ impl<'a> Io<'a> {
     /// run has ended.
     pub fn fail_safe(&mut self, reason: SafeReason) {
         self.state.failure = Some(reason);
+    }
+
+    /// Says that a task which is a [monitor](crate::task!) still watches, where it has no flag to set and nothing to write.
+    pub fn beat(&mut self) {
+        self.state.is_heard = true;
     }
 
     /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a row may last too long; one more brings the robot
@@ -1944,5 +2003,57 @@ mod tests {
             ]),
             Some(RegistryFault::TypeNameTwice { type_name: "Count" })
         );
+    }
+
+    /// A monitor that does in each execution what it is told.
+    struct Watcher(std::vec::IntoIter<Word>);
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Word {
+        Nothing,
+        Flag,
+        Value,
+        Beat,
+    }
+
+    task! {
+        impl Watcher { endless; monitor; data { out seen: u32; } flags { out near; } }
+    }
+
+    impl Task for Watcher {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            match self.0.next().unwrap() {
+                Word::Nothing => {}
+                Word::Flag => io.set(Self::NEAR, false),
+                Word::Value => *io.write(Self::SEEN) = 7,
+                Word::Beat => io.beat(),
+            }
+            Step::Run
+        }
+    }
+
+    #[test]
+    fn a_monitor_may_be_silent_for_less_than_its_limit_and_says_anything_at_all() {
+        const LIMIT: usize = SILENT_EXECUTIONS as usize;
+        let mut words = std::vec::Vec::new();
+        for word in [Word::Flag, Word::Value, Word::Beat] {
+            words.extend([Word::Nothing].repeat(LIMIT - 1));
+            words.push(word);
+        }
+        words.extend([Word::Nothing].repeat(LIMIT + 2));
+        words.push(Word::Flag);
+        let mut bench = crate::TaskBench::new(Watcher(words.clone().into_iter()));
+        for (step, word) in words.iter().enumerate() {
+            // A mission that enters the state anew all the time changes nothing.
+            bench.enter_anew().step();
+            let is_silent = (3 * LIMIT + LIMIT - 1..words.len() - 1).contains(&step);
+            let expected = is_silent.then_some(SafeReason::MonitorSilent);
+            assert_eq!(
+                bench.failure(),
+                expected,
+                "{step}: {}",
+                *word == Word::Nothing
+            );
+        }
     }
 }

@@ -97,6 +97,8 @@ pub enum SafeReason {
     LinkLost,
     /// The board found something else.
     Board,
+    /// A task that watches something for the mission said nothing any more.
+    MonitorSilent,
 }
 
 impl SafeReason {
