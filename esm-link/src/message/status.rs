@@ -103,7 +103,7 @@ pub enum SafeReason {
 
 impl SafeReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [SafeReason; 8] = [
+    pub const ALL: [SafeReason; 9] = [
         SafeReason::EventQueueOverflow,
         SafeReason::MacroStepLimit,
         SafeReason::Overruns,
@@ -112,6 +112,7 @@ impl SafeReason {
         SafeReason::LowBattery,
         SafeReason::LinkLost,
         SafeReason::Board,
+        SafeReason::MonitorSilent,
     ];
 
     /// The reason's number, as trace records and snapshots carry it.

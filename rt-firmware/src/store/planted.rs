@@ -72,6 +72,7 @@ bugs! {
     FlawsUntold: "damage that loses nothing is not told",
     RenewedWithoutStop: "records that are written anew have no emergency stop",
     BudgetForgotten: "whoever asks wears the flash out",
+    BudgetRefilled: "a reset fills the allowances for erases up",
     ReleasesUnpaid: "a release of an emergency stop is not paid for",
     StopsPaid: "an emergency stop is not kept where the budget is used up",
     StopNotPutOff: "a release that the budget had no room for is never kept",

@@ -1340,9 +1340,11 @@ impl Check {
             | Bug::FlawsUntold
             | Bug::RenewedWithoutStop => Check::Damages,
             Bug::JournalEager => Check::RecordsCutTwice { history: 0, at: 14 },
-            Bug::BudgetForgotten | Bug::ReleasesUnpaid | Bug::StopsPaid | Bug::StopNotPutOff => {
-                Check::Erases
-            }
+            Bug::BudgetForgotten
+            | Bug::BudgetRefilled
+            | Bug::ReleasesUnpaid
+            | Bug::StopsPaid
+            | Bug::StopNotPutOff => Check::Erases,
             Bug::OffsetUnchecked
             | Bug::LengthUnchecked
             | Bug::WrapForgotten

@@ -258,6 +258,7 @@ fn life<R>(
     let Ok(keep) = Keep::open(flash.clone(), BLOB_BYTES as u32, None, &mut records) else {
         panic!("the flash is large enough");
     };
+    let keep = keep.over_resets(kept);
     let about = About {
         reset: kept.begin(reason),
         kept: Some(kept),
