@@ -92,7 +92,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         self.supervisor = None;
         self.failure = None;
         self.heard_us = at.us;
-        self.link_silent_us = 0;
+        self.executor.inputs().link_silent_us = 0;
         self.params = LiveParams::NONE;
         self.begin_health();
         let Prepared {
@@ -120,9 +120,11 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
             if let (Some(before), Some(pairing)) = (&before, common) {
                 carried = interpreter.take_over(&before.interpreter, pairing).regions;
                 tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
-                self.tasks.go_on(old.tasks, pairing.tasks(), |task| {
-                    interpreter.is_enabled(task)
-                });
+                let registry = self.executor.registry();
+                self.tasks
+                    .go_on(old.tasks, pairing.tasks(), registry, |task| {
+                        interpreter.is_enabled(task)
+                    });
                 for (net, other) in pairing.nets() {
                     self.executor.carry_net(net, other);
                 }
@@ -131,6 +133,8 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         }
         let tables = interpreter.tables();
         let longest = tables.slots().map(|slot| slot.period_us).max();
+        let shortest = tables.slots().map(|slot| slot.period_us).min();
+        self.shortest_period_us = shortest.unwrap_or(0);
         self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
         let saved = self.saved.of(mission);

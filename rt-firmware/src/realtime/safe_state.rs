@@ -5,7 +5,6 @@
 use core::sync::atomic::Ordering;
 
 use super::RealTime;
-use super::ready::Ready;
 use super::trial::is_the_missions_fault;
 use crate::black_box::Event;
 use crate::board::Board;
@@ -16,7 +15,7 @@ use crate::mail::Letter;
 impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
-        self.ready = Ready::NOTHING;
+        self.forget_next();
         if !self.mode.is_latched() {
             self.mode = Mode::Safe(reason);
             self.note(Event::Mode(self.mode));
@@ -36,7 +35,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Motors off, and so they stay.
     #[inline(never)]
     pub(super) fn set_stopped<B: Board>(&mut self, mode: Mode, board: &mut B) {
-        self.ready = Ready::NOTHING;
+        self.forget_next();
         self.mode = mode;
         self.note(Event::Mode(mode));
         let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);

@@ -11,10 +11,21 @@ const BUCKET_BITS: u32 = 2;
 
 /// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
 ///
-/// There is one of these for each slot that a mission may have, so it is narrow: 52 bytes. The mean is divided out when somebody asks. A bucket has 16
+/// Most executions are like the one before: they begin as late and take as long. So an execution is compared with the last one, and where it is the same only counted as
+/// one more. What all counters come to is worked out when an execution differs, or somebody asks.
+///
+/// There is one of these for each slot that a mission may have, so it is narrow. The mean is divided out when somebody asks. A bucket has 16
 /// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
+    last: Execution,
+    /// Executions like the last one that are in no counter below.
+    repeated: u32,
+    /// The first task instance of the slot that is enabled, or [`NONE`].
+    first_enabled: u16,
+    /// The first task instance of the slot, or [`NONE`].
+    first_task: u16,
+    duration_us: u32,
     min_delay_ticks: u32,
     max_delay_ticks: u32,
     min_execution_ticks: u32,
@@ -26,16 +37,34 @@ pub struct SlotEntry {
     total_execution_high: u16,
     overruns: u16,
     overruns_in_a_row: u16,
-    duration_us: u32,
-    /// The first task instance of the slot, or [`NONE`].
-    first_task: u16,
     /// Executions by their start delay.
     delays: [u16; DELAY_BUCKETS],
+    /// Whether the slot was executed since the supervision asked last; where it was like the last one, `repeated` differs from what it was then.
+    was_executed: bool,
+    looked_at: u32,
+}
+
+/// When an execution began, after its nominal start, and what it took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Execution {
+    delay_ticks: u32,
+    took_ticks: u32,
+}
+
+impl Execution {
+    /// None yet. No execution takes so long.
+    const NONE: Execution = Execution {
+        delay_ticks: u32::MAX,
+        took_ticks: u32::MAX,
+    };
 }
 
 impl SlotEntry {
     /// A slot of which nothing happened yet.
     pub const EMPTY: SlotEntry = SlotEntry {
+        last: Execution::NONE,
+        repeated: 0,
+        first_enabled: NONE,
         min_delay_ticks: u32::MAX,
         max_delay_ticks: 0,
         min_execution_ticks: u32::MAX,
@@ -48,17 +77,25 @@ impl SlotEntry {
         duration_us: 0,
         first_task: NONE,
         delays: [0; DELAY_BUCKETS],
+        was_executed: false,
+        looked_at: 0,
     };
 
     /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
     pub(crate) const UNUSED: SlotEntry = SlotEntry {
+        last: Execution {
+            delay_ticks: 0,
+            took_ticks: 0,
+        },
         min_delay_ticks: 0,
         min_execution_ticks: 0,
         first_task: 0,
+        first_enabled: 0,
         ..Self::EMPTY
     };
 
     /// Duration of the slot in microseconds.
+    #[inline(always)]
     pub(crate) fn duration_us(&self) -> u32 {
         self.duration_us
     }
@@ -76,9 +113,19 @@ impl SlotEntry {
         };
     }
 
-    /// The first task instance of the slot.
-    pub(crate) fn first_task(&self) -> Option<u16> {
-        (self.first_task != NONE).then_some(self.first_task)
+    /// The first task instance of the slot, or [`NONE`].
+    pub(crate) fn first_task(&self) -> u16 {
+        self.first_task
+    }
+
+    /// The first task instance of the slot that is enabled, or [`NONE`].
+    #[inline(always)]
+    pub(crate) fn first_enabled(&self) -> u16 {
+        self.first_enabled
+    }
+
+    pub(crate) fn set_first_enabled(&mut self, instance: u16) {
+        self.first_enabled = instance;
     }
 
     /// Puts a task instance before the first one, and gives the one that was the first, or [`NONE`].
@@ -91,40 +138,92 @@ impl SlotEntry {
         self.overruns_in_a_row
     }
 
-    /// An execution began so long after its nominal start.
+    /// Counts an execution. False if that is left to [`fold`](Self::fold), since it is not like the last one.
     #[inline(always)]
-    pub(crate) fn began(&mut self, delay_ticks: u32) {
-        if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
-            *count = count.saturating_add(1);
+    pub(crate) fn repeat(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
+        let is_same = self.last.delay_ticks == delay_ticks && self.last.took_ticks == took_ticks;
+        if is_same {
+            self.repeated = self.repeated.wrapping_add(1);
         }
-        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
-        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
+        is_same && self.repeated != 0
     }
 
-    /// An execution ended. Returns whether it took longer than `duration_ticks`.
-    #[inline(always)]
-    pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u32) -> bool {
-        self.min_execution_ticks = self.min_execution_ticks.min(execution_ticks);
-        self.max_execution_ticks = self.max_execution_ticks.max(execution_ticks);
-        let (low, carry) = self.total_execution_low.overflowing_add(execution_ticks);
-        let high = self.total_execution_high.checked_add(u16::from(carry));
-        // The sum and the number of its terms stand still together, so that the mean stays one.
-        if let (Some(executed), Some(high)) = (self.executed.checked_add(1), high) {
-            self.executed = executed;
-            (self.total_execution_low, self.total_execution_high) = (low, high);
+    /// Counts an execution that is not like the last one. Returns whether it took longer than `duration_ticks`.
+    #[inline(never)]
+    pub(crate) fn fold(&mut self, delay_ticks: u32, took_ticks: u32, duration_ticks: u32) -> bool {
+        self.was_executed = true;
+        if self.repeated == 0 && self.last.delay_ticks == delay_ticks && self.last.took_ticks == took_ticks {
+            // It has wrapped: one more stands for as many as there are.
+            self.repeated = u32::MAX;
         }
-        let overrun = execution_ticks > duration_ticks;
+        self.add_repeated();
+        let execution = Execution {
+            delay_ticks,
+            took_ticks,
+        };
+        self.add(execution, 1);
+        let overrun = took_ticks > duration_ticks;
         if overrun {
             self.overruns = self.overruns.saturating_add(1);
             self.overruns_in_a_row = self.overruns_in_a_row.saturating_add(1);
+            // The next one is looked at, too, whatever it is like.
+            self.last = Execution::NONE;
         } else {
             self.overruns_in_a_row = 0;
+            self.last = execution;
         }
         overrun
     }
 
+    /// Whether there was an execution since this was asked last.
+    pub(crate) fn take_executed(&mut self) -> bool {
+        let repeated = self.repeated;
+        let looked_at = core::mem::replace(&mut self.looked_at, repeated);
+        core::mem::take(&mut self.was_executed) || looked_at != repeated
+    }
+
+    /// Adds those to the counters that were like the last one.
+    fn add_repeated(&mut self) {
+        let repeated = core::mem::take(&mut self.repeated);
+        if repeated > 0 {
+            self.add(self.last, repeated);
+        }
+    }
+
+    /// Adds so many executions to the counters.
+    fn add(&mut self, execution: Execution, count: u32) {
+        let Execution {
+            delay_ticks,
+            took_ticks,
+        } = execution;
+        if let Some(bucket) = self.delays.get_mut(bucket(delay_ticks)) {
+            *bucket = bucket.saturating_add(u16::try_from(count).unwrap_or(u16::MAX));
+        }
+        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
+        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
+        self.min_execution_ticks = self.min_execution_ticks.min(took_ticks);
+        self.max_execution_ticks = self.max_execution_ticks.max(took_ticks);
+        let count = count.min(u32::MAX - self.executed);
+        let total = u64::from(self.total_execution_high) << u32::BITS
+            | u64::from(self.total_execution_low);
+        let total = total.checked_add(u64::from(took_ticks) * u64::from(count));
+        let total = total.filter(|total| total >> (u32::BITS + u16::BITS) == 0);
+        // The sum and the number of its terms stand still together, so that the mean stays one.
+        if let Some(total) = total {
+            self.executed += count;
+            self.total_execution_low = total as u32;
+            self.total_execution_high = (total >> u32::BITS) as u16;
+        }
+    }
+
     /// What was counted, for the link; `missed` is the dispatcher's number.
     pub(crate) fn counters(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
+        let mut all = *self;
+        all.add_repeated();
+        all.told(number, missed, ticks_per_us)
+    }
+
+    fn told(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
         let ns = |ticks| nanoseconds(ticks, ticks_per_us);
         // Before the first one, the shortest is the greatest number there is.
         let shortest = |ticks, longest| if ticks > longest { 0 } else { ns(ticks) };
@@ -234,6 +333,57 @@ mod tests {
         assert_eq!(DELAY_BUCKETS, 8);
     }
 
+    /// Counts an execution as a slot does.
+    fn count(slot: &mut SlotEntry, delay: u32, took: u32, duration: u32) -> bool {
+        !slot.repeat(delay, took) && slot.fold(delay, took, duration)
+    }
+
+    #[test]
+    fn executions_that_repeat_are_counted_like_others() {
+        let mut slot = SlotEntry::EMPTY;
+        let (mut overruns, mut total, mut delays) = (0, 0, [0; DELAY_BUCKETS]);
+        let executions = [(3, 50), (3, 50), (3, 50), (20, 50), (20, 50), (3, 120), (3, 120), (3, 50), (3, 50)];
+        for round in 0..20 {
+            for (delay, took) in executions {
+                let overrun = count(&mut slot, delay, took, 100);
+                assert_eq!(overrun, took > 100, "round {round}");
+                overruns += u32::from(overrun);
+                total += u64::from(took);
+                delays[bucket(delay)] += 1;
+                assert!(slot.take_executed());
+                assert!(!slot.take_executed());
+            }
+        }
+        let expected = SlotCounters {
+            number: 1,
+            overruns,
+            executed: 180,
+            total_execution_ns: total * 1_000,
+            min_execution_ns: 50_000,
+            max_execution_ns: 120_000,
+            min_delay_ns: 3_000,
+            max_delay_ns: 20_000,
+            first_bucket_ns: 16_000,
+            delays,
+            missed: 0,
+        };
+        assert_eq!(slot.counters(1, 0, 1), expected);
+    }
+
+    #[test]
+    fn the_count_of_repetitions_survives_its_wrap() {
+        let mut slot = SlotEntry::EMPTY;
+        count(&mut slot, 1, 5, 10);
+        slot.repeated = u32::MAX - 1;
+        count(&mut slot, 1, 5, 10);
+        count(&mut slot, 1, 5, 10);
+        count(&mut slot, 1, 5, 10);
+        let counters = slot.counters(1, 0, 1);
+        assert_eq!(counters.executed, u32::MAX);
+        assert_eq!(counters.mean_execution_ns(), 5_000);
+        assert_eq!(slot.counters(1, 0, 1).delays[0], u16::MAX);
+    }
+
     #[test]
     fn a_slot_counts_what_happens() {
         let mut slot = SlotEntry::EMPTY;
@@ -249,8 +399,7 @@ mod tests {
             (90, 150, true, 2),
             (3, 100, false, 0),
         ] {
-            slot.began(delay);
-            assert_eq!(slot.ended(execution, 100), overrun);
+            assert_eq!(count(&mut slot, delay, execution, 100), overrun);
             assert_eq!(slot.overruns_in_a_row(), in_a_row);
         }
         let expected = SlotCounters {
@@ -281,8 +430,7 @@ mod tests {
             delays: [u16::MAX; DELAY_BUCKETS],
             ..SlotEntry::EMPTY
         };
-        slot.began(0);
-        assert!(slot.ended(5, 1));
+        assert!(count(&mut slot, 0, 5, 1));
         let counters = slot.counters(1, 0, 1);
         assert_eq!(counters.delays, [u16::MAX; DELAY_BUCKETS]);
         assert_eq!((counters.executed, counters.overruns), (70_001, 65_535));
@@ -290,7 +438,7 @@ mod tests {
         let total_ticks = (u64::from(u16::MAX) << u32::BITS) + 4;
         assert_eq!(counters.total_execution_ns, total_ticks * 1_000);
         // Whichever of sum and number is full, they stand still together.
-        slot.ended(u32::MAX, 1);
+        count(&mut slot, 0, u32::MAX, 1);
         assert_eq!(
             slot.counters(1, 0, 1),
             SlotCounters {
@@ -302,7 +450,7 @@ mod tests {
             executed: u32::MAX,
             ..SlotEntry::EMPTY
         };
-        slot.ended(5, 10);
+        count(&mut slot, 0, 5, 10);
         let counters = slot.counters(1, 0, 1);
         assert_eq!(
             (counters.executed, counters.total_execution_ns),
@@ -312,15 +460,15 @@ mod tests {
 
     #[test]
     fn what_is_kept_for_a_slot_stays_narrow() {
-        assert_eq!(size_of::<SlotEntry>(), 52);
+        assert_eq!(size_of::<SlotEntry>(), 72);
     }
 
     #[test]
     fn the_first_task_of_a_slot_is_the_one_put_there_last() {
         let mut slot = SlotEntry::EMPTY;
-        assert_eq!(slot.first_task(), None);
+        assert_eq!(slot.first_task(), NONE);
         assert_eq!(slot.put_first(4), NONE);
         assert_eq!(slot.put_first(2), 4);
-        assert_eq!(slot.first_task(), Some(2));
+        assert_eq!(slot.first_task(), 2);
     }
 }
