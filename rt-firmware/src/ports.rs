@@ -202,9 +202,7 @@ unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
     let buffer = buffer.cast::<Buffer<V>>();
     // SAFETY: as the caller promises; the projection stays inside, `UnsafeCell::raw_get` makes no reference, and what is inside a live
     // buffer is not null.
-    unsafe {
-        NonNull::new_unchecked(UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value))
-    }
+    unsafe { NonNull::new_unchecked(UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value)) }
 }
 
 impl ErasedBuffer {
@@ -576,13 +574,12 @@ impl<'a> Io<'a> {
     #[inline(always)]
     fn value<V: PortType>(&self, index: u8, is_input: bool) -> Option<NonNull<V>> {
         let index = usize::from(index);
-        let (Some(port), Some(value)) =
-            (self.state.ports.get(index), self.state.values.get(index))
+        let (Some(port), Some(value)) = (self.state.ports.get(index), self.state.values.get(index))
         else {
             panic!("{}", WRONG_HANDLE)
         };
-        let is_right = (port.direction == Direction::In) == is_input
-            && port.kind.is(ValueKind::of::<V>());
+        let is_right =
+            (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
         assert!(is_right, "{}", WRONG_HANDLE);
         // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`; its buffer is in a bank that outlives
         // the executor or job.
@@ -1027,7 +1024,9 @@ impl Registry<'_> {
         });
         for (index, (port, bound)) in declared.ports.iter().zip(&mut binding.ports).enumerate() {
             let net = net_of(index);
-            bound.net = net.and_then(|net| u16::try_from(net).ok()).unwrap_or(NO_NET);
+            bound.net = net
+                .and_then(|net| u16::try_from(net).ok())
+                .unwrap_or(NO_NET);
             let buffers = bank.output(usize::from(task.place), index);
             if let Some(first) = buffers.and_then(|buffers| buffers.buffer(0)) {
                 bound.buffer = kept_distance(pointer, first.head);
@@ -1308,6 +1307,13 @@ impl<'m> Executor<'m> {
             let net = self.nets.get(usize::from(bound.net));
             let found = match port.direction {
                 Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
+                // Nobody ever reads a buffer of a port that leads nowhere.
+                Direction::Out if bound.net == NO_NET && bound.buffer != 0 => {
+                    let bytes = (usize::from(bound.buffer) - 1) * BUFFER_UNIT;
+                    // SAFETY: it is one of the port's own buffers, as binding and choosing found, and so in the task's place, over all of which the pointer has
+                    // provenance.
+                    Some(unsafe { task.pointer.place.byte_add(bytes) }.cast())
+                }
                 // What this port wrote last is written over, or else its value is changed in place, where it can be seen nowhere else.
                 direction => {
                     let last = net.and_then(|net| match direction {
@@ -1317,11 +1323,20 @@ impl<'m> Executor<'m> {
                         }),
                     });
                     // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
-                    let last = last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
+                    let last =
+                        last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
                     if last.is_some() && binding.alone >> index & 1 != 0 {
                         last
                     } else {
-                        choose_buffer(self.nets, self.registry, binding, task, index, robot_us, true)
+                        choose_buffer(
+                            self.nets,
+                            self.registry,
+                            binding,
+                            task,
+                            index,
+                            robot_us,
+                            true,
+                        )
                     }
                 }
             };
@@ -1394,15 +1409,28 @@ impl<'m> Executor<'m> {
         };
         let mut times_us = [0; MAX_DATA_PORTS];
         for (index, port) in task.declared.ports.iter().enumerate() {
-            let net = binding.ports.get(index).and_then(|bound| self.nets.get(usize::from(bound.net)));
+            let net = binding
+                .ports
+                .get(index)
+                .and_then(|bound| self.nets.get(usize::from(bound.net)));
             let found = match port.direction {
                 Direction::In => net.and_then(|net| net.fresh(port, step_us)),
-                _ => choose_buffer(self.nets, self.registry, &mut binding, task, index, step_us, false),
+                _ => choose_buffer(
+                    self.nets,
+                    self.registry,
+                    &mut binding,
+                    task,
+                    index,
+                    step_us,
+                    false,
+                ),
             };
             if found.is_none() && !port.optional {
                 return None;
             }
-            if let (Some(value), Some(time_us)) = (state.values.get_mut(index), times_us.get_mut(index)) {
+            if let (Some(value), Some(time_us)) =
+                (state.values.get_mut(index), times_us.get_mut(index))
+            {
                 *value = found;
                 *time_us = net.map_or(0, |net| net.value_us);
             }
@@ -1571,11 +1599,14 @@ fn choose_buffer(
     });
     // No job reads it, nor the task itself through another port.
     let unread = current.filter(|current| {
-        let mut others = ports.iter().enumerate().filter(|(_, other)| match other.direction {
-            Direction::In => true,
-            Direction::InOut => !is_changed,
-            Direction::Out => false,
-        });
+        let mut others = ports
+            .iter()
+            .enumerate()
+            .filter(|(_, other)| match other.direction {
+                Direction::In => true,
+                Direction::InOut => !is_changed,
+                Direction::Out => false,
+            });
         let is_on = |port: usize| {
             let other = net_of(port).and_then(|net| net.value);
             other.is_some_and(|other| other.head == current.head)
@@ -1637,9 +1668,7 @@ impl Job<'_> {
                 state: &mut self.state,
             };
             // SAFETY: the task is lent to this job (invariant 2), of which there is one.
-            self.step = unsafe {
-                (task.pointer.step)(task.pointer.place, !self.entered, &mut io)
-            };
+            self.step = unsafe { (task.pointer.step)(task.pointer.place, !self.entered, &mut io) };
             self.entered = true;
         }
         self.step
@@ -2148,10 +2177,7 @@ mod tests {
         });
         let [of_first, of_second] = lent;
         assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
-        assert!(matches!(
-            first.harvest(of_first, 0),
-            Harvest::Ended(_)
-        ));
+        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
     }
 
     #[test]
@@ -2176,10 +2202,7 @@ mod tests {
         });
         let [of_first, of_second] = lent;
         assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
-        assert!(matches!(
-            first.harvest(of_first, 0),
-            Harvest::Ended(_)
-        ));
+        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
     }
 
     #[test]

@@ -53,15 +53,15 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         took_ticks: u32,
     ) {
         if let Some(entry) = self.tasks.lists.slots.get_mut(slot)
-            && !entry.repeat(delay_ticks, took_ticks)
+            && !entry.count(delay_ticks, took_ticks)
         {
-            self.fold_execution(board, slot, delay_ticks, took_ticks);
+            self.count_unusual(board, slot, delay_ticks, took_ticks);
         }
     }
 
-    /// Counts an execution that is not like the last one of its slot.
+    /// Counts an execution that is not a usual one.
     #[inline(never)]
-    fn fold_execution<B: Board>(
+    fn count_unusual<B: Board>(
         &mut self,
         board: &mut B,
         slot: usize,
@@ -72,7 +72,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             return;
         };
         let duration_ticks = entry.duration_us().saturating_mul(B::TICKS_PER_US);
-        if entry.fold(delay_ticks, took_ticks, duration_ticks) {
+        if entry.count_unusual(delay_ticks, took_ticks, duration_ticks) {
             let in_a_row = entry.overruns_in_a_row();
             self.count_overrun(board, in_a_row);
         }

@@ -169,7 +169,10 @@ pub(super) fn find_params(
     inputs: &mut Inputs,
 ) {
     let values = interpreter.tables().params_from(places.first_param);
-    let wanted = inputs.params.get_mut(..count.min(MAX_PARAMS)).unwrap_or_default();
+    let wanted = inputs
+        .params
+        .get_mut(..count.min(MAX_PARAMS))
+        .unwrap_or_default();
     for (bits, value) in wanted.iter_mut().zip(values) {
         *bits = value;
     }

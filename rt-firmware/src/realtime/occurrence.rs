@@ -140,7 +140,12 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         self.end(taken.start_us, duration_us);
         self.count_delay::<B>(delay_ticks);
         self.fail_safe(board, reason);
-        self.count_time::<B>(board.now_low_ticks().wrapping_sub(start.start_ticks as u32).wrapping_sub(delay_ticks));
+        self.count_time::<B>(
+            board
+                .now_low_ticks()
+                .wrapping_sub(start.start_ticks as u32)
+                .wrapping_sub(delay_ticks),
+        );
         self.go_on(board, true)
     }
 
@@ -161,7 +166,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         }
     }
 
-    /// Looks up the next occurrence after one that was on time, and returns its start, which is when to be called again. `None` if it is far away, or if there is something else to do first: a letter waits, or the whole
+    /// Looks up the next occurrence after one that was on time, and returns its start, which is when to be called again. `None` if it is due already or far away, or if there is something else to do first: a letter waits, or the whole
     /// clock was not looked at for long.
     #[inline(always)]
     fn look_up_next<B: Board>(
@@ -181,6 +186,10 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             return None;
         }
         let start_ticks = self.mission.as_ref()?.origin.ticks + ticks::<B>(next.start_us);
+        let wait_ticks = (start_ticks as u32).wrapping_sub(now_ticks) as i32;
+        if wait_ticks <= 0 {
+            return None;
+        }
         self.look_up::<B>(next, start_ticks as u32)
             .then_some(start_ticks)
     }
@@ -188,7 +197,11 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Looks up the dispatcher's next occurrence. Its start is near, so that the low half of the clock tells whether it is due. False if it may be the first of another
     /// mission.
     #[inline(always)]
-    pub(super) fn look_up<B: Board>(&mut self, next: dispatcher::Occurrence, start_ticks: u32) -> bool {
+    pub(super) fn look_up<B: Board>(
+        &mut self,
+        next: dispatcher::Occurrence,
+        start_ticks: u32,
+    ) -> bool {
         self.next.start_ticks = start_ticks;
         self.next.window_ticks = 0;
         let Some(mission) = &self.mission else {

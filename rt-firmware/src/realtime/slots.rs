@@ -11,16 +11,12 @@ const BUCKET_BITS: u32 = 2;
 
 /// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
 ///
-/// Most executions are like the one before: they begin as late and take as long. So an execution is compared with the last one, and where it is the same only counted as
-/// one more. What all counters come to is worked out when an execution differs, or somebody asks.
+/// Most executions begin and last within what was seen already. These cost a few additions and comparisons; what is out of the ordinary is worked out elsewhere.
 ///
 /// There is one of these for each slot that a mission may have, so it is narrow. The mean is divided out when somebody asks. A bucket has 16
 /// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
-    last: Execution,
-    /// Executions like the last one that are in no counter below.
-    repeated: u32,
     /// The first task instance of the slot that is enabled, or [`NONE`].
     first_enabled: u16,
     /// The first task instance of the slot, or [`NONE`].
@@ -29,6 +25,8 @@ pub struct SlotEntry {
     min_delay_ticks: u32,
     max_delay_ticks: u32,
     min_execution_ticks: u32,
+    /// What takes longer is an overrun, or took longer than any before, or follows an overrun.
+    usual_execution_ticks: u32,
     max_execution_ticks: u32,
     /// Executions that ended, overruns included.
     executed: u32,
@@ -39,35 +37,18 @@ pub struct SlotEntry {
     overruns_in_a_row: u16,
     /// Executions by their start delay.
     delays: [u16; DELAY_BUCKETS],
-    /// Whether the slot was executed since the supervision asked last; where it was like the last one, `repeated` differs from what it was then.
+    /// Whether the slot was executed since the supervision asked last.
     was_executed: bool,
-    looked_at: u32,
-}
-
-/// When an execution began, after its nominal start, and what it took.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Execution {
-    delay_ticks: u32,
-    took_ticks: u32,
-}
-
-impl Execution {
-    /// None yet. No execution takes so long.
-    const NONE: Execution = Execution {
-        delay_ticks: u32::MAX,
-        took_ticks: u32::MAX,
-    };
 }
 
 impl SlotEntry {
     /// A slot of which nothing happened yet.
     pub const EMPTY: SlotEntry = SlotEntry {
-        last: Execution::NONE,
-        repeated: 0,
         first_enabled: NONE,
         min_delay_ticks: u32::MAX,
         max_delay_ticks: 0,
         min_execution_ticks: u32::MAX,
+        usual_execution_ticks: 0,
         max_execution_ticks: 0,
         executed: 0,
         total_execution_low: 0,
@@ -78,15 +59,10 @@ impl SlotEntry {
         first_task: NONE,
         delays: [0; DELAY_BUCKETS],
         was_executed: false,
-        looked_at: 0,
     };
 
     /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
     pub(crate) const UNUSED: SlotEntry = SlotEntry {
-        last: Execution {
-            delay_ticks: 0,
-            took_ticks: 0,
-        },
         min_delay_ticks: 0,
         min_execution_ticks: 0,
         first_task: 0,
@@ -138,92 +114,75 @@ impl SlotEntry {
         self.overruns_in_a_row
     }
 
-    /// Counts an execution. False if that is left to [`fold`](Self::fold), since it is not like the last one.
+    /// Counts an execution, if it is a usual one. False if it is not, and nothing was counted.
     #[inline(always)]
-    pub(crate) fn repeat(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
-        let is_same = self.last.delay_ticks == delay_ticks && self.last.took_ticks == took_ticks;
-        if is_same {
-            self.repeated = self.repeated.wrapping_add(1);
+    pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
+        let (executed, is_full) = self.executed.overflowing_add(1);
+        let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
+        if delay_ticks < self.min_delay_ticks
+            || delay_ticks > self.max_delay_ticks
+            || took_ticks < self.min_execution_ticks
+            || took_ticks > self.usual_execution_ticks
+            || is_full
+            || carry
+        {
+            return false;
         }
-        is_same && self.repeated != 0
+        self.was_executed = true;
+        self.executed = executed;
+        self.total_execution_low = total;
+        self.count_delay(delay_ticks);
+        true
     }
 
-    /// Counts an execution that is not like the last one. Returns whether it took longer than `duration_ticks`.
-    #[inline(never)]
-    pub(crate) fn fold(&mut self, delay_ticks: u32, took_ticks: u32, duration_ticks: u32) -> bool {
-        self.was_executed = true;
-        if self.repeated == 0 && self.last.delay_ticks == delay_ticks && self.last.took_ticks == took_ticks {
-            // It has wrapped: one more stands for as many as there are.
-            self.repeated = u32::MAX;
+    #[inline(always)]
+    fn count_delay(&mut self, delay_ticks: u32) {
+        if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
+            *count = count.saturating_add(1);
         }
-        self.add_repeated();
-        let execution = Execution {
-            delay_ticks,
-            took_ticks,
-        };
-        self.add(execution, 1);
+    }
+
+    /// Counts any execution. Returns whether it took longer than `duration_ticks`.
+    #[inline(never)]
+    pub(crate) fn count_unusual(
+        &mut self,
+        delay_ticks: u32,
+        took_ticks: u32,
+        duration_ticks: u32,
+    ) -> bool {
+        self.was_executed = true;
+        self.count_delay(delay_ticks);
+        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
+        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
+        self.min_execution_ticks = self.min_execution_ticks.min(took_ticks);
+        self.max_execution_ticks = self.max_execution_ticks.max(took_ticks);
+        let (low, carry) = self.total_execution_low.overflowing_add(took_ticks);
+        let high = self.total_execution_high.checked_add(u16::from(carry));
+        // The sum and the number of its terms stand still together, so that the mean stays one.
+        if let (Some(executed), Some(high)) = (self.executed.checked_add(1), high) {
+            self.executed = executed;
+            (self.total_execution_low, self.total_execution_high) = (low, high);
+        }
         let overrun = took_ticks > duration_ticks;
         if overrun {
             self.overruns = self.overruns.saturating_add(1);
             self.overruns_in_a_row = self.overruns_in_a_row.saturating_add(1);
-            // The next one is looked at, too, whatever it is like.
-            self.last = Execution::NONE;
+            // So that the next one is looked at, too.
+            self.usual_execution_ticks = 0;
         } else {
             self.overruns_in_a_row = 0;
-            self.last = execution;
+            self.usual_execution_ticks = self.max_execution_ticks.min(duration_ticks);
         }
         overrun
     }
 
     /// Whether there was an execution since this was asked last.
     pub(crate) fn take_executed(&mut self) -> bool {
-        let repeated = self.repeated;
-        let looked_at = core::mem::replace(&mut self.looked_at, repeated);
-        core::mem::take(&mut self.was_executed) || looked_at != repeated
-    }
-
-    /// Adds those to the counters that were like the last one.
-    fn add_repeated(&mut self) {
-        let repeated = core::mem::take(&mut self.repeated);
-        if repeated > 0 {
-            self.add(self.last, repeated);
-        }
-    }
-
-    /// Adds so many executions to the counters.
-    fn add(&mut self, execution: Execution, count: u32) {
-        let Execution {
-            delay_ticks,
-            took_ticks,
-        } = execution;
-        if let Some(bucket) = self.delays.get_mut(bucket(delay_ticks)) {
-            *bucket = bucket.saturating_add(u16::try_from(count).unwrap_or(u16::MAX));
-        }
-        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
-        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
-        self.min_execution_ticks = self.min_execution_ticks.min(took_ticks);
-        self.max_execution_ticks = self.max_execution_ticks.max(took_ticks);
-        let count = count.min(u32::MAX - self.executed);
-        let total = u64::from(self.total_execution_high) << u32::BITS
-            | u64::from(self.total_execution_low);
-        let total = total.checked_add(u64::from(took_ticks) * u64::from(count));
-        let total = total.filter(|total| total >> (u32::BITS + u16::BITS) == 0);
-        // The sum and the number of its terms stand still together, so that the mean stays one.
-        if let Some(total) = total {
-            self.executed += count;
-            self.total_execution_low = total as u32;
-            self.total_execution_high = (total >> u32::BITS) as u16;
-        }
+        core::mem::take(&mut self.was_executed)
     }
 
     /// What was counted, for the link; `missed` is the dispatcher's number.
     pub(crate) fn counters(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
-        let mut all = *self;
-        all.add_repeated();
-        all.told(number, missed, ticks_per_us)
-    }
-
-    fn told(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
         let ns = |ticks| nanoseconds(ticks, ticks_per_us);
         // Before the first one, the shortest is the greatest number there is.
         let shortest = |ticks, longest| if ticks > longest { 0 } else { ns(ticks) };
@@ -246,10 +205,10 @@ impl SlotEntry {
 }
 
 /// The bucket that counts a start delay: the position of its highest bit says which, without a search.
+#[inline(always)]
 fn bucket(delay_ticks: u32) -> usize {
-    let bits = u32::BITS - delay_ticks.leading_zeros();
-    let beyond_first = bits.saturating_sub(FIRST_BUCKET_BITS);
-    (beyond_first.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
+    let bits = u32::BITS - (delay_ticks >> FIRST_BUCKET_BITS).leading_zeros();
+    (bits.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
 }
 
 /// Nanoseconds in a microsecond.
@@ -335,14 +294,24 @@ mod tests {
 
     /// Counts an execution as a slot does.
     fn count(slot: &mut SlotEntry, delay: u32, took: u32, duration: u32) -> bool {
-        !slot.repeat(delay, took) && slot.fold(delay, took, duration)
+        !slot.count(delay, took) && slot.count_unusual(delay, took, duration)
     }
 
     #[test]
-    fn executions_that_repeat_are_counted_like_others() {
+    fn usual_executions_are_counted_like_others() {
         let mut slot = SlotEntry::EMPTY;
         let (mut overruns, mut total, mut delays) = (0, 0, [0; DELAY_BUCKETS]);
-        let executions = [(3, 50), (3, 50), (3, 50), (20, 50), (20, 50), (3, 120), (3, 120), (3, 50), (3, 50)];
+        let executions = [
+            (3, 50),
+            (3, 50),
+            (3, 50),
+            (20, 50),
+            (20, 50),
+            (3, 120),
+            (3, 120),
+            (3, 50),
+            (3, 50),
+        ];
         for round in 0..20 {
             for (delay, took) in executions {
                 let overrun = count(&mut slot, delay, took, 100);
@@ -368,20 +337,6 @@ mod tests {
             missed: 0,
         };
         assert_eq!(slot.counters(1, 0, 1), expected);
-    }
-
-    #[test]
-    fn the_count_of_repetitions_survives_its_wrap() {
-        let mut slot = SlotEntry::EMPTY;
-        count(&mut slot, 1, 5, 10);
-        slot.repeated = u32::MAX - 1;
-        count(&mut slot, 1, 5, 10);
-        count(&mut slot, 1, 5, 10);
-        count(&mut slot, 1, 5, 10);
-        let counters = slot.counters(1, 0, 1);
-        assert_eq!(counters.executed, u32::MAX);
-        assert_eq!(counters.mean_execution_ns(), 5_000);
-        assert_eq!(slot.counters(1, 0, 1).delays[0], u16::MAX);
     }
 
     #[test]
@@ -460,7 +415,7 @@ mod tests {
 
     #[test]
     fn what_is_kept_for_a_slot_stays_narrow() {
-        assert_eq!(size_of::<SlotEntry>(), 72);
+        assert_eq!(size_of::<SlotEntry>(), 60);
     }
 
     #[test]

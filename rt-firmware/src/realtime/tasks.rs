@@ -1,7 +1,7 @@
 //! The record of each task instance of a mission: all that its executions need, bound when the mission is staged; whether it waits to be
 //! entered; and who holds its `exclusive` group.
 
-use esm_core::tables::{TaskPlaces, Tables};
+use esm_core::tables::{Tables, TaskPlaces};
 
 use super::slots::SlotEntry;
 use super::upcoming::Lists;

@@ -495,6 +495,6 @@ lm3s6965::app! {
     firmware: concat!("bench ", env!("CARGO_PKG_VERSION")),
     robot: Bench = Bench::new,
     board: WithStopButton<BenchBoard, StopPin<'static>> = |board| WithStopButton::new(BenchBoard(board), PINS.stop_button()),
-    memory: Memory<'static, BLOB_BYTES, 128, SLOTS, { SLOTS_WITH_TASKS as usize + 3 }, NETS, 1, { settings::TRACE_BYTES }>,
+    memory: Memory<'static, BLOB_BYTES, 144, SLOTS, { SLOTS_WITH_TASKS as usize + 3 }, NETS, 1, { settings::TRACE_BYTES }>,
     slots: SLOTS,
 }
