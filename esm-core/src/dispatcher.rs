@@ -8,6 +8,8 @@
 //! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less than eight seconds, and the slot's index. So the occurrence that
 //! is taken on time costs no arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by [`take`](Dispatcher::take).
 
+use core::ops::{Deref, DerefMut};
+
 use crate::tables::Slot;
 
 /// One nominal start of a slot.
@@ -91,25 +93,41 @@ impl Entry {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Dispatcher<const SLOTS: usize> {
-    entries: [Entry; SLOTS],
-    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m` and `2m + 1`; the slot with index `i` enters
-    /// at the place of match `len + i`. Kept is the key of each match's loser, and in place 0 that of the one who won them all.
-    matches: [Key; SLOTS],
+    slots: SlotQueue<[Seat; SLOTS]>,
+}
+
+/// A [`Dispatcher`] of any number of slots, by reference.
+#[derive(Clone, Debug)]
+pub struct SlotQueue<S: ?Sized = [Seat]> {
     /// No slot's next start is before this.
     base_us: u64,
     len: usize,
+    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m` and `2m + 1`; the slot with index `i` enters
+    /// at the place of match `len + i`. Kept is the key of each match's loser, and in place 0 that of the one who won them all.
+    seats: S,
+}
+
+/// What is kept for a slot, and beside it the result of a match.
+#[derive(Clone, Copy, Debug)]
+pub struct Seat {
+    entry: Entry,
+    key: Key,
 }
 
 impl<const SLOTS: usize> Dispatcher<SLOTS> {
-    /// A dispatcher of no slots, to be [started](Self::restart_at). For statics and places that are used again: nothing is copied.
+    /// A dispatcher of no slots, to be [started](SlotQueue::restart_at). For statics and places that are used again: nothing is copied.
     #[must_use]
     pub const fn idle() -> Self {
         const { assert!(SLOTS <= 1 << SLOT_BITS, "an index fits into a key") };
         Self {
-            entries: [Entry::UNUSED; SLOTS],
-            matches: [0; SLOTS],
-            base_us: 0,
-            len: 0,
+            slots: SlotQueue {
+                base_us: 0,
+                len: 0,
+                seats: [Seat {
+                    entry: Entry::UNUSED,
+                    key: 0,
+                }; SLOTS],
+            },
         }
     }
 
@@ -122,7 +140,25 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         dispatcher.restart_at(slots, 0)?;
         Ok(dispatcher)
     }
+}
 
+impl<const SLOTS: usize> Deref for Dispatcher<SLOTS> {
+    type Target = SlotQueue;
+
+    #[inline(always)]
+    fn deref(&self) -> &SlotQueue {
+        &self.slots
+    }
+}
+
+impl<const SLOTS: usize> DerefMut for Dispatcher<SLOTS> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut SlotQueue {
+        &mut self.slots
+    }
+}
+
+impl SlotQueue {
     /// Starts with other slots at a time of their schedule: the first occurrence of each is its first one that starts at or after `from_us`, in
     /// microseconds since the origin. Nothing was missed yet. After an error there are no slots.
     ///
@@ -135,16 +171,16 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     ) -> Result<(), DispatcherError> {
         let len = slots.len();
         self.len = 0;
-        if len > SLOTS {
+        if len > self.seats.len() {
             return Err(DispatcherError::TooManySlots {
                 slots: len,
-                capacity: SLOTS,
+                capacity: self.seats.len(),
             });
         }
         if len == 0 {
             return Err(DispatcherError::NoSlots);
         }
-        for (index, (slot, entry)) in slots.zip(&mut self.entries).enumerate() {
+        for (index, (slot, seat)) in slots.zip(&mut self.seats).enumerate() {
             if slot.period_us == 0 {
                 return Err(DispatcherError::ZeroPeriod { slot: index });
             }
@@ -154,7 +190,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
                 let past_us = past_us + u64::from(slot.period_us - 1);
                 start_us += periods_in(past_us, slot.period_us) * u64::from(slot.period_us);
             }
-            *entry = Entry {
+            seat.entry = Entry {
                 period_us: slot.period_us,
                 missed: 0,
                 start_us,
@@ -169,16 +205,16 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     #[must_use]
     #[inline(always)]
     pub fn next(&self) -> Occurrence {
-        let [winner, ..] = self.matches.as_slice() else {
+        let [winner, ..] = &self.seats else {
             return Occurrence {
                 slot: 0,
                 start_us: 0,
             };
         };
         Occurrence {
-            slot: slot_of(*winner),
+            slot: slot_of(winner.key),
             // The base moves before the earliest start is far from it.
-            start_us: self.base_us + u64::from(winner >> SLOT_BITS),
+            start_us: self.base_us + u64::from(winner.key >> SLOT_BITS),
         }
     }
 
@@ -193,7 +229,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         }
         let mut occurrence = self.next();
         let late_us = now_us.checked_sub(occurrence.start_us)?;
-        let entry = self.entries.get_mut(occurrence.slot)?;
+        let entry = &mut self.seats.get_mut(occurrence.slot)?.entry;
         let period_us = u64::from(entry.period_us);
         if late_us >= period_us {
             let missed = periods_in(late_us, entry.period_us);
@@ -209,15 +245,15 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due and that its period has not passed.
     #[inline(always)]
     pub fn take_on_time(&mut self) {
-        let [winner, ..] = self.matches.as_slice() else {
+        let [winner, ..] = &self.seats else {
             return;
         };
-        let winner = *winner;
+        let winner = winner.key;
         let period_us = self.period_us(slot_of(winner));
         // Neither is far, so that their sum is a key, which may be.
         let key = winner.wrapping_add(period_us << SLOT_BITS);
         if period_us < FAR_US && key < FAR {
-            let winner = replay(&mut self.matches, self.len, key);
+            let winner = replay(&mut self.seats, self.len, key);
             if winner < FAR {
                 return;
             }
@@ -237,11 +273,11 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
 
     /// The slot of the earliest occurrence starts next at this time.
     fn put(&mut self, slot: usize, start_us: u64) {
-        if let Some(entry) = self.entries.get_mut(slot) {
-            entry.start_us = start_us;
+        if let Some(seat) = self.seats.get_mut(slot) {
+            seat.entry.start_us = start_us;
         }
         let key = self.key(slot, start_us);
-        let winner = replay(&mut self.matches, self.len, key);
+        let winner = replay(&mut self.seats, self.len, key);
         if winner >> SLOT_BITS >= REBASE_US {
             self.rebase();
         }
@@ -258,11 +294,12 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     #[cold]
     #[inline(never)]
     fn rebase(&mut self) {
-        for key in self.matches.iter().take(self.len) {
-            if *key < FAR
-                && let Some(entry) = self.entries.get_mut(slot_of(*key))
+        for place in 0..self.len {
+            let key = self.seats.get(place).map_or(FAR, |seat| seat.key);
+            if key < FAR
+                && let Some(seat) = self.seats.get_mut(slot_of(key))
             {
-                entry.start_us = self.base_us + u64::from(key >> SLOT_BITS);
+                seat.entry.start_us = self.base_us + u64::from(key >> SLOT_BITS);
             }
         }
         self.play_all();
@@ -270,14 +307,17 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
 
     /// Plays all matches, from the earliest start on. Entries have their next starts.
     fn play_all(&mut self) {
-        let entries = self.entries.iter().take(self.len);
-        self.base_us = entries.map(|entry| entry.start_us).min().unwrap_or(0);
-        self.matches.fill(ABSENT);
+        let seats = self.seats.iter().take(self.len);
+        let starts_us = seats.map(|seat| seat.entry.start_us);
+        self.base_us = starts_us.min().unwrap_or(0);
+        for seat in &mut self.seats {
+            seat.key = ABSENT;
+        }
         for slot in 0..self.len {
-            let start_us = self.entries.get(slot).map_or(0, |entry| entry.start_us);
+            let start_us = self.seats.get(slot).map_or(0, |seat| seat.entry.start_us);
             // Who was absent won so far, and is replaced.
             let key = self.key(slot, start_us);
-            replay(&mut self.matches, self.len, key);
+            replay(&mut self.seats, self.len, key);
         }
     }
 
@@ -285,13 +325,13 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     #[must_use]
     #[inline]
     pub fn period_us(&self, slot: usize) -> u32 {
-        self.entries.get(slot).map_or(0, |entry| entry.period_us)
+        self.seats.get(slot).map_or(0, |seat| seat.entry.period_us)
     }
 
     /// Occurrences of a slot that did not start within their period; saturates.
     #[must_use]
     pub fn missed(&self, slot: usize) -> u32 {
-        self.entries.get(slot).map_or(0, |entry| entry.missed)
+        self.seats.get(slot).map_or(0, |seat| seat.entry.missed)
     }
 
     /// Number of slots.
@@ -300,7 +340,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         self.len
     }
 
-    /// Whether it is [idle](Self::idle) and hands out nothing.
+    /// Whether it is [idle](Dispatcher::idle) and hands out nothing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
@@ -311,21 +351,21 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
 /// earliest now.
 #[cfg_attr(not(small), inline(always))]
 #[cfg_attr(small, inline(never))]
-fn replay(matches: &mut [Key], len: usize, key: Key) -> Key {
+fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
     let mut player = key;
     // The first match of the slot.
     let mut at = (len + slot_of(key)) / 2;
     while at > 0 {
-        let Some(other) = matches.get_mut(at) else {
+        let Some(other) = seats.get_mut(at) else {
             break;
         };
-        if *other < player {
-            core::mem::swap(other, &mut player);
+        if other.key < player {
+            core::mem::swap(&mut other.key, &mut player);
         }
         at /= 2;
     }
-    if let [winner, ..] = matches {
-        *winner = player;
+    if let [winner, ..] = seats {
+        winner.key = player;
     }
     player
 }

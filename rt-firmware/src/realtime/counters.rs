@@ -28,7 +28,7 @@ impl Default for Limits {
     }
 }
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Counts how late an occurrence began.
     #[inline(always)]
     pub(super) fn count_delay<B: Board>(&mut self, delay_ticks: u32) {

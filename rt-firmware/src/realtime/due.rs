@@ -12,7 +12,7 @@ use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
 use crate::link::message::Mode;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
     /// for, unless that is the interpreter's.
     #[inline(never)]

@@ -16,7 +16,7 @@ use crate::task::{MAX_PARAMS, Step};
 /// Flags of a task's block that are no control flags: exit, timeout, busy.
 const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was [prepared](Self::prepare_task), in an occurrence that
     /// [began](crate::Executor::begin) at `began_ticks`.
     #[inline(always)]

@@ -7,7 +7,7 @@ use crate::link::message::Mode;
 use crate::link::trial;
 use crate::status::Health;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Counters and mode of a robot before its next mission.
     pub(super) fn begin_health(&mut self) {
         self.health = Health {

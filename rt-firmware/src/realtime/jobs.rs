@@ -12,7 +12,7 @@ use crate::link::message::Mode;
 use crate::link::trace::TraceRecord;
 use crate::ports::Harvest;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last. It has no macro step.
     #[inline(never)]
     pub(super) fn change_jobs(&mut self, slot: usize, start_us: u64) {

@@ -76,7 +76,7 @@ pub(super) struct Origin {
     pub(super) us: u64,
 }
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
     /// period, which the slots go on with if it is the new interpreter's, too. If there still is a mission, the new one takes over what they have in `common`. Answers how many regions go on
     /// as they were, and the mission before, if there was one.

@@ -32,7 +32,7 @@ pub(crate) mod upcoming;
 
 pub use counters::Limits;
 
-use esm_core::Dispatcher;
+use esm_core::dispatcher::SlotQueue;
 use heapless::spsc::{Consumer, Producer};
 
 use crate::kept::Kept;
@@ -54,12 +54,12 @@ use upcoming::OwnRoom;
 /// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
 pub const IDLE_POLL_US: u32 = 10_000;
 
-/// The real-time side of a runtime for missions with up to `SLOTS` slots.
-pub struct RealTime<'q, 'm, const SLOTS: usize> {
+/// The real-time side of a runtime.
+pub struct RealTime<'q, 'm> {
     executor: Executor<'m>,
     mission: Option<Mission<'m>>,
     /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
-    dispatcher: Dispatcher<SLOTS>,
+    dispatcher: &'m mut SlotQueue,
     /// Memory for the next mission, where the link has none.
     own: OwnRoom<'m>,
     tasks: TaskTable<'m>,
@@ -118,6 +118,7 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
 /// What a real-time side is made of.
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
+    pub(crate) dispatcher: &'m mut SlotQueue,
     pub(crate) own: OwnRoom<'m>,
     pub(crate) tasks: TaskTable<'m>,
     pub(crate) limits: Limits,
@@ -135,12 +136,12 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
-impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
+impl<'q, 'm> RealTime<'q, 'm> {
     pub(crate) fn new(parts: Parts<'q, 'm>) -> Self {
         RealTime {
             executor: parts.executor,
             mission: None,
-            dispatcher: Dispatcher::idle(),
+            dispatcher: parts.dispatcher,
             own: parts.own,
             tasks: parts.tasks,
             mode: Mode::Empty,

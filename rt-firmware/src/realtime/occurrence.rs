@@ -62,7 +62,7 @@ pub(super) struct Occurrence {
     pub(super) interpreter: bool,
 }
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Executes all that is due, and returns when to be called again, in ticks of the board's clock. To be called from the slot timer's
     /// interrupt, first at any time. Being called early does no harm.
     #[inline(always)]

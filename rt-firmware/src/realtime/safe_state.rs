@@ -12,7 +12,7 @@ use crate::link::message::{LinkError, Mode, SafeReason};
 use crate::link::trace::{EMERGENCY, TraceRecord};
 use crate::mail::Letter;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
         self.forget_next();

@@ -6,7 +6,7 @@ use super::RealTime;
 use crate::board::Board;
 use crate::link::message::Mode;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Feeds the watchdog if all have shown that they live who should have.
     #[inline(never)]
     pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
