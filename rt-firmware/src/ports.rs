@@ -70,7 +70,9 @@ const PUBLICATIONS: u32 = u16::MAX as u32;
 const PIN: u32 = PUBLICATIONS + 1;
 
 impl Head {
-    const FREE: Head = Head { uses: Cell::new(0) };
+    const fn free() -> Self {
+        Head { uses: Cell::new(0) }
+    }
 
     fn is_free(&self) -> bool {
         self.uses.get() == 0
@@ -266,7 +268,7 @@ impl<V: PortType, const N: usize> Buffered<V, N> {
     pub(crate) const EMPTY: Self = Buffered {
         buffers: [const {
             Buffer {
-                head: Head::FREE,
+                head: Head::free(),
                 value: UnsafeCell::new(V::INIT),
             }
         }; N],

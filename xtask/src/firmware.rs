@@ -28,6 +28,9 @@ pub const EXAMPLE_BIN: &str = "my_robot";
 /// The profile of firmware that is to be run.
 pub const RELEASE: &str = "release";
 
+/// The profile of the default firmware without its features.
+pub const LEAN: &str = "lean";
+
 /// The profile of the programs that the interpreter's size is measured with.
 pub const SIZE: &str = "size";
 
@@ -63,7 +66,7 @@ pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Fa
         root,
         &root.join(BOARD_FOLDER),
         toolchain,
-        RELEASE,
+        LEAN,
         &[DEFAULT_BIN.to_owned()],
         Features::None,
     )
