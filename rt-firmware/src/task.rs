@@ -72,7 +72,7 @@
 use core::any::TypeId;
 use core::marker::PhantomData;
 
-use crate::ports::{Io, OutputPorts};
+use crate::ports::{Io, OutputPorts, ValueKind};
 use crate::show::{Field, Show};
 
 /// Greatest number of data ports of one task.
@@ -177,6 +177,9 @@ pub struct PortDeclaration {
     pub type_name: &'static str,
     /// The Rust type of the values.
     pub type_id: TypeId,
+    /// The same for the executor.
+    #[doc(hidden)]
+    pub kind: ValueKind,
     /// The way data flows.
     pub direction: Direction,
     /// Whether the task is executed although the port's net holds no value.
@@ -762,6 +765,7 @@ macro_rules! task {
                             name: stringify!($port),
                             type_name: stringify!($port_type),
                             type_id: ::core::any::TypeId::of::<$port_type>(),
+                            kind: $crate::ports::ValueKind::of::<$port_type>(),
                             direction: $crate::__task_direction!($direction),
                             optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,
                             within_us: $crate::__task_within!($($($time $unit)?)*),

@@ -595,7 +595,8 @@ impl StopTrials {
                 until_us = Some(now_us + 60_000 + self.random.below(100_000) as u64);
             } else if until_us.is_none() && now_us >= start_us {
                 for request in [Request::Release, Request::Start] {
-                    self.send(self.random.bits() as u8, request);
+                    let seq = self.random.bits() as u8;
+                    self.send(seq, request);
                 }
                 start_us = now_us + Self::START_INTERVAL_US;
             }
@@ -615,7 +616,8 @@ impl StopTrials {
             Request::Release,
         ];
         let seq = self.random.bits() as u8;
-        self.send(seq, injected[self.random.below(injected.len())]);
+        let injected = injected[self.random.below(injected.len())];
+        self.send(seq, injected);
         let sent_us = self.now_us();
         self.send(seq, request);
         let mut reader = FrameReader::new();

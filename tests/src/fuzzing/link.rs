@@ -223,7 +223,7 @@ fn framed(message: &impl Serialize) -> Vec<u8> {
 
 /// The robot, its line, and a good client.
 struct Subject<'q, 'm, 'k> {
-    real_time: RealTime<'q, 'm, SLOTS>,
+    real_time: RealTime<'q, 'm>,
     link: LinkSide<'q, 'm>,
     timer: Timer,
     wire: Wire<'k>,
