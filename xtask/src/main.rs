@@ -8,6 +8,7 @@ mod campaign;
 mod demo;
 mod elf;
 mod firmware;
+mod form;
 mod fuzz;
 mod interpreters;
 mod missions;
@@ -39,6 +40,7 @@ Commands:
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt
+  form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
 
 Options:
@@ -50,7 +52,7 @@ Options:
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
-  --write                            size: keep the sizes as the expected ones
+  --write                            size: keep the sizes as the expected ones; form: keep today's wide lines as the allowed ones
   -h, --help                         This text
 ";
 
@@ -184,6 +186,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 toolchain: choice,
             },
         ),
+        "form" => form::command(&root, options.write),
         "campaign" => campaign::command(&root, &options.targets, || setup::toolchain(choice)),
         "demo" => demo::command(&root, choice),
         "fuzz" => {

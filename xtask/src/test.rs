@@ -9,6 +9,7 @@ use crate::firmware::{
     self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_BIN, EXAMPLE_FIRMWARE_FOLDER,
     EXAMPLE_FOLDER, FAULTS_BIN,
 };
+use crate::form;
 use crate::fuzz;
 use crate::process::{self, Failure, cargo};
 use crate::python;
@@ -18,6 +19,9 @@ use crate::tally::Tally;
 
 /// Tells the example's tests where its firmware is.
 const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_MY_ROBOT_FIRMWARE";
+
+/// What the documentation must not have.
+const RUSTDOC_FLAGS: &str = "-D warnings -D rustdoc::broken_intra_doc_links";
 
 /// The parts of the checks, which can be asked for alone.
 pub const PARTS: [&str; 4] = ["checks", "builds", "robots", "libraries"];
@@ -191,6 +195,7 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
 
 /// What needs no firmware: form, lints, documentation, and whether the tests notice bugs that are planted.
 fn checks(root: &Path, tally: &mut Tally) {
+    tally.step("lines that are too wide", || form::command(root, false));
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
@@ -251,7 +256,7 @@ fn checks(root: &Path, tally: &mut Tally) {
         );
     }
     tally.step("documentation without warnings", || {
-        process::run(cargo(root).env("RUSTDOCFLAGS", "-D warnings").args([
+        process::run(cargo(root).env("RUSTDOCFLAGS", RUSTDOC_FLAGS).args([
             "doc",
             "--quiet",
             "--workspace",
