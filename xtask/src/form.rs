@@ -136,7 +136,8 @@ fn is_wider(line: &str, columns: usize) -> bool {
     line.len() > columns && line.chars().count() > columns
 }
 
-/// Lines of prose that are too wide: tables and what is fenced are not broken, nor are links alone on their line.
+/// Lines of prose that are too wide: tables and what is fenced are not broken,
+/// nor are links alone on their line.
 fn wide_prose(text: &str) -> Vec<usize> {
     let mut is_fenced = false;
     let mut wide = Vec::new();
@@ -145,7 +146,9 @@ fn wide_prose(text: &str) -> Vec<usize> {
         if start.starts_with("```") {
             is_fenced = !is_fenced;
         }
-        let is_whole = start.starts_with(['|', '#', '[', '<']) || !start.contains(' ');
+        // The end of a link is on the line of its beginning.
+        let is_link = start.starts_with('[') && start.split(' ').count() == 2;
+        let is_whole = start.starts_with(['|', '#', '<']) || is_link || !start.contains(' ');
         if !is_fenced && !is_whole && is_wider(line, PROSE_COLUMNS) {
             wide.push(number);
         }
@@ -153,7 +156,8 @@ fn wide_prose(text: &str) -> Vec<usize> {
     wide
 }
 
-/// Lines of Rust that are too wide. A line with a part of a text in quotes is not broken.
+/// Lines of Rust that are too wide. A line with a part of a text in quotes is not broken, nor is a
+/// table in a comment.
 fn wide_code(text: &str) -> Vec<usize> {
     if !text.lines().any(|line| is_wider(line, CODE_COLUMNS)) {
         return Vec::new();
@@ -161,8 +165,10 @@ fn wide_code(text: &str) -> Vec<usize> {
     let mut rest = Code::Plain;
     let mut wide = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
+        let comment = line.trim_start().trim_start_matches(['/', '!']);
+        let is_table = comment.starts_with(" | ") && comment.len() < line.trim_start().len();
         let has_text = rest.read(line);
-        if !has_text && is_wider(line, CODE_COLUMNS) {
+        if !has_text && !is_table && is_wider(line, CODE_COLUMNS) {
             wide.push(number);
         }
     }
@@ -281,6 +287,8 @@ mod tests {
             (format!("/* \" */ {fill}"), &[1]),
             (format!("let bar = b; // \"{fill}\""), &[1]),
             (format!("let a = \"{fill}\";"), &[]),
+            (format!("    //! | a | {fill} |"), &[]),
+            (format!("    | a | {fill} |"), &[1]),
             (
                 format!("let a = r#\"\n{fill} \"\n{fill}\"#;\n// {fill}"),
                 &[4],
@@ -303,6 +311,8 @@ mod tests {
             (format!("| {fill} |"), &[]),
             (format!("```text\n{fill}\n```\n{fill}"), &[4]),
             ("x".repeat(121), &[]),
+            (format!("[link]: {}", "x".repeat(121)), &[]),
+            (format!("[link]: a {}", "x".repeat(121)), &[1]),
             (fill[..120].to_owned(), &[]),
         ] {
             assert_eq!(wide_prose(&text), expected, "{text}");
