@@ -11,6 +11,7 @@ use crate::firmware::{
 };
 use crate::form;
 use crate::fuzz;
+use crate::mutants;
 use crate::process::{self, Failure, cargo};
 use crate::python;
 use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
@@ -193,7 +194,7 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     }
 }
 
-/// What needs no firmware: form, lints, documentation, and whether the tests notice bugs that are planted.
+/// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
     let rustfmt = has_component("fmt");
@@ -263,7 +264,9 @@ fn checks(root: &Path, tally: &mut Tally) {
             "--no-deps",
         ]))
     });
-    // One line for each: where it was planted, its name, what it breaks, and what noticed it.
+    // One line for each: its package, its name, what it breaks, and what noticed it.
+    tally.step("mutants", || mutants::command(root, &[]));
+    // Those that are not in tables yet.
     tally.tests(
         "planted bugs",
         root,
