@@ -47,6 +47,16 @@ pub struct Mutant {
     pub changes: Vec<Change>,
 }
 
+impl Mutant {
+    /// Whether this test is to notice it.
+    pub fn is_noticed_by(&self, test: &str) -> bool {
+        match self.test.ends_with("::") {
+            true => test.starts_with(&self.test),
+            false => test == self.test,
+        }
+    }
+}
+
 /// One text in the place of another.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Change {
