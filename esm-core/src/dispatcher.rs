@@ -348,8 +348,7 @@ impl SlotQueue {
 
 /// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met, on its way from where it entered to the final, everybody who can be the
 /// earliest now.
-#[cfg_attr(not(small), inline(always))]
-#[cfg_attr(small, inline(never))]
+#[inline]
 fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
     let mut player = key;
     // The first match of the slot.

@@ -68,9 +68,6 @@ impl<'m> Budget<'m> {
 
     /// Goes on with what was left before a reset, and keeps what is left there from now on.
     pub(super) fn retain(&mut self, retained: &'m AtomicU32) {
-        if planted!(BudgetRefilled) {
-            return;
-        }
         self.retained = Some(retained);
         self.set_left(retained.load(Relaxed).min(self.full));
     }
@@ -93,9 +90,6 @@ impl<'m> Budget<'m> {
     /// There are not so many: the seconds until there are.
     pub(super) fn take(&mut self, count: u32) -> Result<(), u32> {
         let cost = self.each * count;
-        if planted!(BudgetForgotten) {
-            return Ok(());
-        }
         match self.left.checked_sub(cost) {
             Some(left) => {
                 self.set_left(left);

@@ -32,14 +32,6 @@ fn chosen(keep: &mut Kept<'_>) {
     Keep::choose(keep, &mut room, |_| true);
 }
 
-pub(super) fn laws() -> Result<(), Broken> {
-    nobody_wears_it_out()?;
-    resets_bring_nothing()?;
-    a_stop_is_kept_always()?;
-    a_release_is_kept_later()?;
-    ordinary_use_passes()
-}
-
 /// Asks for something, for the time of this number.
 type Attack<'a> = &'a dyn Fn(&mut Kept<'_>, u32);
 

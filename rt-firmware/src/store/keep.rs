@@ -348,17 +348,10 @@ impl<F: NorFlash> Keep<'_, F> {
         };
         let value: &[u8] = if latched { &[1] } else { &[] };
         if !self.records.is_kept(Key::EMERGENCY_STOP, value) {
-            let is_paid = if latched {
-                // The release before it has paid, and there is no other way to come to a stop that is not kept.
-                !planted!(StopsPaid) || self.budgets.records.take(budget::ONE).is_ok()
-            } else {
-                planted!(ReleasesUnpaid)
-                    || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok()
-            };
+            // The release before a stop has paid for it, and there is no other way to come to a
+            // stop that is not kept.
+            let is_paid = latched || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok();
             if !is_paid {
-                if planted!(StopNotPutOff) {
-                    self.stop_put_off = None;
-                }
                 return Err(LinkError::StopNotKept);
             }
         }
