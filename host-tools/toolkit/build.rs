@@ -81,7 +81,14 @@ fn board(file: &Path, settings: &Settings) -> String {
         // Writing to a string cannot fail.
         let _ = write!(item, " {field}: {},", value("capacities", key));
     }
-    item += " }, interpreter: ";
+    // Values are written as in Rust.
+    let _ = write!(
+        item,
+        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {} }}), interpreter: ",
+        value("", "target"),
+        value("", "firmware"),
+        value("runner", "command")
+    );
     let costs = file.with_file_name("costs.txt");
     println!("cargo:rerun-if-changed={}", costs.display());
     item += &match fs::read_to_string(&costs) {

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use host_tools::bound::search::{Change, Input};
-use host_tools::qemu::MACHINE;
+use host_tools::qemu::machine;
 
 use crate::benchmark::emulated::emulator;
 
@@ -42,7 +42,7 @@ pub fn count(firmware: &Path, runs: &[Run<'_>]) -> Result<Vec<Vec<u64>>, Box<dyn
     let firmware = firmware.canonicalize()?;
     let folder = tempfile::tempdir()?;
     fs::write(folder.path().join("plan"), plan(runs))?;
-    let mut emulator = emulator(MACHINE, SHIFT, &firmware, folder.path())
+    let mut emulator = emulator(machine(), SHIFT, &firmware, folder.path())
         .args(["-serial", "null"])
         .stdin(Stdio::null())
         .stdout(Stdio::null())

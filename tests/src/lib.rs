@@ -19,6 +19,7 @@ pub mod exactness;
 pub mod fuzzing;
 pub mod guesses;
 pub mod huge;
+pub mod imports;
 pub mod instructions;
 pub mod liar;
 pub mod occasions;

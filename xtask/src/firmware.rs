@@ -6,8 +6,15 @@ use std::time::Instant;
 use crate::process::{self, Failure, make_folder};
 use crate::setup::{BOARD_TARGET, Toolchain};
 
+/// The default board: nothing else outside of `boards/` names one, but `memory.x`.
+macro_rules! default_board {
+    () => {
+        "lm3s6965"
+    };
+}
+
 /// The folder of the default board.
-pub const BOARD_FOLDER: &str = "boards/lm3s6965";
+pub const BOARD_FOLDER: &str = concat!("boards/", default_board!());
 
 /// What the default board runs.
 pub const DEFAULT_BIN: &str = "rover";
@@ -35,10 +42,10 @@ pub const LEAN: &str = "lean";
 pub const SIZE: &str = "size";
 
 /// Where finished firmware goes, below the checkout.
-const FIRMWARE_FOLDER: &str = "target/firmware/lm3s6965";
+const FIRMWARE_FOLDER: &str = concat!("target/firmware/", default_board!());
 
 /// The default firmware without its features, below the checkout.
-pub const LEAN_FILE: &str = "target/firmware/lm3s6965/rover-lean.elf";
+pub const LEAN_FILE: &str = concat!("target/firmware/", default_board!(), "/rover-lean.elf");
 
 /// Where cargo builds it: one folder for the board and the example, which have most crates in common.
 pub const BUILD_FOLDER: &str = "target/firmware-build";

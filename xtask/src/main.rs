@@ -39,8 +39,8 @@ Commands:
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, walk, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
-  firmware   Build the board's firmware to target/firmware/lm3s6965/<BIN>.elf
-  size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/lm3s6965/expected-size.txt
+  firmware   Build the board's firmware to target/firmware/BOARD/<BIN>.elf
+  size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/BOARD/expected-size.txt
   mutants    Make small changes for the worse, those in tests/mutants, and see whether a test notices: each TARGET, or all of them
   form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done

@@ -19,6 +19,9 @@ const MEASURED_TARGET: &str = "thumbv7em-none-eabi";
 /// See [`BOARD_TARGET`].
 pub const SMALL_TARGET: &str = "thumbv6m-none-eabi";
 
+/// What pages in a browser run. It has no files, threads or clocks.
+pub const PAGE_TARGET: &str = "wasm32-unknown-unknown";
+
 /// The oldest compiler that the project's code is for; the workspace's `rust-version`.
 const OLDEST_RUSTC: (u32, u32) = (1, 95);
 
@@ -160,6 +163,14 @@ impl Toolchain {
         }
     }
 
+    /// The same where the standard library is wanted.
+    pub fn std_from_source(&self) -> &'static [&'static str] {
+        match self {
+            Toolchain::Rustup => &[],
+            Toolchain::Debian { .. } => &["-Zbuild-std=std,panic_abort"],
+        }
+    }
+
     /// Whether the lints can be run on firmware: they need the lint driver and a core library of one compiler.
     pub fn has_clippy(&self) -> bool {
         match self {
@@ -236,6 +247,21 @@ pub fn small_target(toolchain: &Toolchain) -> Result<(), Failure> {
             command: format!("rustup target add {SMALL_TARGET}"),
         }),
         Toolchain::Rustup | Toolchain::Debian { .. } => Ok(()),
+    }
+}
+
+/// A compiler that checks the library without an operating system: rustup's if its target is there or can be had, else Debian's.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that installs it.
+pub fn page_toolchain(choice: Choice) -> Result<Toolchain, Failure> {
+    match choice {
+        Choice::Auto | Choice::Rustup if rustup_target(PAGE_TARGET) => Ok(Toolchain::Rustup),
+        Choice::Rustup => Err(Failure::Missing {
+            what: format!("rustup's target {PAGE_TARGET}"),
+            command: format!("rustup target add {PAGE_TARGET}"),
+        }),
+        Choice::Auto | Choice::Debian => debian(),
     }
 }
 

@@ -14,7 +14,7 @@ use crate::fuzz;
 use crate::mutants;
 use crate::process::{self, Failure, cargo};
 use crate::python;
-use crate::setup::{self, Choice, SMALL_TARGET, Toolchain, host_cargo};
+use crate::setup::{self, Choice, PAGE_TARGET, SMALL_TARGET, Toolchain, host_cargo};
 use crate::size;
 use crate::tally::Tally;
 
@@ -115,6 +115,16 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
             "--bin",
             "esm",
         ]))
+    });
+    tally.step("esm-toolkit without an operating system", || {
+        let toolchain = setup::page_toolchain(choice)?;
+        process::run(
+            toolchain
+                .cargo(root)
+                .args(["check", "--package", "esm-toolkit"])
+                .args(["--target", PAGE_TARGET])
+                .args(toolchain.std_from_source()),
+        )
     });
     if let Some(toolchain) = compiler(choice, tally) {
         firmware_checks(root, &toolchain, tally);

@@ -36,7 +36,7 @@ Examples:
   esm upload missions/patrol.esm --port /dev/pts/7      # with the port that `esm board` printed")]
 pub struct BoardArgs {
     /// The board to run on
-    #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
+    #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
     /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track` or `empty` [default: office]

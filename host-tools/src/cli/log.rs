@@ -54,7 +54,7 @@ Examples:
   esm log --port /dev/ttyUSB0 --news '1 s'
   esm log --port /dev/ttyUSB0 --json | jq -c 'select(.what == \"lost\")'
   esm log --port /dev/ttyUSB0 --record drive.rec
-  esm log --port unix:/tmp/robot --firmware target/firmware/lm3s6965/rover.elf
+  esm log --port unix:/tmp/robot --firmware rover.elf
 
 With --json one object a line. `what` is `line` (with clock, level, text), `lost` (with lines that the robot had no room for, pieces that the line
 lost, and lines that cannot be read) or `news` (with cause, mode, finished, mission, t_us and the counters).")]

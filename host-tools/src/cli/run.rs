@@ -52,7 +52,7 @@ pub struct RunArgs {
     pub file: PathBuf,
 
     /// The board to run on
-    #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
+    #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
     /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track` or `empty` [default: office]

@@ -47,7 +47,7 @@ pub struct TasksArgs {
     pub port: Option<Port>,
 
     /// The board to ask
-    #[arg(long, value_name = "BOARD", default_value = "lm3s6965")]
+    #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
     /// The firmware to ask on an emulated board, instead of the one that the checkout builds

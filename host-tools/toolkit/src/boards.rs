@@ -18,8 +18,30 @@ pub struct Board {
     pub description: &'static str,
     /// What a mission may use on it: what its firmware compares a mission with.
     pub capacities: Capacities,
+    /// What runs on it; `None` for the board that is a part of the command.
+    pub firmware: Option<Firmware>,
     /// How fast its interpreter is, where that was measured.
     pub interpreter: Option<InterpreterSpeed>,
+}
+
+/// What a board runs, and where: of its `board.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Firmware {
+    /// The target that it is compiled for.
+    pub target: &'static str,
+    /// Name of the program that the board runs where no other is named.
+    pub bin: &'static str,
+    /// The command that runs it in an emulator.
+    pub runner: &'static str,
+}
+
+impl Firmware {
+    /// The emulator's name of the board.
+    pub fn machine(&self) -> Option<&'static str> {
+        let mut words = self.runner.split_whitespace();
+        words.find(|word| *word == "-machine")?;
+        words.next()
+    }
 }
 
 /// How fast the interpreter of a board's firmware is.
@@ -63,6 +85,7 @@ pub const HOST: Board = Board {
         nets: 2048,
         exclusive_groups: 128,
     },
+    firmware: None,
     interpreter: None,
 };
 
@@ -115,10 +138,13 @@ mod tests {
         for board in all() {
             assert_eq!(find(board.name), Ok(board));
         }
-        assert_eq!(find(DEFAULT).map(|board| board.name), Ok("lm3s6965"));
+        let firmware = find(DEFAULT).unwrap().firmware.unwrap();
+        assert!(firmware.machine().is_some(), "{}", firmware.runner);
         assert_eq!(
-            find("lm3s").map_err(|unknown| unknown.to_string()),
-            Err("there is no board `lm3s`; the boards are `lm3s6965` and `host`".to_owned())
+            find("toaster").map_err(|unknown| unknown.to_string()),
+            Err(format!(
+                "there is no board `toaster`; the boards are `{DEFAULT}` and `host`"
+            ))
         );
     }
 

@@ -52,7 +52,7 @@ impl Emulated {
         let listener = UnixListener::bind(folder.join(UART_SOCKET)).map_err(told)?;
         let console = folder.join(CONSOLE);
         let printed = fs::File::create(&console).map_err(told)?;
-        let emulator = emulator(host_tools::qemu::MACHINE, SHIFT, &program, folder)
+        let emulator = emulator(host_tools::qemu::machine(), SHIFT, &program, folder)
             .arg("-chardev")
             .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
             .args(["-serial", "chardev:uart0"])

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::SystemTime;
 
+use esm_toolkit::boards;
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Architecture, Endianness, Object};
 use thiserror::Error;
@@ -12,22 +13,44 @@ use thiserror::Error;
 use crate::files::{self, MAX_FIRMWARE_BYTES};
 
 /// The board that runs in the emulator.
-pub const BOARD: &str = "lm3s6965";
+pub const BOARD: &str = boards::DEFAULT;
 
 /// Flash of that board, from address 0 on: as `memory.x` has it.
 const FLASH_BYTES: u64 = 256 << 10;
 
-/// The firmware that a board runs if no other is named.
-pub const DEFAULT_FIRMWARE: &str = "rover";
-
 /// Where `cargo xtask firmware` puts what it builds, below the checkout.
 const FIRMWARE_FOLDER: &str = "target/firmware";
 
-/// Where cargo says which files the default firmware is made of, below the checkout.
-const MADE_OF: &str = "target/firmware-build/thumbv7m-none-eabi/release/rover.d";
+/// What is known of that board's firmware.
+pub(super) fn about() -> boards::Firmware {
+    let board = boards::find(BOARD).ok();
+    (board.and_then(|board| board.firmware)).unwrap_or(boards::Firmware {
+        target: "",
+        bin: "",
+        runner: "",
+    })
+}
+
+/// Where the default firmware is, below the checkout.
+fn built_firmware() -> String {
+    format!("{FIRMWARE_FOLDER}/{BOARD}/{}.elf", about().bin)
+}
+
+/// The default firmware as cargo built it, below the checkout.
+fn made() -> String {
+    let boards::Firmware { target, bin, .. } = about();
+    format!("target/firmware-build/{target}/release/{bin}")
+}
+
+/// Where cargo says which files it is made of.
+fn made_of() -> String {
+    made() + ".d"
+}
 
 /// What a checkout has at its top and nobody else does.
-const CHECKOUT_MARK: &str = "boards/lm3s6965/board.toml";
+fn checkout_mark() -> String {
+    format!("boards/{BOARD}/board.toml")
+}
 
 /// Why there is no firmware.
 #[derive(Debug, Error)]
@@ -116,14 +139,12 @@ pub fn find(
         };
     }
     let checkout = checkout_around(from).ok_or(FirmwareError::NoCheckout)?;
-    let path = checkout
-        .join(FIRMWARE_FOLDER)
-        .join(BOARD)
-        .join(format!("{DEFAULT_FIRMWARE}.elf"));
+    let built = built_firmware();
+    let path = checkout.join(&built);
     if path.is_file() {
         if let Some(source) = newer_source(&checkout, &path) {
             tell(&format!(
-                "The firmware {FIRMWARE_FOLDER}/{BOARD}/{DEFAULT_FIRMWARE}.elf is older than {}: `cargo xtask firmware` builds it anew",
+                "The firmware {built} is older than {}: `cargo xtask firmware` builds it anew",
                 source.display()
             ));
         }
@@ -183,7 +204,7 @@ fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
     let built = modified(firmware)?;
     // Cargo names its files as the system does.
     let checkout = checkout.canonicalize().ok()?;
-    let made_of = std::fs::read_to_string(checkout.join(MADE_OF)).ok()?;
+    let made_of = std::fs::read_to_string(checkout.join(self::made_of())).ok()?;
     // The checkout may have been moved or copied since: then the list has the old names.
     let then = built_in(&made_of)?;
     let is_newer = |source: &PathBuf| modified(&checkout.join(source)).is_none_or(|at| at > built);
@@ -198,7 +219,7 @@ fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
 fn built_in(made_of: &str) -> Option<PathBuf> {
     let (made, _) = made_of.split_once(": ")?;
     let made = made.replace("\\ ", " ");
-    let top = made.strip_suffix(MADE_OF.strip_suffix(".d")?)?;
+    let top = made.strip_suffix(&self::made())?;
     Some(PathBuf::from(top))
 }
 
@@ -222,7 +243,7 @@ fn sources(made_of: &str) -> impl Iterator<Item = PathBuf> {
 /// The checkout that holds `from`, if one does.
 pub fn checkout_around(from: &Path) -> Option<PathBuf> {
     from.ancestors()
-        .find(|folder| folder.join(CHECKOUT_MARK).is_file())
+        .find(|folder| folder.join(checkout_mark()).is_file())
         .map(Path::to_owned)
 }
 
@@ -246,10 +267,10 @@ mod tests {
             find(Some(&root.join("gone.elf")), &below, |_| ()),
             Err(FirmwareError::Missing { .. })
         ));
-        let mark = root.join(CHECKOUT_MARK);
+        let mark = root.join(checkout_mark());
         std::fs::create_dir_all(mark.parent().unwrap()).unwrap();
         std::fs::write(mark, "").unwrap();
-        let elf = root.join("target/firmware/lm3s6965/rover.elf");
+        let elf = root.join(built_firmware());
         std::fs::create_dir_all(elf.parent().unwrap()).unwrap();
         std::fs::write(&elf, "").unwrap();
         assert_eq!(find(None, &below, |_| ()).unwrap(), elf);
@@ -333,8 +354,9 @@ mod tests {
             find(None, &root, |text| told = Some(text.to_owned())).unwrap();
             told
         };
-        let elf = "target/firmware/lm3s6965/rover.elf";
-        write(CHECKOUT_MARK, "", 1_000);
+        let built = built_firmware();
+        let elf = built.as_str();
+        write(&checkout_mark(), "", 1_000);
         write("rt-firmware/src/lib.rs", "", 1_000);
         write("rt-firmware/src/link.rs", "", 1_000);
         write("a test.rs", "", 3_000);
@@ -345,20 +367,26 @@ mod tests {
             named("rt-firmware/src/lib.rs"),
             named("rt-firmware/src/link.rs"),
         );
-        let made = named(MADE_OF.strip_suffix(".d").unwrap());
+        let made = named(&made());
         let list = format!("{made}: {link} /elsewhere/gone.rs {lib}\n");
-        write(MADE_OF, &list, 2_000);
+        write(&made_of(), &list, 2_000);
         assert_eq!(told(), None, "what it was not made of is of no interest");
         write("rt-firmware/src/link.rs", "", 2_001);
         assert_eq!(
             told().unwrap(),
-            "The firmware target/firmware/lm3s6965/rover.elf is older than rt-firmware/src/link.rs: `cargo xtask firmware` builds it anew"
+            format!(
+                "The firmware {elf} is older than rt-firmware/src/link.rs: `cargo xtask firmware` builds it anew"
+            )
         );
         write(elf, "", 2_002);
         assert_eq!(told(), None);
         // The list of a checkout that was copied from elsewhere.
         let here = root.display().to_string().replace(' ', "\\ ");
-        write(MADE_OF, &list.replace(&here, "/some\\ where/else"), 2_000);
+        write(
+            &made_of(),
+            &list.replace(&here, "/some\\ where/else"),
+            2_000,
+        );
         assert_eq!(told(), None);
         write("rt-firmware/src/link.rs", "", 2_003);
         assert!(

@@ -28,7 +28,9 @@ use pipes::PipeServer;
 pub const QEMU: &str = "qemu-system-arm";
 
 /// QEMU's name of the board.
-pub const MACHINE: &str = "lm3s6965evb";
+pub fn machine() -> &'static str {
+    firmware::about().machine().unwrap_or_default()
+}
 
 /// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes 2^6 ns of it in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -292,7 +294,7 @@ fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, Emulat
     let console = File::create(folder.join(CONSOLE_FILE)).map_err(system)?;
     let start = |mut command: Command| -> io::Result<Child> {
         command
-            .args(["-machine", MACHINE, "-icount", counting])
+            .args(["-machine", machine(), "-icount", counting])
             .args(["-nographic", "-monitor", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
             .args([

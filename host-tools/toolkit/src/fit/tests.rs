@@ -34,6 +34,7 @@ const SMALL: Board = Board {
         nets: NETS as u16,
         exclusive_groups: GROUPS as u16,
     },
+    firmware: None,
     interpreter: None,
 };
 
