@@ -337,8 +337,27 @@ impl Character {
     }
 }
 
+/// How a robot takes an upload that is honest otherwise, or seems so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taker {
+    /// All of it, and each byte takes so long.
+    Slow(Duration),
+    /// One byte of each chunk, and says so after this time.
+    OneByte(Duration),
+    /// It says after this time that it has not a byte yet.
+    Nothing(Duration),
+    /// It says after this time that nobody has begun an upload.
+    Forgetful(Duration),
+}
+
 /// The line to a robot that lies.
 pub struct Liar {
+    /// It does so with uploads alone, in this way.
+    taker: Option<Taker>,
+    /// When it has taken the bytes that it got so far.
+    taken_us: u64,
+    /// How many of an upload's bytes it has taken.
+    taken: u32,
     time: Arc<SessionTime>,
     honest: Arc<Honest>,
     random: Random,
@@ -456,6 +475,9 @@ impl Liar {
         let mut random = Random::new(seed);
         let character = Character::chosen(&mut random);
         Liar {
+            taker: None,
+            taken_us: 0,
+            taken: 0,
             blob: random.below(honest.blobs.len()),
             on_trial: random.below(3) == 0,
             mode: None,
@@ -472,6 +494,49 @@ impl Liar {
             reader: FrameReader::new(),
             to_host: VecDeque::new(),
         }
+    }
+
+    /// A robot that is honest but for how it takes an upload.
+    pub fn taking(honest: Arc<Honest>, time: Arc<SessionTime>, taker: Taker) -> Self {
+        Liar {
+            taker: Some(taker),
+            character: Character::default(),
+            blob: 0,
+            on_trial: false,
+            cut_us: u64::MAX,
+            ..Liar::new(honest, time, 0)
+        }
+    }
+
+    /// What it says of a chunk, or of the beginning of an upload, and how much later.
+    fn take(&mut self, taker: Taker, request: &Request<'_>) -> Option<(Vec<u8>, Duration)> {
+        let (offset, bytes) = match *request {
+            Request::Begin { .. } => (0, 0),
+            Request::Chunk { offset, data } => (offset, data.len() as u32),
+            _ => return None,
+        };
+        let (result, late) = match taker {
+            Taker::Slow(byte) => {
+                let new = (offset + bytes).saturating_sub(self.taken);
+                let busy_us = u64::from(new) * byte.as_micros() as u64;
+                let now_us = self.now_us();
+                self.taken += new;
+                self.taken_us = self.taken_us.max(now_us) + busy_us;
+                let late = Duration::from_micros(self.taken_us - now_us);
+                (Ok(Response::Received { len: self.taken }), late)
+            }
+            Taker::OneByte(late) => {
+                let brings = (offset..offset + bytes).contains(&self.taken);
+                self.taken += u32::from(brings);
+                (Ok(Response::Received { len: self.taken }), late)
+            }
+            Taker::Nothing(late) => (Ok(Response::Received { len: 0 }), late),
+            Taker::Forgetful(late) => match bytes {
+                0 => (Ok(Response::Received { len: 0 }), late),
+                _ => (Err(LinkError::NoUpload), late),
+            },
+        };
+        Some((postcard::to_stdvec(&result).unwrap_or_default(), late))
     }
 
     fn now_us(&self) -> u64 {
@@ -502,6 +567,14 @@ impl Liar {
             if let Ok(inner) = postcard::from_bytes::<Request<'_>>(&inner) {
                 return self.answer(seq, &inner);
             }
+        }
+        if let Some(taker) = self.taker
+            && let Some((result, late)) = self.take(taker, request)
+        {
+            let frame = framed(&[&[0, seq], &result[..], &[request.kind()]].concat());
+            let at = self.now_us() + late.as_micros() as u64;
+            self.to_host.push_back((at, frame));
+            return;
         }
         let Character {
             silent,

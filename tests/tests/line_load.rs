@@ -109,6 +109,49 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
                 request: &[5],
             },
         ),
+        (
+            "identify",
+            Request::Identify {
+                nonce: [4; NONCE_BYTES],
+            },
+        ),
+        (
+            "proven",
+            Request::Proven {
+                number: 9,
+                proof: [6; PROOF_BYTES],
+                request: &[5],
+            },
+        ),
+    ]
+}
+
+/// What a robot with a key refuses to a stranger, and what takes nothing from an owner who asks for no streams. At a robot without a key
+/// it would change what the robot does.
+fn requests_of_strangers() -> Vec<(&'static str, Request<'static>)> {
+    vec![
+        ("hello", Request::Hello),
+        ("begin", Request::Begin { len: 100, crc: 7 }),
+        ("abort", Request::Abort),
+        ("start", Request::Start),
+        ("release", Request::Release),
+        ("remove key", Request::RemoveKey),
+        ("save params", Request::SaveParams { mission: 1 }),
+        (
+            "subscribe",
+            Request::Subscribe {
+                trace: true,
+                log: false,
+                record: true,
+            },
+        ),
+        (
+            "watch",
+            Request::Watch {
+                news: true,
+                period_ms: 1,
+            },
+        ),
     ]
 }
 
@@ -124,7 +167,9 @@ fn floods() -> Vec<(&'static str, Flood)> {
 }
 
 /// What costs the robot most.
-const WORST: [&str; 6] = [
+const WORST: [&str; 8] = [
+    "open session",
+    "proven",
     "status",
     "black box",
     "install key",
@@ -140,6 +185,8 @@ const MOST_TIMES: f64 = 2.0;
 enum Flood {
     Nothing,
     One(Request<'static>),
+    /// Sessions with nonces of the robot's that seem to be young, by its time.
+    Opening(Arc<Pace>),
     Mixed(Random),
 }
 
@@ -150,6 +197,19 @@ impl Flood {
         match self {
             Flood::Nothing => Vec::new(),
             Flood::One(request) => frame(seq, *request),
+            Flood::Opening(pace) => {
+                let mut robot = [7; NONCE_BYTES];
+                let at_us = pace.robot_us().saturating_sub(100_000) + count as u64 % 1_000;
+                robot[..8].copy_from_slice(&at_us.to_le_bytes());
+                frame(
+                    seq,
+                    Request::OpenSession {
+                        client: [1; NONCE_BYTES],
+                        robot,
+                        proof: [2; PROOF_BYTES],
+                    },
+                )
+            }
             Flood::Mixed(random) => {
                 let all = requests();
                 match random.below(all.len() + 2) {
@@ -436,6 +496,12 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
     let quiet_s = upload_s(&other).unwrap();
     let status = robot.client().status().unwrap();
     let mut floods = floods();
+    if most.is_some() {
+        let more = requests_of_strangers().into_iter();
+        floods.extend(more.map(|(name, request)| (name, Flood::One(request))));
+        let pace = Arc::clone(robot.plant.pace());
+        floods.push(("open session", Flood::Opening(pace)));
+    }
     floods.retain(|(name, _)| all || WORST.contains(name));
     let whose = if most.is_some() {
         "with a key"

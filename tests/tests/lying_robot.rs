@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use esm_tests::command::{Running, firmware, root};
 use esm_tests::environment;
-use esm_tests::liar::{Honest, Liar, SessionTime, TRIAL_S};
+use esm_tests::liar::{Honest, Liar, SessionTime, TRIAL_S, Taker};
 use esm_tests::random::Random;
 use esm_tests::subject;
 use host_tools::clean::is_harmful;
@@ -45,9 +45,11 @@ const LONGEST: Duration = Duration::from_secs(35);
 /// How long a command may go on behind Ctrl-C.
 const LONGEST_FAREWELL: Duration = Duration::from_secs(1);
 
-/// What an upload may take longer, for each byte of the mission, and for its trial.
-const SLOWEST_BYTE: Duration = Duration::from_millis(40);
-const LONGEST_TRIAL: Duration = Duration::from_secs(20);
+/// What an upload may take longer for each byte of the mission that the robot takes: 40 bytes of a line of 115,200 bits
+/// a second.
+const SLOWEST_BYTE: Duration = Duration::from_micros(40 * 87);
+/// What it may take longer for its trial of a second, where the robot says that it runs.
+const LONGEST_TRIAL: Duration = Duration::from_secs(11);
 
 /// What it waits where the robot says that another mission is on trial: as long as it says, and a little longer.
 const EARLIER_TRIAL: Duration = Duration::from_secs(TRIAL_S as u64 + 10);
@@ -307,6 +309,52 @@ fn whatever_a_robot_says_commands_end_with_little_memory_and_terminals_are_left_
         // With so few sessions some that ask for much may meet none who answers it all.
         assert!(none.len() <= 4, "these come nowhere: {none:#?}");
     }
+}
+
+/// An upload to a robot that takes it so: how long it takes, and whether it succeeds.
+fn upload_to(setting: &Setting, taker: Taker) -> (Duration, bool) {
+    let time = Arc::new(SessionTime::new(None));
+    let line = {
+        let (honest, time) = (setting.honest.clone(), time.clone());
+        OwnLine::new(move || {
+            let liar = Liar::taking(honest.clone(), time.clone(), taker);
+            Ok(Box::new(liar) as Box<dyn ByteLink>)
+        })
+    };
+    let mut command = setting.command("upload MISSION --trial 5s", false);
+    give_port(&mut command, Port::Own(line));
+    let mut console = Console::onto(Kept::default(), Kept::default());
+    let ended = cli::execute(&command, host_board::rover, &mut console);
+    if let Err(error) = &ended {
+        println!("{taker:?}: {error}");
+    }
+    (time.elapsed(), ended.is_ok())
+}
+
+#[test]
+fn an_upload_that_gets_nowhere_is_given_up_and_one_that_goes_on_slowly_arrives() {
+    let setting = Setting::new();
+    let seconds = Duration::from_secs;
+    for taker in [
+        Taker::OneByte(seconds(1)),
+        Taker::OneByte(seconds(10)),
+        Taker::OneByte(seconds(25)),
+        Taker::Nothing(Duration::from_millis(1)),
+        Taker::Nothing(seconds(3)),
+        Taker::Forgetful(seconds(2)),
+        Taker::Forgetful(seconds(5)),
+    ] {
+        let (took, arrives) = upload_to(&setting, taker);
+        assert!(took <= LONGEST && !arrives, "{taker:?}: {took:?}");
+    }
+    // Longer than anything else may take.
+    let slow = Taker::Slow(seconds(33) / setting.mission_bytes);
+    let (took, arrives) = upload_to(&setting, slow);
+    assert!(took > seconds(33) && arrives, "{slow:?}: {took:?}");
+    let too_slow = Taker::Slow(seconds(60) / setting.mission_bytes);
+    let (took, arrives) = upload_to(&setting, too_slow);
+    let longest = LONGEST + SLOWEST_BYTE * setting.mission_bytes;
+    assert!(took <= longest && !arrives, "{too_slow:?}: {took:?}");
 }
 
 /// What a robot at a socket does.

@@ -174,13 +174,21 @@ struct Compared<'p> {
     carry_over: Option<&'p CarryOver>,
 }
 
-/// What a byte of a mission may take on its way: on a line of 300 bits a second, or on a faster one that spoils one byte in ten.
-const SLOWEST_BYTE: Duration = Duration::from_millis(40);
+/// How many bytes a line of so many bits a second carries for each byte of a mission at most: where it spoils one byte
+/// in ten.
+const LINE_BYTES_A_BYTE: u32 = 40;
 
-/// From now on the robot may take so long for everything, but for a trial that is waited for.
-fn limit_waits(robot: &mut Robot, mission: &Mission) {
-    let bytes = u32::try_from(mission.blob.len()).unwrap_or(u32::MAX);
-    robot.limit_waits(Some(LONGEST_WAITS + SLOWEST_BYTE.saturating_mul(bytes)));
+/// Bits that a byte takes on a serial line.
+const BITS_A_BYTE: u32 = 10;
+
+/// On a slower line than this, in bits a second, everything may take as much longer as it is slower.
+const SLOW_LINE: u32 = 9_600;
+
+/// Lets the robot take longer than other commands do, as long as it takes bytes of the mission; and on a slow line.
+fn limit_waits(robot: &mut Robot, baud: u32) {
+    let line_byte = Duration::from_secs(1) * BITS_A_BYTE / baud;
+    robot.allow_for_each_byte(line_byte * LINE_BYTES_A_BYTE);
+    robot.extend_waits(LONGEST_WAITS * (SLOW_LINE / baud).saturating_sub(1));
 }
 
 /// How many differences of a kind are shown before an upload, and with `--diff`.
@@ -250,7 +258,7 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     let interrupt = Interrupt::take_over()?;
     let (mut robot, info) = args.robot.connect_to_upload(console)?;
     if !args.diff {
-        limit_waits(&mut robot, &staged.mission);
+        limit_waits(&mut robot, args.robot.line.baud);
     }
     if args.warm {
         robot.require(Feature::Warm)?;

@@ -856,6 +856,12 @@ impl<L: ByteLink> LinkClient<L> {
         self.allowance = Allowance::new(limit, self.clock.now());
     }
 
+    /// Lets an upload wait longer, where there is a limit, by `time` for each byte that the robot takes: so one that
+    /// takes none is given up as soon as any other, and one that takes them slowly when all could have arrived.
+    pub fn allow_for_each_byte(&mut self, time: Duration) {
+        self.allowance.set_each_byte(time);
+    }
+
     /// Lets them wait longer, where there is a limit: there is more to do than was known.
     pub fn extend_waits(&mut self, more: Duration) {
         self.allowance.extend(more);

@@ -146,6 +146,8 @@ impl Patience {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Allowance {
     limit: Option<Duration>,
+    /// For each byte of an upload that the robot has taken, so much more.
+    each_byte: Duration,
     looked: Instant,
     spent: Duration,
 }
@@ -155,9 +157,21 @@ impl Allowance {
     pub(super) fn new(limit: Option<Duration>, now: Instant) -> Self {
         Allowance {
             limit,
+            each_byte: Duration::ZERO,
             looked: now,
             spent: Duration::ZERO,
         }
+    }
+
+    /// From now on each byte that arrives earns so much time.
+    pub(super) fn set_each_byte(&mut self, time: Duration) {
+        self.each_byte = time;
+    }
+
+    /// So many bytes of an upload have arrived that had not before.
+    pub(super) fn bytes_there(&mut self, bytes: usize) {
+        let bytes = u32::try_from(bytes).unwrap_or(u32::MAX);
+        self.extend(self.each_byte.saturating_mul(bytes));
     }
 
     /// So much more.

@@ -270,9 +270,12 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<(), ClientError> {
         let mut loss = Loss::UNKNOWN;
         let mut stuck = LinkError::NoUpload;
+        // Bytes that the robot had at most: each of the others earns its time once, however often it is sent.
+        let mut most = None;
         for _ in 0..BEGIN_LIMIT {
             let there = self.begin(blob)?;
-            if !self.send_from(blob, there, &mut loss, progress)? {
+            let most = most.get_or_insert(there);
+            if !self.send_from(blob, there, most, &mut loss, progress)? {
                 continue;
             }
             if !self.signing.has_owner() {
@@ -319,6 +322,7 @@ impl<L: ByteLink> LinkClient<L> {
         &mut self,
         blob: &[u8],
         there: usize,
+        most: &mut usize,
         loss: &mut Loss,
         progress: &mut dyn FnMut(usize),
     ) -> Result<bool, ClientError> {
@@ -379,6 +383,9 @@ impl<L: ByteLink> LinkClient<L> {
                 last_sign = now;
             }
             if standing.there > before {
+                let new = standing.there.saturating_sub(*most);
+                self.allowance.bytes_there(new);
+                *most += new;
                 progress(standing.there);
                 patience = Patience::new(now);
             } else {
