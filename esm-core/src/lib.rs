@@ -44,10 +44,10 @@ mod buffer;
 pub mod dispatcher;
 pub mod format;
 mod interpreter;
-pub mod layout;
+mod layout;
 mod pairing;
 pub mod reads;
-mod refusal;
+mod rules;
 pub mod signature;
 pub mod tables;
 pub mod texts;
@@ -60,5 +60,4 @@ pub use interpreter::{
     StepSummary, TakenOver, TransitionTaken,
 };
 pub use pairing::{Pairing, TooManyPairs};
-pub use refusal::{Cause, Refusal};
-pub use verify::{Verified, verify};
+pub use verify::{Cause, Refusal, Verified, verify};
