@@ -145,14 +145,14 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
 impl<const SLOTS: usize> Deref for Dispatcher<SLOTS> {
     type Target = SlotQueue;
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn deref(&self) -> &SlotQueue {
         &self.slots
     }
 }
 
 impl<const SLOTS: usize> DerefMut for Dispatcher<SLOTS> {
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn deref_mut(&mut self) -> &mut SlotQueue {
         &mut self.slots
     }
@@ -203,7 +203,7 @@ impl SlotQueue {
 
     /// The earliest occurrence that was not taken: what the slot timer must be set to.
     #[must_use]
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn next(&self) -> Occurrence {
         let [winner, ..] = &self.seats else {
             return Occurrence {
@@ -242,7 +242,7 @@ impl SlotQueue {
     }
 
     /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due and that its period has not passed.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn take_on_time(&mut self) {
         let [winner, ..] = &self.seats else {
             return;

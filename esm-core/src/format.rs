@@ -217,7 +217,7 @@ macro_rules! sections {
 
             /// The section with a number; the first if there is none.
             // Spelt out it is no code but the comparison, where a table would have to be looked up.
-            #[inline(always)]
+            #[cfg_attr(feature = "speed", inline(always))]
             pub(crate) fn with_number(number: u8) -> Self {
                 match number {
                     $( number if number == Self::$variant as u8 => Self::$variant, )*

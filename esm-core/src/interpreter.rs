@@ -117,7 +117,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// # Errors
     /// The fault that stopped the machine, in this macro step or before.
     // What of the summary is not asked for is not worked out.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
         let blob = R::blob(self.verified.tables().bytes());
         let machine = &mut self.machine;

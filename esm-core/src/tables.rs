@@ -286,13 +286,13 @@ const RECORD_BYTES: [u8; Section::ALL.len()] = [
 ];
 
 /// Bytes of a record of a section.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub const fn record_bytes(section: Section) -> usize {
     RECORD_BYTES[section as usize] as usize
 }
 
 /// Bytes of a record of the section with this number.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub(crate) fn record_bytes_at(section: usize) -> u32 {
     RECORD_BYTES
         .get(section)
@@ -300,7 +300,7 @@ pub(crate) fn record_bytes_at(section: usize) -> u32 {
 }
 
 /// 16-bit words of a record of the section with this number.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub(crate) fn record_words(section: u8) -> u8 {
     RECORD_BYTES
         .get(usize::from(section))
@@ -318,7 +318,7 @@ pub struct Tables<'a> {
 }
 
 /// Little-endian words of a record.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn word(low: u8, high: u8) -> usize {
     usize::from(u16::from_le_bytes([low, high]))
 }
@@ -580,13 +580,13 @@ impl<'a> Tables<'a> {
     }
 
     /// The blob.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
 
     /// The byte of the blob at which a section begins.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn start_at(&self, section: usize) -> usize {
         self.sections
             .get(section)
@@ -594,7 +594,7 @@ impl<'a> Tables<'a> {
     }
 
     /// The bytes of a section.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn section(&self, section: Section) -> &'a [u8] {
         self.bytes_from(Field::first_at(section as u8), 0)
     }
@@ -618,26 +618,26 @@ impl<'a> Tables<'a> {
     }
 
     /// The records of a section; `N` is its [`record_bytes`].
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn records<const N: usize>(&self, section: Section) -> &'a [[u8; N]] {
         debug_assert_eq!(N, record_bytes(section));
         self.section(section).as_chunks().0
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn record<const N: usize>(&self, section: Section, index: usize) -> Option<&'a [u8; N]> {
         self.records(section).get(index)
     }
 
     /// Number of records of a section.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count(&self, section: Section) -> usize {
         let (_, records) = self.sections[section as usize];
         records as usize
     }
 
     /// Number of records of the section with this number; 0 if there is none.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count_at(&self, section: u8) -> u32 {
         let found = self.sections.get(usize::from(section));
         found.map_or(0, |(_, records)| *records)

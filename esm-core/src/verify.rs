@@ -108,7 +108,7 @@ pub enum Cause {
 impl Cause {
     /// The cause with a number.
     // Spelt out it is no code at all, where a table would have to be looked up.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn with_number(number: u8) -> Option<Self> {
         Some(match number {
             1 => Self::Index,
@@ -318,12 +318,12 @@ impl Pass<'_> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn get(&self, value: Value) -> u32 {
         self.values[usize::from(value) % rules::VALUES]
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn set(&mut self, value: Value, to: u32) {
         self.values[usize::from(value) % rules::VALUES] = to;
     }

@@ -25,7 +25,7 @@ pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 /// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the small value; the large value; checksum.
 const WORDS: usize = 5;
 
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn to_words(record: Record) -> [u32; WORDS] {
     let (kind, small, large) = record.event.pack();
     let high = (record.at_us >> 32) as u16;
@@ -52,7 +52,7 @@ fn from_words(words: [u32; WORDS]) -> Option<Record> {
 }
 
 /// Each step is a bijection of the sum and of the word, so that a change of a single word never goes unnoticed.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn checksum(words: [u32; WORDS - 1]) -> u32 {
     const SEED: u32 = 0xE5B1_ACB0;
     const ODD: u32 = 0x9E37_79B1;

@@ -37,7 +37,7 @@ pub trait Board {
 
     /// Whether somebody presses the emergency stop: a button on a pin, if the board has one ([`WithStopButton`] gives it one). Asked before each occurrence of a
     /// slot, and at least each 20 ms; whoever lets go of it releases nothing.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         false
     }
@@ -69,34 +69,34 @@ impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
     const TICKS_PER_US: u32 = B::TICKS_PER_US;
     const START_LEAD_US: u32 = B::START_LEAD_US;
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn now_ticks(&mut self) -> u64 {
         self.board.now_ticks()
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn now_low_ticks(&mut self) -> u32 {
         self.board.now_low_ticks()
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
         self.board.begin_occurrence(occurrence)
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn feed_watchdog(&mut self) {
         self.board.feed_watchdog();
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         let WithStopButton { board, button } = self;
         button.is_pressed(|| board.now_low_ticks(), B::TICKS_PER_US)
             || board.is_emergency_stop_pressed()
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn motors_off(&mut self) {
         self.board.motors_off();
     }
@@ -141,7 +141,7 @@ pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
 }
 
 /// So many microseconds in ticks of this board's clock.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub fn ticks<B: Board>(us: impl Into<u64>) -> u64 {
     us.into() * u64::from(B::TICKS_PER_US)
 }

@@ -49,7 +49,7 @@ impl<const BITS: u32> Clock<BITS> {
     }
 
     /// Ticks that the counter went on from a time to where it stands at `count`, in less than a round. Bits above the counter's do not matter.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn since(low_ticks: u32, count: u32) -> u32 {
         count.wrapping_sub(low_ticks) & Self::MASK
     }
@@ -89,7 +89,7 @@ impl<const BITS: u32> Clock<BITS> {
     }
 
     /// The low half of the time when the counter stands at `count`. For the context that moves the base, which it leaves where it is.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn low(&self, count: u32) -> u32 {
         let low_ticks = self.low.load(Ordering::Relaxed);
         low_ticks.wrapping_add(Self::since(low_ticks, count))

@@ -267,7 +267,7 @@ impl Kept {
     }
 
     /// A slot begins with this task, or is done with it.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn set_task(&self, task_instance: Option<u16>) {
         self.task
             .store(task_instance.map_or(NO_TASK, u32::from), Relaxed);

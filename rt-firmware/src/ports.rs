@@ -145,7 +145,7 @@ impl ValueKind {
     }
 
     /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types decide.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn is(self, other: ValueKind) -> bool {
         core::ptr::eq(self.0, other.0) || self.has_type_of(other)
     }
@@ -189,7 +189,7 @@ struct ErasedBuffer {
 ///
 /// # Safety
 /// The pointer leads into a bank that outlives what is returned.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 unsafe fn head<'b>(buffer: NonNull<Head>) -> &'b Head {
     // SAFETY: as the caller promises. Only `Cell`s are behind it, and only the executor's thread reaches them.
     unsafe { buffer.as_ref() }
@@ -199,7 +199,7 @@ unsafe fn head<'b>(buffer: NonNull<Head>) -> &'b Head {
 ///
 /// # Safety
 /// The buffer is a live one of this type, and its pointer has provenance over all of it.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
     let buffer = buffer.cast::<Buffer<V>>();
     // SAFETY: as the caller promises; the projection stays inside, `UnsafeCell::raw_get` makes no reference, and what is inside a live
@@ -208,7 +208,7 @@ unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
 }
 
 impl ErasedBuffer {
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn head(&self) -> &Head {
         // SAFETY: `head` points into a bank that outlives the executor or job that holds this (invariant 1; nets are emptied when an
         // executor is made).
@@ -343,7 +343,7 @@ pub trait OutputPorts: sealed::Sealed {
     fn port(&self, index: usize) -> Option<&dyn PortBuffers>;
     /// How long a monitor has said nothing; none for any other task.
     #[doc(hidden)]
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn silence(&self) -> Option<&Silence> {
         None
     }
@@ -394,7 +394,7 @@ impl Silence {
 impl<P: PortSlot, R: OutputPorts> sealed::Sealed for (P, R) {}
 impl<P: PortSlot, R: OutputPorts> OutputPorts for (P, R) {
     const EMPTY: Self = (P::EMPTY, R::EMPTY);
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn silence(&self) -> Option<&Silence> {
         self.1.silence()
     }
@@ -628,7 +628,7 @@ const WRONG_HANDLE: &str = "this handle belongs to another task type";
 
 impl<'a> Io<'a> {
     /// The value of a port, if it has one, and the handle is one of the task's.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn value<V: PortType>(&self, index: u8, is_input: bool) -> Option<NonNull<V>> {
         let index = usize::from(index);
         let (Some(port), Some(value)) = (self.state.ports.get(index), self.state.values.get(index))
@@ -643,14 +643,14 @@ impl<'a> Io<'a> {
         value.map(|value| unsafe { value_in(value) })
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn readable<V: PortType>(&self, index: u8) -> Option<&'a V> {
         // SAFETY: the value is published or pinned and not written during this execution (invariant 3), which 'a does not outlive.
         self.value(index, true)
             .map(|value| unsafe { value.as_ref() })
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn writable<V: PortType>(&mut self, index: u8) -> Option<&mut V> {
         let mut value = self.value::<V>(index, false)?;
         self.state.done |= 1 << index;
@@ -920,7 +920,7 @@ impl Net {
     };
 
     /// The value, if it has a port's type and is not older than the port wants it at this time on the robot's clock.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<NonNull<Head>> {
         let value = self.value_for(port)?;
         if let Some(most_us) = port.within_us
@@ -932,7 +932,7 @@ impl Net {
     }
 
     /// The value, if it has a port's type.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn value_for(&self, port: &PortDeclaration) -> Option<NonNull<Head>> {
         let value = self.value?;
         value.kind.is(port.kind).then_some(value.head)
@@ -1053,7 +1053,7 @@ impl Binding {
     }
 
     /// Number of the task's parameters.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn param_count(&self) -> usize {
         self.task.map_or(0, |task| task.declared.params.len())
     }
@@ -1121,14 +1121,14 @@ impl Registry<'_> {
 
     /// What tells one robot's banks from another's: a list of banks is borrowed by one executor alone, and one with a task in it is not empty, so that its address
     /// is nobody else's.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn address(self) -> NonNull<()> {
         NonNull::from(self.banks).cast()
     }
 }
 
 /// Where a buffer is, from its task's place on, in units of [`BUFFER_UNIT`]; counted from 1.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn distance(task: TaskPointer, buffer: NonNull<Head>) -> usize {
     let bytes = buffer.addr().get().wrapping_sub(task.place.addr().get());
     bytes / BUFFER_UNIT + 1
@@ -1288,7 +1288,7 @@ impl<'m> Executor<'m> {
     }
 
     /// All executions from here on are of an occurrence of a slot with this period that starts at these times of the mission and the robot.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64, period_us: u32) {
         self.state.inputs.now_us = now_us;
         self.state.inputs.period_us = period_us;
@@ -1301,7 +1301,7 @@ impl<'m> Executor<'m> {
     }
 
     /// What enters the next execution beside the values on nets.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn inputs(&mut self) -> &mut Inputs {
         &mut self.state.inputs
     }
@@ -1309,7 +1309,7 @@ impl<'m> Executor<'m> {
     /// Finds the values of a task's ports for its next execution, which [`run`](Self::run) does. `enter` says whether an activation begins.
     /// False, and nothing is done, if a required input has no fresh value or the task is lent. Whatever changes nets, tasks or the use of
     /// buffers takes this back (invariant 3).
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn prepare(&mut self, binding: &mut Binding, enter: bool) -> bool {
         self.call = None;
         let Some(task) = binding.task else {
@@ -1331,13 +1331,13 @@ impl<'m> Executor<'m> {
     }
 
     /// What was prepared is not executed.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn forget(&mut self) {
         self.call = None;
     }
 
     /// Executes the task that was prepared, if one was. What it wrote is published by [`end_step`](Self::end_step).
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn run(&mut self) -> Option<Step> {
         let Call { task, enter } = self.call.take()?;
         let mut io = Io {
@@ -1349,7 +1349,7 @@ impl<'m> Executor<'m> {
     }
 
     /// Publishes what the task wrote that was executed last, and tells what else it said, if it said something.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<Said> {
         let done = self.state.done;
         if done & WRITTEN_PORTS != 0 {

@@ -21,7 +21,7 @@ impl Clock {
     }
 
     /// Macro steps that began, or were skipped.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn begun(&self) -> u64 {
         self.at_look - u64::from(self.steps_left)
     }
@@ -31,13 +31,13 @@ impl Clock {
     }
 
     /// The low bits of the number of the last macro step that began.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn now(&self) -> u32 {
         (self.begun() as u32).wrapping_sub(1)
     }
 
     /// Begins a macro step. Returns whether timers are to be looked at in it.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn begin(&mut self) -> bool {
         self.steps_left -= 1;
         self.steps_left == 0

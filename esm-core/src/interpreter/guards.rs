@@ -12,7 +12,7 @@ use crate::tables::record_bytes;
 pub(super) struct Window<const REVERSED: bool = { cfg!(target_arch = "arm") }>(u32);
 
 impl<const REVERSED: bool> Window<REVERSED> {
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn of(flags: u32) -> Self {
         let flags = flags & ((1 << format::WINDOW_FLAGS) - 1);
         let bits = flags | !flags << format::GUARD_IF_CLEAR;
@@ -20,7 +20,7 @@ impl<const REVERSED: bool> Window<REVERSED> {
     }
 
     /// The first that is true of guards that ask for one bit each, `count` of them, from this one on.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn first_of<R: Access>(self, guard: usize, count: usize) -> Option<usize> {
         let (guard, count) = (R::below_32(guard), R::below_32(count));
         let first = if REVERSED {
@@ -34,7 +34,7 @@ impl<const REVERSED: bool> Window<REVERSED> {
     }
 
     /// Whether a guard that asks for one bit is true.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn holds(self, guard: usize) -> bool {
         let guard = guard as u32 % u32::BITS;
         if REVERSED {
@@ -52,7 +52,7 @@ fn halves(word: u32) -> (u16, u16) {
 
 impl<R: Access> Machine<'_, R> {
     /// What guards see of a state with this first flag.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn window(&self, first_flag: usize) -> Window {
         Window::of(R::window(self.arena, self.places.flags, first_flag))
     }

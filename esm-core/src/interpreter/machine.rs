@@ -89,13 +89,13 @@ pub(super) struct Here<P> {
 pub(super) const FIRST: u32 = 1 << (u32::BITS - 1);
 
 /// The region instances of its word that are not before a region instance.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub(super) fn from_place(region: usize) -> u32 {
     u32::MAX >> (region % WORD_BITS)
 }
 
 /// The bit of a region instance in its word.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 pub(super) fn bit_of(region: usize) -> u32 {
     FIRST >> (region % WORD_BITS)
 }
@@ -166,7 +166,7 @@ impl<'m, R: Access> Machine<'m, R> {
     // ─── Tables ──────────────────────────────────────────────────────────────────────────────────
 
     /// Where a record of one of these sections begins.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn record(&self, section: Section, index: usize) -> R::Place {
         let places = &self.places;
         let start = match section {
@@ -185,26 +185,26 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// A field of a record.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn field(&self, blob: Blob<'_, R>, record: R::Place, field: Field) -> usize {
         R::half(blob, R::ahead(record, field.offset())).into()
     }
 
     /// Which events a state's transitions are on. It is the first field of a state.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn events(&self, blob: Blob<'_, R>, state: R::Place) -> u32 {
         R::word(blob, state)
     }
 
     /// The next region instance that is not inside this one.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn next(&self, blob: Blob<'_, R>, region: usize) -> usize {
         let record = self.record(Section::RegionInstances, region);
         self.field(blob, record, region_instance::NEXT)
     }
 
     /// The first own flag of a state in a region instance.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn first_flag(&self, blob: Blob<'_, R>, region: usize, state: R::Place) -> usize {
         let region = self.record(Section::RegionInstances, region);
         self.field(blob, region, region_instance::FIRST_FLAG)
@@ -213,12 +213,12 @@ impl<'m, R: Access> Machine<'m, R> {
 
     // ─── Memory ──────────────────────────────────────────────────────────────────────────────────
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn load(&self, part: R::Part, word: usize) -> u32 {
         R::load(self.arena, part, word)
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn store(&mut self, part: R::Part, word: usize, value: u32) {
         R::store(self.arena, part, word, value);
     }
@@ -229,19 +229,19 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// The record of a region instance's current state.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn current_record(&self, region: usize) -> R::Place {
         let current = R::load_half(self.arena, self.places.current, region);
         self.record(Section::States, current.into())
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn set_current(&mut self, region: usize, state: usize) {
         R::store_half(self.arena, self.places.current, region, state as u16);
     }
 
     /// The word of region instances with this one.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn word_of(&self, region: usize) -> Word<R::Part> {
         Word {
             first: region & !(WORD_BITS - 1),
@@ -250,17 +250,17 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// Who is active, or awake, of a word of region instances.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn marked(&self, marks: R::Part, mark: Mark) -> u32 {
         self.load(marks, mark as usize)
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn set_marked(&mut self, marks: R::Part, mark: Mark, marked: u32) {
         self.store(marks, mark as usize, marked);
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn here(&self, region: usize) -> Here<R::Part> {
         Here {
             region,
@@ -273,7 +273,7 @@ impl<'m, R: Access> Machine<'m, R> {
         self.marked(self.word_of(region).marks, Mark::Active) & bit_of(region) != 0
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn activate(&mut self, region: usize) {
         let Here { bit, marks, .. } = self.here(region);
         let active = self.marked(marks, Mark::Active);
@@ -281,13 +281,13 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// Wakes a region instance, or lets it sleep.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn set_awake(&mut self, here: Here<R::Part>, is_awake: bool) {
         self.take_awake_of(here, 0u32.wrapping_sub(is_awake.into()));
     }
 
     /// The same by the bit that a region instance has in a word.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn take_awake_of(&mut self, Here { bit, marks, .. }: Here<R::Part>, word: u32) {
         let awake = self.marked(marks, Mark::Awake);
         self.set_marked(marks, Mark::Awake, awake & !bit | word & bit);
@@ -311,7 +311,7 @@ impl<'m, R: Access> Machine<'m, R> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn flag_at(&self, flag: usize) -> bool {
         self.load(self.places.flags, flag / WORD_BITS) >> (flag % WORD_BITS) & 1 != 0
     }
@@ -321,7 +321,7 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// Writes a bit of a part of the arena, the first in the lowest bit. Returns whether it changed.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn write_bit(&mut self, part: R::Part, index: usize, value: bool) -> bool {
         let place = index / WORD_BITS;
         let bit = 1 << (index % WORD_BITS);
@@ -332,13 +332,13 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// Sets an enable bit. Returns whether it was set already.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn enable(&mut self, task: usize) -> bool {
         !self.write_bit(self.places.enabled, task, true)
     }
 
     /// Resets an enable bit. Returns whether it was set.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn disable(&mut self, task: usize) -> bool {
         self.write_bit(self.places.enabled, task, false)
     }
@@ -381,7 +381,7 @@ impl<'m, R: Access> Machine<'m, R> {
     }
 
     /// Writes a flag, and wakes the region that it belongs to if it changes.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn write_flag(&mut self, flag: usize, region: usize, value: bool) {
         if self.write_bit(self.places.flags, flag, value) {
             self.set_awake(self.here(region), true);

@@ -49,7 +49,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// The timer of the current state of a region instance, if that is active and its timer runs.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn timer(&self, blob: Blob<'_, R>, region: usize) -> Option<Timer> {
         let current = self.current_record(region);
         let shape = self.field(blob, current, state::SHAPE) as u16;

@@ -15,7 +15,7 @@ pub(super) struct QueueFull;
 impl<R: Access> Machine<'_, R> {
     /// Makes a state the current one of its region instance, which is awake then if the state has
     /// transitions on the pulse. Whoever woke it before, otherwise there is nothing to do on the pulse.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn make_current(&mut self, blob: Blob<'_, R>, here: Here<R::Part>, target: usize) {
         self.set_current(here.region, target);
         let events = self.events(blob, self.record(Section::States, target));
@@ -25,7 +25,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// Takes a plain transition on the pulse from a real-time task to itself, with its one `send`;
     /// `first_flag` is the first flag of the state. Its region instance is awake, and stays so.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn enter_again(
         &mut self,
         blob: Blob<'_, R>,
@@ -170,7 +170,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Resets `count` flags from `first` on.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn reset_flags(&mut self, first: usize, count: u16) {
         let mut first = first;
         let mut left = u32::from(count);
@@ -183,7 +183,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Appends an event to the queue.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn send(&mut self, channel: usize) -> Result<(), QueueFull> {
         if self.queued - self.taken == self.queue_capacity {
             return Err(QueueFull);

@@ -41,13 +41,13 @@ const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 /// What is read of the machine from here on is loaded when it is needed. Without this the compiler would
 /// load all before the first visit, and put it on the stack: for most macro steps, which have one or two
 /// visits, that takes longer. It is no instruction itself.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn load_anew() {
     compiler_fence(Ordering::SeqCst);
 }
 
 /// Takes the first region instance from those of a word that are to be visited.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn take_first<P: Copy>(word: Word<P>, visit: &mut u32) -> Here<P> {
     let offset = visit.leading_zeros();
     let bit = FIRST >> offset;
@@ -62,7 +62,7 @@ fn take_first<P: Copy>(word: Word<P>, visit: &mut u32) -> Here<P> {
 impl<R: Access> Machine<'_, R> {
     /// Whether a pulse has anything to do.
     // It is short, and inlined where macro steps are run.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_awake(&self) -> bool {
         self.woken(self.word_of(0)) != 0 || self.layout.regions > WORD_BITS
     }
@@ -105,7 +105,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Shows the pulse to those who are awake.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn pulse(&mut self, blob: Blob<'_, R>, observer: &mut impl Observer) -> Result<(), QueueFull> {
         let mut word = self.word_of(0);
         let mut visit = self.woken(word);
@@ -132,13 +132,13 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Who of a word is awake and active.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn woken(&self, Word { marks, .. }: Word<R::Part>) -> u32 {
         self.marked(marks, Mark::Active) & self.marked(marks, Mark::Awake)
     }
 
     /// Shows an event to those who listen.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn event(
         &mut self,
         blob: Blob<'_, R>,
@@ -184,7 +184,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// The next region instance among those of a word that are to be visited whose current state, with
     /// this record, waits for one of some events.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn next_waiting(
         &self,
         blob: Blob<'_, R>,
@@ -209,7 +209,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Who of a word is active and listens to a channel with this record, whose row speaks of that word.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn listening(&self, blob: Blob<'_, R>, sent: R::Place, word: Word<R::Part>) -> u32 {
         let ahead = word.first / WORD_BITS - self.field(blob, sent, channel::FIRST_REGION_WORD);
         let row = self.field(blob, sent, channel::FIRST_ROW_WORD) + ahead;
@@ -219,7 +219,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// Takes the first transition on the pulse whose guard is true, out of the current state of a region
     /// instance. If others are concerned by it, returns the next who is not inside this one.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn visit_on_pulse(
         &mut self,
         blob: Blob<'_, R>,
@@ -249,7 +249,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// The same on an event, out of a state that waits for it or for one whose number leaves the same
     /// remainder.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn visit_on_event(
         &mut self,
         blob: Blob<'_, R>,
@@ -288,7 +288,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// The first transition on the pulse whose guard is true. If there is none, the region instance sleeps
     /// until it is woken again.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn find_on_pulse(
         &mut self,
         blob: Blob<'_, R>,
@@ -330,7 +330,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Takes a transition that is not plain, and tells of it.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn take_any(
         &mut self,
         blob: Blob<'_, R>,
@@ -344,7 +344,7 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Tells of a transition that was taken.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn tell(&mut self, region: usize, at: R::Place, observer: &mut impl Observer) {
         self.changed = true;
         let first = self.record(Section::Transitions, 0);

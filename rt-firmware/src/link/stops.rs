@@ -93,7 +93,7 @@ impl Stops {
     }
 
     /// Whether the real-time side is called. The one look that each slot takes.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn is_called(&self) -> bool {
         self.called.load(Relaxed)
     }

@@ -30,7 +30,7 @@ impl Default for Limits {
 
 impl RealTime<'_, '_> {
     /// Counts how late an occurrence began.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count_delay<B: Board>(&mut self, delay_ticks: u32) {
         if delay_ticks > self.max_delay_ticks {
             self.note_delay(delay_ticks, B::TICKS_PER_US);
@@ -44,7 +44,7 @@ impl RealTime<'_, '_> {
         self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count_execution(
         &mut self,
         board: &mut impl Board,
@@ -101,7 +101,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Counts time that others had none of: what the link may take is a part of the rest.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count_time<B: Board>(&self, took_ticks: u32) {
         let slots_us = &self.signs.slots_us;
         // Only this side counts it, so load and store suffice. What is rounded off is at the link's expense.

@@ -177,7 +177,7 @@ impl RealTime<'_, '_> {
 }
 
 /// How long nothing is looked at while nothing is due.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn poll_ticks<B: Board>() -> u64 {
     ticks::<B>(IDLE_POLL_US)
 }

@@ -19,7 +19,7 @@ const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
 impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was [prepared](Self::prepare_task), in an occurrence that
     /// [began](crate::Executor::begin) at `began_ticks`.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
@@ -43,7 +43,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Executes the task that was prepared, and keeps which one that is for whoever ends the firmware meanwhile.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn run_task(&mut self, instance: u16) -> Option<Step> {
         let Some(kept) = self.kept else {
             return self.executor.run();
@@ -122,7 +122,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Takes over what a task said beside its flags.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn take_over(&mut self, instance: u16, said: Said) {
         if let Some(allowed) = said.allowed_overruns {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));

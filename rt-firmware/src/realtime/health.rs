@@ -52,13 +52,13 @@ impl RealTime<'_, '_> {
     }
 
     /// Writes into the flight recorder.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn note(&self, event: Event) {
         self.note_at(self.previous_end_us, event);
     }
 
     /// Writes into the flight recorder what happened at this robot time.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn note_at(&self, robot_us: u64, event: Event) {
         if let Some(kept) = self.kept {
             kept.black_box.record(robot_us, event);

@@ -45,7 +45,7 @@ impl Next {
 }
 
 /// For how long an occurrence is on time, where this is the shortest period of all slots. What begins later than that may have been missed.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     /// Less than half a round of the clock, so that one that has gone half around is not taken for one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
@@ -65,7 +65,7 @@ pub(super) struct Occurrence {
 impl RealTime<'_, '_> {
     /// Executes all that is due, and returns when to be called again, in ticks of the board's clock. To be called from the slot timer's
     /// interrupt, first at any time. Being called early does no harm.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
         let now_ticks = board.now_low_ticks();
@@ -104,7 +104,7 @@ impl RealTime<'_, '_> {
     }
 
     /// What a board is told of the next occurrence.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn next_start<B: Board>(&self) -> OccurrenceStart {
         let dispatcher::Occurrence { slot, start_us } = self.dispatcher.next();
         let (origin, number) = self
@@ -150,7 +150,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Puts the robot into its safe state if a task wants that: after all tasks of the slot, so that none of them writes the motors any more.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn look_for_failure<B: Board>(&mut self, board: &mut B) {
         if let Some(reason) = self.failure.take() {
             self.fail_safe(board, reason);
@@ -158,7 +158,7 @@ impl RealTime<'_, '_> {
     }
 
     /// An occurrence is over, as far as whoever asks for the time is concerned.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn end(&mut self, start_us: u64, duration_us: u32) {
         if let Some(mission) = &mut self.mission {
             mission.occurrences += 1;
@@ -168,7 +168,7 @@ impl RealTime<'_, '_> {
 
     /// Looks up the next occurrence after one that was on time, and returns its start, which is when to be called again. `None` if it is due already or far away, or if there is something else to do first: a letter waits, or the whole
     /// clock was not looked at for long.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn look_up_next<B: Board>(
         &mut self,
         taken: &dispatcher::Occurrence,
@@ -196,7 +196,7 @@ impl RealTime<'_, '_> {
 
     /// Looks up the dispatcher's next occurrence. Its start is near, so that the low half of the clock tells whether it is due. False if it may be the first of another
     /// mission.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn look_up<B: Board>(
         &mut self,
         next: dispatcher::Occurrence,

@@ -44,7 +44,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Whether somebody wants the robot to stop who was not heard yet.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_stop_wanted<B: Board>(&self, board: &mut B) -> bool {
         self.signs.stops.is_called() || board.is_emergency_stop_pressed()
     }

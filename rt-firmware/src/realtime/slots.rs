@@ -71,7 +71,7 @@ impl SlotEntry {
     };
 
     /// Duration of the slot in microseconds.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn duration_us(&self) -> u32 {
         self.duration_us
     }
@@ -95,7 +95,7 @@ impl SlotEntry {
     }
 
     /// The first task instance of the slot that is enabled, or [`NONE`].
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn first_enabled(&self) -> u16 {
         self.first_enabled
     }
@@ -115,7 +115,7 @@ impl SlotEntry {
     }
 
     /// Counts an execution, if it is a usual one. False if it is not, and nothing was counted.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
         let (executed, is_full) = self.executed.overflowing_add(1);
         let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
@@ -135,7 +135,7 @@ impl SlotEntry {
         true
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn count_delay(&mut self, delay_ticks: u32) {
         if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
             *count = count.saturating_add(1);
@@ -205,7 +205,7 @@ impl SlotEntry {
 }
 
 /// The bucket that counts a start delay: the position of its highest bit says which, without a search.
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn bucket(delay_ticks: u32) -> usize {
     let bits = u32::BITS - (delay_ticks >> FIRST_BUCKET_BITS).leading_zeros();
     (bits.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)

@@ -157,7 +157,7 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
 }
 
 /// The first enabled task instance of a slot, from this one on, or [`NONE`].
-#[inline(always)]
+#[cfg_attr(feature = "speed", inline(always))]
 fn first_enabled(entries: &[TaskEntry], first: u16) -> u16 {
     let mut instance = first;
     while let Some(entry) = entries.get(usize::from(instance))
@@ -329,7 +329,7 @@ impl<'m> TaskTable<'m> {
     }
 
     /// The first enabled task instance of a slot, from this one on, or [`NONE`].
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn first_enabled(&self, first: u16) -> u16 {
         first_enabled(self.lists.tasks, first)
     }
@@ -444,13 +444,13 @@ impl<'m> TaskTable<'m> {
     }
 
     /// The record of a task instance.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn record(&mut self, instance: u16) -> Option<&mut TaskEntry> {
         self.lists.tasks.get_mut(usize::from(instance))
     }
 
     /// Whether a group is held by somebody else than this task instance.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_held_from(groups: &[Group], group: u8, instance: u16) -> bool {
         let held = groups.get(usize::from(group));
         held.is_some_and(|group| group.holder != instance)

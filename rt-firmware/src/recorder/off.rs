@@ -25,16 +25,16 @@ impl<const WORDS: usize> RecorderMemory<WORDS> {
 pub(crate) struct Recorder<'m>(PhantomData<&'m ()>);
 
 impl Recorder<'_> {
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn started(&mut self, _mission: u32, _start_us: u64, _warm: bool) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn skipped(&mut self, _missed: u32) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn before_step<B: Deref<Target = [u8]>>(&mut self, _: &Interpreter<'_, B>) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn after_step<B: Deref<Target = [u8]>>(&mut self, _: &Interpreter<'_, B>) {}
 }
 

@@ -127,7 +127,7 @@ pub(crate) struct Recorder<'m> {
 
 impl Recorder<'_> {
     /// Whether a recording is wanted.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn is_wanted(&self) -> bool {
         self.asked.load(Ordering::Relaxed) != 0
     }
@@ -180,7 +180,7 @@ impl Recorder<'_> {
     }
 
     /// A macro step is next.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn before_step<B: Deref<Target = [u8]>>(
         &mut self,
         interpreter: &Interpreter<'_, B>,
@@ -191,7 +191,7 @@ impl Recorder<'_> {
     }
 
     /// A macro step has ended.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn after_step<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
         if self.is_wanted() {
             self.look_at(interpreter);

@@ -31,10 +31,10 @@ impl Sampler<'_> {
     ) {
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn started(&mut self, _mission: u32) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn after_step(&mut self, _executor: &Executor<'_>, _t_us: u64) {}
 }
 
@@ -42,13 +42,13 @@ impl Sampler<'_> {
 pub(crate) struct SampleReader<'m>(PhantomData<&'m ()>);
 
 impl SampleReader<'_> {
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn begin(&mut self, _number: u8, _mission: u32) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn end(&mut self) {}
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn read(
         &mut self,
         _room: &mut [u8; MAX_STREAM_BYTES],
@@ -57,7 +57,7 @@ impl SampleReader<'_> {
         0
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn dropped(&self) -> u32 {
         0
     }

@@ -91,7 +91,7 @@ impl Sampler<'_> {
     }
 
     /// A macro step has ended that started at this time of the mission.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn after_step(&mut self, executor: &Executor<'_>, t_us: u64) {
         if self.shared.wanted.load(Ordering::Relaxed) {
             self.sample(executor, t_us);

@@ -60,7 +60,7 @@ impl<'m> Rooms<'m> {
     }
 
     /// Makes of a mission that was [checked](crate::check) what it needs, and finds out what it has in common with the one that runs if it is to take over warm.
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn prepare(
         &mut self,
         mut mission: Verified<BlobBuffer<'m>>,

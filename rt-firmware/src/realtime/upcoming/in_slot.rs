@@ -32,7 +32,7 @@ impl<'m> Rooms<'m> {
         (Rooms(PhantomData), OwnRoom(Some(room)))
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn prepare(
         &mut self,
         mission: Verified<BlobBuffer<'m>>,
@@ -42,7 +42,7 @@ impl<'m> Rooms<'m> {
         Ok(Upcoming(mission))
     }
 
-    #[inline(always)]
+    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn take_apart(&mut self, upcoming: Upcoming<'m>) -> BlobBuffer<'m> {
         upcoming.0.into_bytes()
     }
