@@ -19,6 +19,8 @@ pub(crate) struct ArenaLayout {
     pub(crate) active: usize,
     /// All flags, the first in the lowest bit.
     pub(crate) flags: usize,
+    /// Bits of the words with flags.
+    pub(crate) flag_bits: usize,
     /// The enable bits of the task instances, the first in the lowest bit.
     pub(crate) enabled: usize,
     /// For each region instance the low 32 bits of the number of the macro step in which its state
@@ -56,6 +58,7 @@ impl ArenaLayout {
             tasks,
             active,
             flags,
+            flag_bits: WORD_BITS * (enabled - flags),
             enabled,
             entered,
             queue,
@@ -66,11 +69,6 @@ impl ArenaLayout {
     /// Words of the whole arena.
     pub(crate) fn words(&self) -> usize {
         self.end
-    }
-
-    /// Bits of the words with flags.
-    pub(crate) fn flag_bits(&self) -> usize {
-        WORD_BITS * (self.enabled - self.flags)
     }
 }
 

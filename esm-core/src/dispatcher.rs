@@ -1,9 +1,14 @@
 //! Which slot runs when: a tournament of slots, won by the one with the earliest nominal start.
 //!
 //! Times are whole microseconds since the origin of the schedule, and every start is the one before plus the period: nothing drifts, and no
-//! counter wraps in the life of a robot (a start has 56 bits, which last for 2,284 years). Taking an occurrence replays the winner's
+//! counter wraps in the life of a robot. Taking an occurrence replays the winner's
 //! matches, one comparison for each level of the tournament: logarithmic in the number of slots, and the same number for all of them, or one less. No
 //! table is as long as the hyperperiod.
+//!
+//! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less than eight seconds, and the slot's index. So the occurrence that
+//! is taken on time costs no arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by [`take`](Dispatcher::take).
+
+use core::ops::{Deref, DerefMut};
 
 use crate::tables::Slot;
 
@@ -35,9 +40,9 @@ pub enum DispatcherError {
     },
 }
 
-/// What slots are compared by: the next nominal start, and below it, in [`SLOT_BITS`], the slot's index. So no two keys are equal, and slots with
-/// equal starts come in the order of their indices.
-type Key = u64;
+/// What slots are compared by: the next nominal start, in microseconds since the base, and below it, in [`SLOT_BITS`], the slot's index. So no two keys are equal, and
+/// slots with equal starts come in the order of their indices.
+type Key = u32;
 
 /// Bits of a key that hold the slot's index.
 const SLOT_BITS: u32 = 8;
@@ -45,8 +50,16 @@ const SLOT_BITS: u32 = 8;
 /// Stands for a slot that did not enter yet. It wins all matches, or is the first slot's key.
 const ABSENT: Key = 0;
 
-fn key(slot: usize, start_us: u64) -> Key {
-    start_us << SLOT_BITS | slot as Key
+/// The bit of keys whose start is too far from the base for a key: it stands with the slot.
+const FAR: Key = 1 << (Key::BITS - 1);
+/// Starts from here on are far, in microseconds from the base.
+const FAR_US: u32 = FAR >> SLOT_BITS;
+/// When a start that is so far from the base is taken, the base moves on.
+const REBASE_US: u32 = FAR_US / 2;
+
+/// The index in a key.
+fn slot_of(key: Key) -> usize {
+    (key % (1 << SLOT_BITS)) as usize
 }
 
 /// What is kept for a slot.
@@ -54,12 +67,15 @@ fn key(slot: usize, start_us: u64) -> Key {
 struct Entry {
     period_us: u32,
     missed: u32,
+    /// The next nominal start, where its key says that it is far.
+    start_us: u64,
 }
 
 impl Entry {
     const UNUSED: Self = Self {
         period_us: 0,
         missed: 0,
+        start_us: 0,
     };
 }
 
@@ -77,22 +93,41 @@ impl Entry {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Dispatcher<const SLOTS: usize> {
-    entries: [Entry; SLOTS],
+    slots: SlotQueue<[Seat; SLOTS]>,
+}
+
+/// A [`Dispatcher`] of any number of slots, by reference.
+#[derive(Clone, Debug)]
+pub struct SlotQueue<S: ?Sized = [Seat]> {
+    /// No slot's next start is before this.
+    base_us: u64,
+    len: usize,
     /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m` and `2m + 1`; the slot with index `i` enters
     /// at the place of match `len + i`. Kept is the key of each match's loser, and in place 0 that of the one who won them all.
-    matches: [Key; SLOTS],
-    len: usize,
+    seats: S,
+}
+
+/// What is kept for a slot, and beside it the result of a match.
+#[derive(Clone, Copy, Debug)]
+pub struct Seat {
+    entry: Entry,
+    key: Key,
 }
 
 impl<const SLOTS: usize> Dispatcher<SLOTS> {
-    /// A dispatcher of no slots, to be [started](Self::restart_at). For statics and places that are used again: nothing is copied.
+    /// A dispatcher of no slots, to be [started](SlotQueue::restart_at). For statics and places that are used again: nothing is copied.
     #[must_use]
     pub const fn idle() -> Self {
         const { assert!(SLOTS <= 1 << SLOT_BITS, "an index fits into a key") };
         Self {
-            entries: [Entry::UNUSED; SLOTS],
-            matches: [0; SLOTS],
-            len: 0,
+            slots: SlotQueue {
+                base_us: 0,
+                len: 0,
+                seats: [Seat {
+                    entry: Entry::UNUSED,
+                    key: 0,
+                }; SLOTS],
+            },
         }
     }
 
@@ -105,7 +140,25 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         dispatcher.restart_at(slots, 0)?;
         Ok(dispatcher)
     }
+}
 
+impl<const SLOTS: usize> Deref for Dispatcher<SLOTS> {
+    type Target = SlotQueue;
+
+    #[inline(always)]
+    fn deref(&self) -> &SlotQueue {
+        &self.slots
+    }
+}
+
+impl<const SLOTS: usize> DerefMut for Dispatcher<SLOTS> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut SlotQueue {
+        &mut self.slots
+    }
+}
+
+impl SlotQueue {
     /// Starts with other slots at a time of their schedule: the first occurrence of each is its first one that starts at or after `from_us`, in
     /// microseconds since the origin. Nothing was missed yet. After an error there are no slots.
     ///
@@ -118,49 +171,50 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
     ) -> Result<(), DispatcherError> {
         let len = slots.len();
         self.len = 0;
-        if len > SLOTS {
+        if len > self.seats.len() {
             return Err(DispatcherError::TooManySlots {
                 slots: len,
-                capacity: SLOTS,
+                capacity: self.seats.len(),
             });
         }
         if len == 0 {
             return Err(DispatcherError::NoSlots);
         }
-        self.matches.fill(ABSENT);
-        for (index, (slot, entry)) in slots.zip(&mut self.entries).enumerate() {
+        for (index, (slot, seat)) in slots.zip(&mut self.seats).enumerate() {
             if slot.period_us == 0 {
                 return Err(DispatcherError::ZeroPeriod { slot: index });
             }
-            *entry = Entry {
-                period_us: slot.period_us,
-                missed: 0,
-            };
             let mut start_us = u64::from(slot.start_us);
             if let Some(past_us) = from_us.checked_sub(start_us) {
                 // Rounded up: the occurrence before would start before `from_us`.
                 let past_us = past_us + u64::from(slot.period_us - 1);
                 start_us += periods_in(past_us, slot.period_us) * u64::from(slot.period_us);
             }
-            // Who was absent won so far, and is replaced.
-            replay(&mut self.matches, len, key(index, start_us));
+            seat.entry = Entry {
+                period_us: slot.period_us,
+                missed: 0,
+                start_us,
+            };
         }
         self.len = len;
+        self.play_all();
         Ok(())
     }
 
     /// The earliest occurrence that was not taken: what the slot timer must be set to.
     #[must_use]
+    #[inline(always)]
     pub fn next(&self) -> Occurrence {
-        let [winner, ..] = self.matches.as_slice() else {
+        let [winner, ..] = &self.seats else {
             return Occurrence {
                 slot: 0,
                 start_us: 0,
             };
         };
         Occurrence {
-            slot: (winner % (1 << SLOT_BITS)) as usize,
-            start_us: winner >> SLOT_BITS,
+            slot: slot_of(winner.key),
+            // The base moves before the earliest start is far from it.
+            start_us: self.base_us + u64::from(winner.key >> SLOT_BITS),
         }
     }
 
@@ -174,7 +228,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         }
         let mut occurrence = self.next();
         let late_us = now_us.checked_sub(occurrence.start_us)?;
-        let entry = self.entries.get_mut(occurrence.slot)?;
+        let entry = &mut self.seats.get_mut(occurrence.slot)?.entry;
         let period_us = u64::from(entry.period_us);
         if late_us >= period_us {
             let missed = periods_in(late_us, entry.period_us);
@@ -183,35 +237,100 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
                 .missed
                 .saturating_add(u32::try_from(missed).unwrap_or(u32::MAX));
         }
-        replay(
-            &mut self.matches,
-            self.len,
-            key(occurrence.slot, occurrence.start_us + period_us),
-        );
+        self.put(occurrence.slot, occurrence.start_us + period_us);
         Some(occurrence)
     }
 
     /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due and that its period has not passed.
-    #[inline]
+    #[inline(always)]
     pub fn take_on_time(&mut self) {
-        let [winner, ..] = self.matches.as_slice() else {
+        let [winner, ..] = &self.seats else {
             return;
         };
-        let next = winner + (u64::from(self.period_us(*winner as u8 as usize)) << SLOT_BITS);
-        replay(&mut self.matches, self.len, next);
+        let winner = winner.key;
+        let period_us = self.period_us(slot_of(winner));
+        // Neither is far, so that their sum is a key, which may be.
+        let key = winner.wrapping_add(period_us << SLOT_BITS);
+        if period_us < FAR_US && key < FAR {
+            let winner = replay(&mut self.seats, self.len, key);
+            if winner < FAR {
+                return;
+            }
+            self.rebase();
+        } else {
+            self.take_far();
+        }
+    }
+
+    /// The same of a slot whose next start is far.
+    #[cold]
+    #[inline(never)]
+    fn take_far(&mut self) {
+        let Occurrence { slot, start_us } = self.next();
+        self.put(slot, start_us + u64::from(self.period_us(slot)));
+    }
+
+    /// The slot of the earliest occurrence starts next at this time.
+    fn put(&mut self, slot: usize, start_us: u64) {
+        if let Some(seat) = self.seats.get_mut(slot) {
+            seat.entry.start_us = start_us;
+        }
+        let key = self.key(slot, start_us);
+        let winner = replay(&mut self.seats, self.len, key);
+        if winner >> SLOT_BITS >= REBASE_US {
+            self.rebase();
+        }
+    }
+
+    fn key(&self, slot: usize, start_us: u64) -> Key {
+        match u32::try_from(start_us - self.base_us) {
+            Ok(since_us) if since_us < FAR_US => since_us << SLOT_BITS | slot as Key,
+            _ => FAR | slot as Key,
+        }
+    }
+
+    /// Moves the base to the earliest start.
+    #[cold]
+    #[inline(never)]
+    fn rebase(&mut self) {
+        for place in 0..self.len {
+            let key = self.seats.get(place).map_or(FAR, |seat| seat.key);
+            if key < FAR
+                && let Some(seat) = self.seats.get_mut(slot_of(key))
+            {
+                seat.entry.start_us = self.base_us + u64::from(key >> SLOT_BITS);
+            }
+        }
+        self.play_all();
+    }
+
+    /// Plays all matches, from the earliest start on. Entries have their next starts.
+    fn play_all(&mut self) {
+        let seats = self.seats.iter().take(self.len);
+        let starts_us = seats.map(|seat| seat.entry.start_us);
+        self.base_us = starts_us.min().unwrap_or(0);
+        for seat in &mut self.seats {
+            seat.key = ABSENT;
+        }
+        for slot in 0..self.len {
+            let start_us = self.seats.get(slot).map_or(0, |seat| seat.entry.start_us);
+            // Who was absent won so far, and is replaced.
+            let key = self.key(slot, start_us);
+            replay(&mut self.seats, self.len, key);
+        }
     }
 
     /// Period of a slot in microseconds; 0 if there is no such slot.
     #[must_use]
     #[inline]
     pub fn period_us(&self, slot: usize) -> u32 {
-        self.entries.get(slot).map_or(0, |entry| entry.period_us)
+        self.seats.get(slot).map_or(0, |seat| seat.entry.period_us)
     }
 
     /// Occurrences of a slot that did not start within their period; saturates.
     #[must_use]
     pub fn missed(&self, slot: usize) -> u32 {
-        self.entries.get(slot).map_or(0, |entry| entry.missed)
+        self.seats.get(slot).map_or(0, |seat| seat.entry.missed)
     }
 
     /// Number of slots.
@@ -220,35 +339,33 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         self.len
     }
 
-    /// Whether it is [idle](Self::idle) and hands out nothing.
+    /// Whether it is [idle](Dispatcher::idle) and hands out nothing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 }
 
-/// Plays the winner's matches anew, with its next key. It met, on its way from where it entered to the final, everybody who can be the earliest now.
-#[inline(never)]
-fn replay(matches: &mut [Key], len: usize, key: Key) {
+/// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met, on its way from where it entered to the final, everybody who can be the
+/// earliest now.
+#[inline]
+fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
     let mut player = key;
-    let mut at = entrance(len, key);
+    // The first match of the slot.
+    let mut at = (len + slot_of(key)) / 2;
     while at > 0 {
-        let Some(other) = matches.get_mut(at) else {
-            return;
+        let Some(other) = seats.get_mut(at) else {
+            break;
         };
-        if *other < player {
-            core::mem::swap(other, &mut player);
+        if other.key < player {
+            core::mem::swap(&mut other.key, &mut player);
         }
         at /= 2;
     }
-    if let [winner, ..] = matches {
-        *winner = player;
+    if let [winner, ..] = seats {
+        winner.key = player;
     }
-}
-
-/// The first match of a slot.
-fn entrance(len: usize, key: Key) -> usize {
-    (len + (key % (1 << SLOT_BITS)) as usize) / 2
+    player
 }
 
 /// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one in a library routine of a kilobyte: after more

@@ -9,7 +9,6 @@
 
 mod carry;
 mod clock;
-mod compiled;
 mod events;
 mod guards;
 mod machine;
@@ -31,7 +30,6 @@ use machine::{Machine, Mark};
 use walk::Ended;
 
 pub use carry::TakenOver;
-pub use compiled::Compiled;
 pub use events::{Fault, MAX_MICRO_STEPS, Observer, StepSummary, TransitionTaken};
 pub use progress::{Progress, ResumeError};
 pub use timers::MAX_STEPS;
@@ -113,19 +111,20 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
 }
 
 /// What moves it on.
-impl<B: Deref<Target = [u8]>, R: Reads<B> + Compiled> Interpreter<'_, B, R> {
+impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// Runs one macro step. Its time is its number times the period of the interpreter's slot.
     ///
     /// # Errors
     /// The fault that stopped the machine, in this macro step or before.
-    #[inline]
+    // What of the summary is not asked for is not worked out.
+    #[inline(always)]
     pub fn macro_step(&mut self, observer: &mut impl Observer) -> Result<StepSummary, Fault> {
         let blob = R::blob(self.verified.tables().bytes());
         let machine = &mut self.machine;
         let ended = if machine.clock.begin() {
-            R::walk_after_timers(machine, blob, observer)
+            machine.walk_after_timers(blob, observer)
         } else if machine.is_awake() {
-            R::walk(machine, blob, observer)
+            machine.walk(blob, observer)
         } else {
             Ended::Resting
         };
@@ -151,12 +150,12 @@ impl<B: Deref<Target = [u8]>, R: Reads<B> + Compiled> Interpreter<'_, B, R> {
     /// [`set_flag`](Self::set_flag) of the task instance with these places.
     pub fn set_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
         let flag = format::TASK_CONTROL_FLAGS + flag;
-        R::write_flag_at(&mut self.machine, places, flag, value);
+        self.machine.write_flag_at(places, flag, value);
     }
 
     /// [`set_busy`](Self::set_busy) of the task instance with these places.
     pub fn set_busy_at(&mut self, places: &TaskPlaces, busy: bool) {
-        R::write_flag_at(&mut self.machine, places, format::FLAG_BUSY, busy);
+        self.machine.write_flag_at(places, format::FLAG_BUSY, busy);
     }
 
     /// Changes the busy flag of a task instance. Between macro steps only.
@@ -173,7 +172,7 @@ impl<B: Deref<Target = [u8]>, R: Reads<B> + Compiled> Interpreter<'_, B, R> {
 
     fn write_task_flag(&mut self, task: usize, flag: usize, value: bool) {
         let blob = R::blob(self.verified.tables().bytes());
-        R::write_task_flag(&mut self.machine, blob, task, flag, value);
+        self.machine.write_task_flag(blob, task, flag, value);
     }
 }
 
@@ -394,7 +393,7 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
 
     /// Where the enable bits begin in [`Self::input_words`], in bits.
     pub fn first_enable_bit(&self) -> usize {
-        self.machine.layout.flag_bits()
+        self.machine.layout.flag_bits
     }
 }
 

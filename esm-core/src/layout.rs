@@ -352,29 +352,40 @@ impl Code {
 #[inline(always)]
 #[must_use]
 pub const fn record_bytes(section: Section) -> usize {
-    match section {
-        Section::Mission => size_of::<Mission>(),
-        Section::Slots => size_of::<Slot>(),
-        Section::Containers => size_of::<Container>(),
-        Section::Regions => size_of::<Region>(),
-        Section::States => size_of::<State>(),
-        Section::Transitions => size_of::<Transition>(),
-        Section::Code => size_of::<Code>(),
-        Section::Timers => size_of::<Timer>(),
-        Section::Instances => size_of::<Instance>(),
-        Section::RegionInstances => size_of::<RegionInstance>(),
-        Section::Channels => size_of::<Channel>(),
-        Section::Listeners => size_of::<Listener>(),
-        Section::Tasks => size_of::<Task>(),
-        Section::TaskStates => size_of::<TaskState>(),
-        Section::Params => size_of::<Param>(),
-        Section::TaskInstances => size_of::<TaskInstance>(),
-        Section::Connections => size_of::<Connection>(),
-        Section::Nets => size_of::<Net>(),
-        // Texts.
-        Section::Signatures | Section::Names => size_of::<u8>(),
-    }
+    RECORD_BYTES[section as usize] as usize
 }
+
+const RECORD_BYTES: [u8; Section::ALL.len()] = {
+    let mut bytes = [0; _];
+    let mut number = 0;
+    while number < Section::ALL.len() {
+        let section = Section::ALL[number];
+        bytes[section as usize] = match section {
+            Section::Mission => size_of::<Mission>(),
+            Section::Slots => size_of::<Slot>(),
+            Section::Containers => size_of::<Container>(),
+            Section::Regions => size_of::<Region>(),
+            Section::States => size_of::<State>(),
+            Section::Transitions => size_of::<Transition>(),
+            Section::Code => size_of::<Code>(),
+            Section::Timers => size_of::<Timer>(),
+            Section::Instances => size_of::<Instance>(),
+            Section::RegionInstances => size_of::<RegionInstance>(),
+            Section::Channels => size_of::<Channel>(),
+            Section::Listeners => size_of::<Listener>(),
+            Section::Tasks => size_of::<Task>(),
+            Section::TaskStates => size_of::<TaskState>(),
+            Section::Params => size_of::<Param>(),
+            Section::TaskInstances => size_of::<TaskInstance>(),
+            Section::Connections => size_of::<Connection>(),
+            Section::Nets => size_of::<Net>(),
+            // Texts.
+            Section::Signatures | Section::Names => size_of::<u8>(),
+        } as u8;
+        number += 1;
+    }
+    bytes
+};
 
 /// The offset of a field, for the interpreter: it reads fields by the place of their record alone, see [`crate::reads`].
 #[derive(Clone, Copy)]

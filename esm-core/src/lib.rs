@@ -56,8 +56,8 @@ mod verify;
 pub use buffer::{BlobBuffer, BlobReader};
 pub use dispatcher::Dispatcher;
 pub use interpreter::{
-    ArenaTooSmall, Compiled, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress,
-    ResumeError, StepSummary, TakenOver, TransitionTaken,
+    ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
+    StepSummary, TakenOver, TransitionTaken,
 };
 pub use pairing::{Pairing, TooManyPairs};
 pub use refusal::{Cause, Refusal};

@@ -506,7 +506,8 @@ impl<'a> Tables<'a> {
     }
 
     /// The bytes of a section.
-    #[inline]
+    // Inlined, it would be a large part of the verifier.
+    #[inline(never)]
     pub(crate) fn section(&self, section: Section) -> &'a [u8] {
         let (start, records) = self.sections[section as usize];
         let start = start as usize;
@@ -517,7 +518,8 @@ impl<'a> Tables<'a> {
     /// The records of a section.
     #[inline]
     pub(crate) fn records<T: Record>(&self) -> &'a [T] {
-        <[T]>::ref_from_bytes(self.section(T::SECTION)).unwrap_or(&[])
+        // Nothing is left over in a section.
+        <[T]>::ref_from_prefix(self.section(T::SECTION)).map_or(&[], |(records, _)| records)
     }
 
     #[inline]

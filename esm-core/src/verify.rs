@@ -42,6 +42,7 @@
 
 mod code;
 mod finding;
+mod pass;
 mod slots;
 mod transitions;
 mod tree;
@@ -50,14 +51,12 @@ use core::ops::Deref;
 
 use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
-use crate::layout::{
-    self, Channel, Connection, Listener, Mission, Task, TaskInstance, TaskState, record_bytes,
-};
+use crate::layout::{Mission, record_bytes};
 use crate::refusal::{Cause, Refusal};
 use crate::tables::{self, Tables};
 
 use finding::{Finding, entries, entry};
-use tree::Tree;
+use pass::Pass;
 
 /// Where the sections of a blob are, and what was worked out on the way.
 #[derive(Clone, Copy, Debug)]
@@ -184,120 +183,125 @@ impl Layout {
 /// Checks all tables.
 #[inline(never)]
 fn check(tables: &Tables<'_>) -> Result<(), Finding> {
-    let mission = check_mission(tables)?;
-    slots::check(tables.records(), mission.interpreter_slot.get())?;
-    let tree = Tree::check(tables, mission)?;
-    check_channels(tables, mission)?;
-    let text_bytes = check_tasks(tables, mission)?;
-    let connections = check_task_instances(tables)?;
-    check_connections(tables)?;
+    let mut pass = Pass::of(tables);
+    let mission = pass.check_mission()?;
+    slots::check(pass.records.slots, mission.interpreter_slot.get())?;
+    pass.check_instances(mission)?;
+    pass.check_channels(mission)?;
+    pass.check_tasks(mission)?;
+    pass.check_task_instances()?;
+    pass.check_connections(tables.count(Section::Nets))?;
+    pass.check_ends(tables)
+}
 
-    // Nothing is missing or left over. Of the other tables each record was checked, or any number may be.
-    let machine = entry(tables.records::<layout::Container>(), 0, Cause::Template)?;
-    let checked = [
-        (Section::Containers, tree.checked.containers),
-        (Section::Regions, tree.checked.regions),
-        (Section::States, tree.checked.states),
-        (Section::Transitions, tree.transitions.checked),
-        (Section::Code, tree.transitions.programs.checked),
-        (Section::Timers, tree.checked.timers),
-        (Section::Instances, machine.instance_span.get()),
-        (Section::RegionInstances, machine.region_span.get()),
-        (Section::Channels, tree.checked.channels),
-        (Section::Signatures, text_bytes),
-        (Section::TaskStates, tree.checked.task_states),
-        (Section::Params, tree.checked.params),
-        (Section::TaskInstances, machine.task_span.get()),
-        (Section::Connections, connections),
-    ];
-    for (section, checked) in checked {
-        if checked != tables.count(section) {
-            return Err(Finding::new(section, checked, Cause::Order));
+/// Tables of which each record must have been come to. Of the others each was checked by itself, or any number may be.
+const WHOLE: [Section; 14] = [
+    Section::Containers,
+    Section::Regions,
+    Section::States,
+    Section::Transitions,
+    Section::Code,
+    Section::Timers,
+    Section::Instances,
+    Section::RegionInstances,
+    Section::Channels,
+    Section::Signatures,
+    Section::TaskStates,
+    Section::Params,
+    Section::TaskInstances,
+    Section::Connections,
+];
+
+impl<'a> Pass<'a> {
+    /// Checks the numbers of the mission. There is one record.
+    fn check_mission(&mut self) -> Result<&'a Mission, Finding> {
+        let records = &self.records;
+        if records.mission.len() != 1 {
+            return Err(Finding::new(Section::Mission, 1, Cause::Order));
         }
+        let mission = entry(records.mission, 0, Cause::Order)?;
+        let is_in_range = (1..=format::MAX_QUEUE).contains(&mission.queue.get())
+            && mission.events.get() <= format::MAX_EVENT.into();
+        mission.ensure(is_in_range, Cause::Range)?;
+        let has_slot = mission.interpreter_slot.get() < records.slots.len();
+        mission.ensure(has_slot, Cause::Index)?;
+        // What the machine takes is all there is.
+        let machine = entry(records.containers, 0, Cause::Template)?;
+        machine.ensure(mission.flags == machine.flag_span, Cause::Template)?;
+        self.checked[Section::Instances] = machine.instance_span.get();
+        self.checked[Section::RegionInstances] = machine.region_span.get();
+        self.checked[Section::TaskInstances] = machine.task_span.get();
+        Ok(mission.record)
     }
-    Ok(())
-}
 
-/// Checks the numbers of the mission. There is one record.
-fn check_mission<'a>(tables: &Tables<'a>) -> Result<&'a Mission, Finding> {
-    let [mission] = tables.records::<Mission>() else {
-        return Err(Finding::new(Section::Mission, 1, Cause::Order));
-    };
-    let ensure = |holds, cause| match holds {
-        true => Ok(()),
-        false => Err(Finding::new(Section::Mission, 0, cause)),
-    };
-    let is_in_range = (1..=format::MAX_QUEUE).contains(&mission.queue.get())
-        && mission.events.get() <= format::MAX_EVENT.into();
-    ensure(is_in_range, Cause::Range)?;
-    let slots = tables.count(Section::Slots);
-    ensure(mission.interpreter_slot.get() < slots, Cause::Index)?;
-    // What the machine takes is all there is.
-    let machine = entry(tables.records::<layout::Container>(), 0, Cause::Template)?;
-    machine.ensure(mission.flags == machine.flag_span, Cause::Template)?;
-    Ok(mission)
-}
-
-/// Checks channels: their events exist, and the words that their rows have.
-fn check_channels(tables: &Tables<'_>, mission: &Mission) -> Result<(), Finding> {
-    const WORD_BITS: usize = u32::BITS as usize;
-    let regions = tables.count(Section::RegionInstances);
-    let words: &[Listener] = tables.records();
-    for channel in entries(tables.records::<Channel>()) {
-        let event = usize::from(channel.event.get());
-        let row_words = channel.region_words.get();
-        let end = channel.first_region_word.get() + row_words;
-        let row_end = channel.first_row_word.get() + row_words;
-        let exists = event != format::PULSE.into()
-            && event <= mission.events.get()
-            && end <= regions.div_ceil(WORD_BITS)
-            && row_end <= words.len();
-        channel.ensure(exists, Cause::Index)?;
-        // No bit of a row stands for what is behind the last region instance.
-        if row_words != 0 && end > regions / WORD_BITS {
-            let last = entry(words, row_end - 1, Cause::Range)?;
-            let is_clear = last.regions.get() << (regions % WORD_BITS) == 0;
-            last.ensure(is_clear, Cause::Range)?;
+    /// Checks channels: their events exist, and the words that their rows have.
+    fn check_channels(&self, mission: &Mission) -> Result<(), Finding> {
+        const WORD_BITS: usize = u32::BITS as usize;
+        let regions = self.records.region_instances.len();
+        let words = self.records.listeners;
+        for channel in entries(self.records.channels) {
+            let event = usize::from(channel.event.get());
+            let row_words = channel.region_words.get();
+            let end = channel.first_region_word.get() + row_words;
+            let row_end = channel.first_row_word.get() + row_words;
+            let exists = event != format::PULSE.into()
+                && event <= mission.events.get()
+                && end <= regions.div_ceil(WORD_BITS)
+                && row_end <= words.len();
+            channel.ensure(exists, Cause::Index)?;
+            // No bit of a row stands for what is behind the last region instance.
+            if row_words != 0 && end > regions / WORD_BITS {
+                let last = entry(words, row_end - 1, Cause::Range)?;
+                let is_clear = last.regions.get() << (regions % WORD_BITS) == 0;
+                last.ensure(is_clear, Cause::Range)?;
+            }
         }
+        Ok(())
     }
-    Ok(())
-}
 
-/// Checks tasks: their texts stand one behind the other, and their groups exist. Returns the bytes of the texts.
-fn check_tasks(tables: &Tables<'_>, mission: &Mission) -> Result<usize, Finding> {
-    let mut text_bytes = 0;
-    for task in entries(tables.records::<Task>()) {
-        task.ensure(task.text_start.get() == text_bytes, Cause::Order)?;
-        text_bytes += task.text_length.get();
+    /// Checks tasks: their texts stand one behind the other, and their groups exist.
+    fn check_tasks(&mut self, mission: &Mission) -> Result<(), Finding> {
         let groups = mission.exclusive_groups.get();
-        let exists = task.exclusive.index().is_none_or(|group| group < groups);
-        task.ensure(exists, Cause::Range)?;
+        for task in entries(self.records.tasks) {
+            let in_order = task.text_start.get() == self.checked[Section::Signatures];
+            task.ensure(in_order, Cause::Order)?;
+            self.checked[Section::Signatures] += task.text_length.get();
+            let exists = task.exclusive.index().is_none_or(|group| group < groups);
+            task.ensure(exists, Cause::Range)?;
+        }
+        Ok(())
     }
-    Ok(text_bytes)
-}
 
-/// Checks that task instances have their connections one behind the other, as many as their tasks have data ports.
-/// Returns how many these are.
-fn check_task_instances(tables: &Tables<'_>) -> Result<usize, Finding> {
-    let task_states: &[TaskState] = tables.records();
-    let tasks: &[Task] = tables.records();
-    let mut connections = 0;
-    for instance in entries(tables.records::<TaskInstance>()) {
-        let in_order = instance.first_connection.get() == connections;
-        instance.ensure(in_order, Cause::Order)?;
-        let task_state = task_states.get(instance.task_state.get());
-        let task = task_state.and_then(|task_state| tasks.get(task_state.task.get()));
-        connections += task.map_or(0, |task| task.data.get());
+    /// Checks that task instances have their connections one behind the other, as many as their tasks have data ports.
+    fn check_task_instances(&mut self) -> Result<(), Finding> {
+        let records = &self.records;
+        for instance in entries(records.task_instances) {
+            let first = instance.first_connection.get();
+            instance.ensure(first == self.checked[Section::Connections], Cause::Order)?;
+            let task_state = records.task_states.get(instance.task_state.get());
+            let task = task_state.and_then(|it| records.tasks.get(it.task.get()));
+            self.checked[Section::Connections] += task.map_or(0, |task| task.data.get());
+        }
+        Ok(())
     }
-    Ok(connections)
-}
 
-/// Checks that connections lead to nets.
-fn check_connections(tables: &Tables<'_>) -> Result<(), Finding> {
-    let nets = tables.count(Section::Nets);
-    for connection in entries(tables.records::<Connection>()) {
-        let exists = connection.net.index().is_none_or(|net| net < nets);
-        connection.ensure(exists, Cause::Index)?;
+    /// Checks that connections lead to nets.
+    fn check_connections(&self, nets: usize) -> Result<(), Finding> {
+        for connection in entries(self.records.connections) {
+            let exists = connection.net.index().is_none_or(|net| net < nets);
+            connection.ensure(exists, Cause::Index)?;
+        }
+        Ok(())
     }
-    Ok(())
+
+    /// Checks that nothing is missing or left over.
+    fn check_ends(&self, tables: &Tables<'_>) -> Result<(), Finding> {
+        for section in WHOLE {
+            let checked = self.checked[section];
+            if checked != tables.count(section) {
+                return Err(Finding::new(section, checked, Cause::Order));
+            }
+        }
+        Ok(())
+    }
 }

@@ -38,6 +38,23 @@ pub enum FrameError {
     NotAMessage,
 }
 
+impl core::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            FrameError::TooLong => "the message does not fit in a frame",
+            FrameError::NotCobs => "the bytes are not encoded with COBS",
+            FrameError::WrongChecksum => {
+                "the bytes have another checksum: they were changed on the way"
+            }
+            FrameError::NotAMessage => {
+                "the frame is whole, but holds no message of this protocol version"
+            }
+        })
+    }
+}
+
+impl core::error::Error for FrameError {}
+
 /// Writes a message as a frame, delimiter included, to the beginning of `frame`, which needs room for [`MAX_FRAME_BYTES`] at most.
 /// Returns the frame's length.
 ///

@@ -33,6 +33,30 @@ pub enum WriteError {
     },
 }
 
+impl core::fmt::Display for NotKept {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("the record cannot be read or written")
+    }
+}
+
+impl core::error::Error for NotKept {}
+
+impl core::fmt::Display for WriteError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            WriteError::NotKept => f.write_str("the flash did not take the record"),
+            WriteError::Budget { s } => {
+                write!(
+                    f,
+                    "the flash was erased too often of late: try again in {s} s"
+                )
+            }
+        }
+    }
+}
+
+impl core::error::Error for WriteError {}
+
 impl From<NotKept> for WriteError {
     fn from(_: NotKept) -> Self {
         WriteError::NotKept

@@ -99,6 +99,12 @@ impl Lock {
     }
 }
 
+impl Default for Keys {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Keys {
     /// A robot of which nothing has been read yet.
     pub const fn new() -> Self {

@@ -7,6 +7,23 @@
 //!
 //! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and deadlines go out. So firmware, the
 //! `esm` command and a page in a browser run the same code.
+//!
+//! ```
+//! use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES};
+//! use esm_link::message::{Request, ToDevice};
+//!
+//! let mut frame = [0; MAX_FRAME_BYTES];
+//! let len = frame::encode(&ToDevice { seq: 1, request: Request::Status }, &mut frame)?;
+//! // On the other end, byte by byte, after noise that ended with a delimiter.
+//! let mut reader = FrameReader::new();
+//! let bytes = [0xA5, 0].iter().chain(&frame[..len]);
+//! let messages = bytes.filter_map(|byte| {
+//!     let message: ToDevice<'_> = frame::decode(reader.push(*byte)?).ok()?;
+//!     Some(message.request == Request::Status)
+//! });
+//! assert!(messages.eq([true]));
+//! # Ok::<(), frame::FrameError>(())
+//! ```
 #![cfg_attr(not(any(test, feature = "mutants")), no_std)]
 
 /// Whether this mutant is active. Only tests have mutants: each must make them fail.

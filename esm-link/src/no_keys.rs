@@ -28,6 +28,12 @@ impl Session {
 /// Nothing.
 pub struct Keys;
 
+impl Default for Keys {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Keys {
     pub const fn new() -> Self {
         Keys

@@ -424,6 +424,17 @@ pub enum TraceError {
     Unknown,
 }
 
+impl core::fmt::Display for TraceError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            TraceError::Incomplete => "the bytes end within a record",
+            TraceError::Unknown => "no record has this kind or this value",
+        })
+    }
+}
+
+impl core::error::Error for TraceError {}
+
 pub(crate) fn byte(bytes: &mut &[u8]) -> Result<u8, TraceError> {
     let (first, rest) = bytes.split_first().ok_or(TraceError::Incomplete)?;
     *bytes = rest;

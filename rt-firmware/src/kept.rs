@@ -26,11 +26,13 @@ const _: () = assert!(HEALTHY_US > 2 * SLOT_0_BOUND_US as u64);
 pub const BAD_STARTS: u32 = 3;
 
 /// Says that what stands here was written by a firmware with this layout.
-const MARK: u32 = 0x6B65_7002;
+const MARK: u32 = 0x6B65_7003;
 /// No emergency stop is latched. Whatever else stands there is one: what a stray write leaves keeps the motors off.
 const RELEASED: u32 = 0x52D1_3A9C;
 /// Far from [`RELEASED`] in each byte.
 const LATCHED: u32 = !RELEASED;
+/// Allowances for erases of the flash.
+pub(crate) const ALLOWANCES: usize = 3;
 /// No task is executed.
 const NO_TASK: u32 = u32::MAX;
 
@@ -98,6 +100,8 @@ pub struct Kept {
     alive_us: [AtomicU32; 2],
     /// [`RELEASED`], or an emergency stop is latched.
     emergency_stop: AtomicU32,
+    /// What is left of each allowance for erases of the flash. More than there can be is all of it.
+    allowances: [AtomicU32; ALLOWANCES],
     /// The flight recorder.
     pub black_box: BlackBox,
 }
@@ -120,6 +124,7 @@ impl Kept {
             bad_starts: AtomicU32::new(0),
             alive_us: [const { AtomicU32::new(0) }; 2],
             emergency_stop: AtomicU32::new(0),
+            allowances: [const { AtomicU32::new(0) }; ALLOWANCES],
             black_box: BlackBox::new(),
         }
     }
@@ -144,6 +149,9 @@ impl Kept {
         } else {
             self.black_box.clear();
             self.set_emergency_stop(false);
+            for left in &self.allowances {
+                left.store(u32::MAX, Relaxed);
+            }
         }
         let silent = match report {
             Some((words, _)) if has_news => words.silent,
@@ -234,6 +242,12 @@ impl Kept {
     pub(crate) fn set_emergency_stop(&self, latched: bool) {
         let word = if latched { LATCHED } else { RELEASED };
         self.emergency_stop.store(word, Relaxed);
+    }
+
+    /// What is left of each allowance for erases of the flash, of memory that
+    /// [`begin`](Self::begin) was called for.
+    pub(crate) fn allowances(&self) -> &[AtomicU32; ALLOWANCES] {
+        &self.allowances
     }
 
     /// This one was silent for so long that the watchdog is fed no more.

@@ -11,11 +11,14 @@
 //!    all access to the tasks and buffers of a bank goes through one executor and the one [`Job`] that it has lent.
 //! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write into a buffer that the job refers to,
 //!    nor hand out a second job.
-//! 3. **Published or pinned is constant.** A buffer that a net refers to (`publications > 0`) or that a job reads (`pinned`) is never
+//! 3. **Published or pinned is constant.** A buffer that a net refers to or that a job reads (its pins) is never
 //!    given to a task for writing. The one exception is a real-time task's own output and `inout`: a value is changed in place if no job reads
 //!    it and the same task does not read it through another port; nobody else can be reading it, since real-time tasks never preempt each
 //!    other.
-//! 4. **Types are known.** Each value carries the `TypeId` of what is in its buffer, compared at each access.
+//! 4. **Types are known.** Each value carries the [`Kind`] of what is in its buffer. It is compared with the port's when a task instance is
+//!    executed, and the port's with the handle's at each access.
+//! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is executed by the executor of these alone, which
+//!    compares.
 
 #![allow(unsafe_code)]
 
@@ -56,10 +59,53 @@ pub const fn buffers_for(direction: &str, type_name: &str, ports: &[(&str, &str)
 
 /// What is known of a buffer's use. Only the executor looks at it.
 struct Head {
-    /// Number of nets that refer to the buffer.
-    publications: Cell<u16>,
-    /// Whether the lent job reads the buffer.
-    pinned: Cell<bool>,
+    /// Nets that refer to the buffer, in the low half, and jobs that read it, in the high half.
+    uses: Cell<u32>,
+}
+
+/// One net refers to a buffer, and no job reads it.
+const PUBLISHED_ONCE: u32 = 1;
+const PUBLICATIONS: u32 = u16::MAX as u32;
+/// One job that reads a buffer.
+const PIN: u32 = PUBLICATIONS + 1;
+
+impl Head {
+    const fn free() -> Self {
+        Head { uses: Cell::new(0) }
+    }
+
+    fn is_free(&self) -> bool {
+        self.uses.get() == 0
+    }
+
+    fn is_pinned(&self) -> bool {
+        self.uses.get() >= PIN
+    }
+
+    fn publications(&self) -> u32 {
+        self.uses.get() & PUBLICATIONS
+    }
+
+    fn count_publication(&self) {
+        if self.publications() < PUBLICATIONS {
+            self.uses.set(self.uses.get() + 1);
+        }
+    }
+
+    /// A count that saturated is never taken back: such a buffer stays out of use rather than being written while referred to.
+    fn uncount_publication(&self) {
+        if !matches!(self.publications(), 0 | PUBLICATIONS) {
+            self.uses.set(self.uses.get() - 1);
+        }
+    }
+
+    fn pin(&self) {
+        self.uses.set(self.uses.get().saturating_add(PIN));
+    }
+
+    fn unpin(&self) {
+        self.uses.set(self.uses.get().saturating_sub(PIN));
+    }
 }
 
 /// A value and what is known of its use. The head comes first, so that a pointer to it is a pointer to the whole.
@@ -87,6 +133,36 @@ impl Kind {
     }
 }
 
+/// A type of values, as a port declares it.
+#[doc(hidden)]
+#[derive(Clone, Copy)]
+pub struct ValueKind(&'static Kind);
+
+impl ValueKind {
+    /// The kind of these values.
+    pub const fn of<V: PortType>() -> Self {
+        ValueKind(const { &Kind::of::<V>() })
+    }
+
+    /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types decide.
+    #[inline(always)]
+    fn is(self, other: ValueKind) -> bool {
+        core::ptr::eq(self.0, other.0) || self.has_type_of(other)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn has_type_of(self, other: ValueKind) -> bool {
+        self.0.type_id == other.0.type_id
+    }
+}
+
+impl core::fmt::Debug for ValueKind {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        self.0.type_id.fmt(f)
+    }
+}
+
 /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
 ///
 /// # Safety
@@ -106,31 +182,45 @@ unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) 
 #[derive(Clone, Copy)]
 struct ErasedBuffer {
     head: NonNull<Head>,
-    kind: &'static Kind,
+    kind: ValueKind,
+}
+
+/// What is known of the use of a buffer.
+///
+/// # Safety
+/// The pointer leads into a bank that outlives what is returned.
+#[inline(always)]
+unsafe fn head<'b>(buffer: NonNull<Head>) -> &'b Head {
+    // SAFETY: as the caller promises. Only `Cell`s are behind it, and only the executor's thread reaches them.
+    unsafe { buffer.as_ref() }
+}
+
+/// Pointer to the value in a buffer.
+///
+/// # Safety
+/// The buffer is a live one of this type, and its pointer has provenance over all of it.
+#[inline(always)]
+unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
+    let buffer = buffer.cast::<Buffer<V>>();
+    // SAFETY: as the caller promises; the projection stays inside, `UnsafeCell::raw_get` makes no reference, and what is inside a live
+    // buffer is not null.
+    unsafe { NonNull::new_unchecked(UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value)) }
 }
 
 impl ErasedBuffer {
+    #[inline(always)]
     fn head(&self) -> &Head {
         // SAFETY: `head` points into a bank that outlives the executor or job that holds this (invariant 1; nets are emptied when an
-        // executor is made). Only `Cell`s are behind it, and only the executor's thread reaches them.
-        unsafe { self.head.as_ref() }
-    }
-
-    fn is_free(&self) -> bool {
-        let head = self.head();
-        head.publications.get() == 0 && !head.pinned.get()
+        // executor is made).
+        unsafe { head(self.head) }
     }
 
     /// Pointer to the value, if `V` is its type.
     fn value<V: PortType>(&self) -> Option<NonNull<V>> {
-        if TypeId::of::<V>() != self.kind.type_id {
-            return None;
-        }
-        let buffer = self.head.cast::<Buffer<V>>();
-        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type with this `TypeId`, with provenance over all of it;
-        // the projection stays inside, and `UnsafeCell::raw_get` makes no reference.
-        let value = unsafe { UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value) };
-        NonNull::new(value)
+        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type of its kind, with provenance over all of it.
+        self.kind
+            .is(ValueKind::of::<V>())
+            .then(|| unsafe { value_in(self.head) })
     }
 }
 
@@ -155,7 +245,7 @@ impl dyn PortBuffers + '_ {
     }
 
     fn free_buffer(&self) -> Option<ErasedBuffer> {
-        self.buffers().find(ErasedBuffer::is_free)
+        self.buffers().find(|buffer| buffer.head().is_free())
     }
 
     /// Whether a buffer is one of these.
@@ -178,10 +268,7 @@ impl<V: PortType, const N: usize> Buffered<V, N> {
     pub(crate) const EMPTY: Self = Buffered {
         buffers: [const {
             Buffer {
-                head: Head {
-                    publications: Cell::new(0),
-                    pinned: Cell::new(false),
-                },
+                head: Head::free(),
                 value: UnsafeCell::new(V::INIT),
             }
         }; N],
@@ -198,7 +285,7 @@ impl<V: PortType, const N: usize> PortBuffers for Buffered<V, N> {
         let buffer = self.buffers.get(number)?;
         Some(ErasedBuffer {
             head: NonNull::from(buffer).cast(),
-            kind: const { &Kind::of::<V>() },
+            kind: ValueKind::of::<V>(),
         })
     }
 
@@ -254,6 +341,12 @@ pub trait OutputPorts: sealed::Sealed {
     /// The buffers of a port, if it is one that the task writes.
     #[doc(hidden)]
     fn port(&self, index: usize) -> Option<&dyn PortBuffers>;
+    /// How long a monitor has said nothing; none for any other task.
+    #[doc(hidden)]
+    #[inline(always)]
+    fn silence(&self) -> Option<&Silence> {
+        None
+    }
 }
 
 impl sealed::Sealed for () {}
@@ -264,9 +357,47 @@ impl OutputPorts for () {
     }
 }
 
+/// A monitor that said nothing in so many executions in a row is broken, and the robot goes to its safe state: 200 ms in a slot
+/// of 40 ms, which is how old a range may be. One that works says something in each.
+pub const SILENT_EXECUTIONS: u8 = 5;
+
+/// Executions of a monitor in a row in which it said nothing. It stands at the end of the list, behind the ports.
+#[doc(hidden)]
+pub struct Silence(Cell<u8>);
+
+impl sealed::Sealed for Silence {}
+impl OutputPorts for Silence {
+    const EMPTY: Self = Silence(Cell::new(0));
+    fn port(&self, _index: usize) -> Option<&dyn PortBuffers> {
+        None
+    }
+    fn silence(&self) -> Option<&Silence> {
+        Some(self)
+    }
+}
+
+impl Silence {
+    /// Counts the execution that has just ended.
+    #[inline(never)]
+    fn count(&self, state: &mut IoState) {
+        let is_heard = state.done & !HAS_TOLD != 0;
+        let silent = if is_heard { 0 } else { self.0.get() + 1 };
+        if silent < SILENT_EXECUTIONS {
+            self.0.set(silent);
+        } else {
+            state.tell();
+            state.failure = Some(SafeReason::MonitorSilent);
+        }
+    }
+}
+
 impl<P: PortSlot, R: OutputPorts> sealed::Sealed for (P, R) {}
 impl<P: PortSlot, R: OutputPorts> OutputPorts for (P, R) {
     const EMPTY: Self = (P::EMPTY, R::EMPTY);
+    #[inline(always)]
+    fn silence(&self) -> Option<&Silence> {
+        self.1.silence()
+    }
     fn port(&self, index: usize) -> Option<&dyn PortBuffers> {
         match index.checked_sub(1) {
             None => self.0.buffers(),
@@ -321,12 +452,39 @@ pub trait TaskBank: Sync + sealed::Sealed {
     #[doc(hidden)]
     unsafe fn reset(&self, place: usize);
 
-    /// Executes a task once; `enter` says whether an activation begins.
-    ///
-    /// # Safety
-    /// Nobody else may be using this task.
+    /// A task as its executor reaches it.
     #[doc(hidden)]
-    unsafe fn step(&self, place: usize, enter: bool, io: &mut Io<'_>) -> Step;
+    #[allow(private_interfaces)]
+    fn task(&self, place: usize) -> Option<TaskPointer>;
+}
+
+/// A task, and how it is executed.
+#[derive(Clone, Copy)]
+struct TaskPointer {
+    /// The [`Place`] that it is in. The pointer's provenance is that of the whole place.
+    place: NonNull<()>,
+    /// Executes the task in a place of its type once; the flag says whether an activation begins.
+    step: unsafe fn(NonNull<()>, bool, &mut Io<'_>) -> Step,
+}
+
+/// Executes the task in a place once; `enter` says whether an activation begins.
+///
+/// # Safety
+/// It is a live place with a task of this type, the pointer has provenance over it, and nobody else is using the task.
+unsafe fn step_in<T: Task>(place: NonNull<()>, enter: bool, io: &mut Io<'_>) -> Step {
+    let place = place.cast::<Place<T>>();
+    // SAFETY: as the caller promises; the projection stays inside.
+    let task = unsafe { &mut *UnsafeCell::raw_get(&raw const (*place.as_ptr()).task) };
+    if enter {
+        task.enter();
+    }
+    let step = task.step(io);
+    // SAFETY: as above; what the outputs hold is reached through shared references alone.
+    let outputs = unsafe { &(*place.as_ptr()).outputs };
+    if let Some(silence) = outputs.silence() {
+        silence.count(io.state);
+    }
+    step
 }
 
 impl<T: Task, const N: usize> sealed::Sealed for Bank<T, N> {}
@@ -348,19 +506,18 @@ impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
             // SAFETY: the caller promises that nobody else uses this task.
             let task = unsafe { &mut *place.task.get() };
             task.reset();
+            if let Some(silence) = place.outputs.silence() {
+                silence.0.set(0);
+            }
         }
     }
 
-    unsafe fn step(&self, place: usize, enter: bool, io: &mut Io<'_>) -> Step {
-        let Some(place) = self.places.get(place) else {
-            return Step::Finished;
-        };
-        // SAFETY: the caller promises that nobody else uses this task.
-        let task = unsafe { &mut *place.task.get() };
-        if enter {
-            task.enter();
-        }
-        task.step(io)
+    #[allow(private_interfaces)]
+    fn task(&self, place: usize) -> Option<TaskPointer> {
+        Some(TaskPointer {
+            place: NonNull::from(self.places.get(place)?).cast(),
+            step: step_in::<T>,
+        })
     }
 }
 
@@ -373,38 +530,37 @@ pub struct Io<'a> {
 
 /// What is known of one execution.
 struct IoState {
-    /// The value of each data port: to read for `in`, to write for `out` and `inout`.
-    values: [Option<ErasedBuffer>; MAX_DATA_PORTS],
-    /// The time of each `inout` port's value, which it keeps when it is published again.
-    times_us: [u64; MAX_DATA_PORTS],
+    /// The task's data ports.
+    ports: &'static [PortDeclaration],
+    /// The value of each of them: to read for `in`, to write for `out` and `inout`.
+    values: [Option<NonNull<Head>>; MAX_DATA_PORTS],
     /// Nominal start of the activation on the robot's clock.
     robot_us: u64,
-    /// Data ports of the task. No later one has a value.
-    ports: u8,
-    /// Parameters of the task. All later ones are 0.
-    params: u8,
-    /// Bit n: data port n may be written.
-    writable: u8,
-    /// Bit n: data port n is an `inout` port.
-    keeps_time: u8,
-    /// Bit n: data port n was written.
-    written: u8,
-    inputs: Inputs,
-    flags: FlagChanges,
+    /// What the task has done: bit n, from 0 on, data port n was written; from [`FIRST_FLAG`] on, control flag n was;
+    /// [`HAS_TOLD`], it has told something else.
+    done: u32,
+    /// Bit n: control flag n was set last. It means something where the flag was written.
+    flags: u16,
     allowed_overruns: Option<u32>,
     failure: Option<SafeReason>,
+    inputs: Inputs,
 }
+
+const WRITTEN_PORTS: u32 = (1 << MAX_DATA_PORTS) - 1;
+const HAS_TOLD: u32 = 1 << MAX_DATA_PORTS;
+/// The task has said that it still watches.
+const IS_HEARD: u32 = HAS_TOLD << 1;
+const FIRST_FLAG: u32 = 16;
 
 impl IoState {
     const EMPTY: IoState = IoState {
+        ports: &[],
         values: [None; MAX_DATA_PORTS],
-        times_us: [0; MAX_DATA_PORTS],
         robot_us: 0,
-        ports: 0,
-        params: 0,
-        writable: 0,
-        keeps_time: 0,
-        written: 0,
+        done: 0,
+        flags: 0,
+        allowed_overruns: None,
+        failure: None,
         inputs: Inputs {
             flags: 0,
             params: [0; MAX_PARAMS],
@@ -414,39 +570,29 @@ impl IoState {
             missed: 0,
             link_silent_us: 0,
         },
-        flags: FlagChanges {
-            written: 0,
-            values: 0,
-        },
-        allowed_overruns: None,
-        failure: None,
     };
 
-    /// Makes it that of another execution, by a task of this declaration, where it is: it is too large to be passed around in each
-    /// occurrence, and to be cleared beyond what the task before has used.
-    #[inline(always)]
-    fn begin(&mut self, declared: &Declaration, robot_us: u64) {
-        for value in self.values.iter_mut().take(usize::from(self.ports)) {
-            *value = None;
+    /// What the task has said.
+    fn said(&self) -> Said {
+        let written = (self.done >> FIRST_FLAG) as u16;
+        let has_told = self.done & HAS_TOLD != 0;
+        Said {
+            flags: FlagChanges {
+                written,
+                values: self.flags & written,
+            },
+            allowed_overruns: self.allowed_overruns.filter(|_| has_told),
+            failure: self.failure.filter(|_| has_told),
         }
-        if self.params > 0 {
-            self.inputs.params = [0; MAX_PARAMS];
+    }
+
+    /// Notes that the task tells something that it has told nothing of yet in this execution.
+    fn tell(&mut self) {
+        if self.done & HAS_TOLD == 0 {
+            self.done |= HAS_TOLD;
+            self.allowed_overruns = None;
+            self.failure = None;
         }
-        self.ports = declared.ports.len().min(MAX_DATA_PORTS) as u8;
-        self.params = declared.params.len().min(MAX_PARAMS) as u8;
-        self.robot_us = robot_us;
-        self.writable = 0;
-        self.keeps_time = 0;
-        self.written = 0;
-        self.inputs.flags = 0;
-        self.inputs.now_us = 0;
-        self.inputs.period_us = 0;
-        self.inputs.overruns = 0;
-        self.inputs.missed = 0;
-        self.inputs.link_silent_us = 0;
-        self.flags = FlagChanges::default();
-        self.allowed_overruns = None;
-        self.failure = None;
     }
 }
 
@@ -481,26 +627,34 @@ pub struct FlagChanges {
 const WRONG_HANDLE: &str = "this handle belongs to another task type";
 
 impl<'a> Io<'a> {
-    fn readable<V: PortType>(&self, index: u8) -> Option<&'a V> {
+    /// The value of a port, if it has one, and the handle is one of the task's.
+    #[inline(always)]
+    fn value<V: PortType>(&self, index: u8, is_input: bool) -> Option<NonNull<V>> {
         let index = usize::from(index);
-        assert!(self.state.writable & bit8(index) == 0, "{}", WRONG_HANDLE);
-        let buffer = self.state.values.get(index).copied().flatten()?;
-        let Some(value) = buffer.value::<V>() else {
+        let (Some(port), Some(value)) = (self.state.ports.get(index), self.state.values.get(index))
+        else {
             panic!("{}", WRONG_HANDLE)
         };
-        // SAFETY: the value is published or pinned and not written during this execution (invariant 3), which 'a does not outlive.
-        Some(unsafe { value.as_ref() })
+        let is_right =
+            (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
+        assert!(is_right, "{}", WRONG_HANDLE);
+        // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`; its buffer is in a bank that outlives
+        // the executor or job.
+        value.map(|value| unsafe { value_in(value) })
     }
 
+    #[inline(always)]
+    fn readable<V: PortType>(&self, index: u8) -> Option<&'a V> {
+        // SAFETY: the value is published or pinned and not written during this execution (invariant 3), which 'a does not outlive.
+        self.value(index, true)
+            .map(|value| unsafe { value.as_ref() })
+    }
+
+    #[inline(always)]
     fn writable<V: PortType>(&mut self, index: u8) -> Option<&mut V> {
-        let index = usize::from(index);
-        assert!(self.state.writable & bit8(index) != 0, "{}", WRONG_HANDLE);
-        let buffer = self.state.values.get(index).copied().flatten()?;
-        let Some(mut value) = buffer.value::<V>() else {
-            panic!("{}", WRONG_HANDLE)
-        };
-        self.state.written |= bit8(index);
-        // SAFETY: `writable` marks buffers that are free, or `inout` values that nobody reads (invariant 3). Two ports of a task may be
+        let mut value = self.value::<V>(index, false)?;
+        self.state.done |= 1 << index;
+        // SAFETY: ports that are no inputs have buffers that are free, or values that nobody reads (invariant 3). Two ports of a task may be
         // given one `inout` value, but the mutable borrow of `self` allows one reference at a time.
         Some(unsafe { value.as_mut() })
     }
@@ -548,12 +702,11 @@ impl<'a> Io<'a> {
     /// Sets or clears a control flag, seen by the next macro step.
     pub fn set(&mut self, flag: OutFlag, value: bool) {
         let bit = bit16(flag.index);
-        let changes = &mut self.state.flags;
-        changes.written |= bit;
-        changes.values = if value {
-            changes.values | bit
+        self.state.done |= u32::from(bit) << FIRST_FLAG;
+        self.state.flags = if value {
+            self.state.flags | bit
         } else {
-            changes.values & !bit
+            self.state.flags & !bit
         };
     }
 
@@ -598,19 +751,22 @@ impl<'a> Io<'a> {
     /// The motors are to go off, whatever the mission does: after this execution the robot is in its safe state, for this reason. Said in slot 0, when the
     /// run has ended.
     pub fn fail_safe(&mut self, reason: SafeReason) {
+        self.state.tell();
         self.state.failure = Some(reason);
+    }
+
+    /// Says that a task which is a [monitor](crate::task!) still watches, where it has no flag to set and nothing to write.
+    pub fn beat(&mut self) {
+        self.state.done |= IS_HEARD;
     }
 
     /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a row may last too long; one more brings the robot
     /// to its safe state. It takes the place of the board's own [limit](crate::Limits); of several tasks, the last one to say so counts.
     /// Said in slot 0, it has no effect.
     pub fn allow_overruns(&mut self, in_a_row: u32) {
+        self.state.tell();
         self.state.allowed_overruns = Some(in_a_row);
     }
-}
-
-fn bit8(index: usize) -> u8 {
-    1u8.checked_shl(index as u32).unwrap_or(0)
 }
 
 fn bit16(index: u8) -> u16 {
@@ -763,12 +919,23 @@ impl Net {
         value_us: 0,
     };
 
-    /// The value, if it is not older than a port wants it at this time on the robot's clock.
-    fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<ErasedBuffer> {
-        let is_stale = port
-            .within_us
-            .is_some_and(|most_us| robot_us.saturating_sub(self.value_us) > u64::from(most_us));
-        self.value.filter(|_| !is_stale)
+    /// The value, if it has a port's type and is not older than the port wants it at this time on the robot's clock.
+    #[inline(always)]
+    fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<NonNull<Head>> {
+        let value = self.value_for(port)?;
+        if let Some(most_us) = port.within_us
+            && robot_us.saturating_sub(self.value_us) > u64::from(most_us)
+        {
+            return None;
+        }
+        Some(value)
+    }
+
+    /// The value, if it has a port's type.
+    #[inline(always)]
+    fn value_for(&self, port: &PortDeclaration) -> Option<NonNull<Head>> {
+        let value = self.value?;
+        value.kind.is(port.kind).then_some(value.head)
     }
 
     fn publish(&mut self, value: Option<ErasedBuffer>, value_us: u64) {
@@ -780,15 +947,10 @@ impl Net {
             return;
         }
         if let Some(new) = value {
-            let publications = &new.head().publications;
-            publications.set(publications.get().saturating_add(1));
+            new.head().count_publication();
         }
         if let Some(old) = core::mem::replace(&mut self.value, value) {
-            let publications = &old.head().publications;
-            // A count that saturated is never taken back: such a buffer stays out of use rather than being written while referred to.
-            if publications.get() != u16::MAX {
-                publications.set(publications.get().saturating_sub(1));
-            }
+            old.head().uncount_publication();
         }
     }
 }
@@ -840,6 +1002,146 @@ pub enum Harvest {
     Foreign,
 }
 
+/// A port that leads nowhere.
+const NO_NET: u16 = u16::MAX;
+/// Bytes of the unit in which the place of a buffer is kept. No buffer is aligned to less.
+const BUFFER_UNIT: usize = align_of::<Head>();
+
+/// Where a data port of a task instance leads.
+#[derive(Clone, Copy)]
+struct BoundPort {
+    /// Its net, or [`NO_NET`].
+    net: u16,
+    /// Where the buffer is that the port wrote last, see [`distance`]; 0 where nobody knows.
+    buffer: u16,
+}
+
+/// All that an execution of a task instance needs: found once, when its mission is staged.
+#[derive(Clone, Copy)]
+pub struct Binding {
+    /// None where the robot has no such task.
+    task: Option<BoundTask>,
+    ports: [BoundPort; MAX_DATA_PORTS],
+    place: TaskPlace,
+    /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but where a value is on two nets.
+    alone: u8,
+}
+
+#[derive(Clone, Copy)]
+struct BoundTask {
+    pointer: TaskPointer,
+    declared: &'static Declaration,
+    /// Where the list of banks is that the task is of (invariant 5).
+    banks: NonNull<()>,
+}
+
+// SAFETY: what it points to is reached by the executor of its banks alone (invariants 1, 5), which is `Send` itself.
+unsafe impl Send for Binding {}
+
+impl Binding {
+    /// A task instance that nothing serves.
+    pub(crate) const NONE: Binding = Binding {
+        task: None,
+        ports: [BoundPort { net: 0, buffer: 0 }; MAX_DATA_PORTS],
+        place: TaskPlace { bank: 0, place: 0 },
+        alone: 0,
+    };
+
+    /// The task that it is of.
+    pub(crate) fn place(&self) -> Option<TaskPlace> {
+        self.task.map(|_| self.place)
+    }
+
+    /// Number of the task's parameters.
+    #[inline(always)]
+    pub(crate) fn param_count(&self) -> usize {
+        self.task.map_or(0, |task| task.declared.params.len())
+    }
+}
+
+impl core::fmt::Debug for Binding {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        self.place().fmt(f)
+    }
+}
+
+impl Registry<'_> {
+    /// Finds all that executions of a task need. `net_of` tells the net of each data port.
+    pub(crate) fn bind(self, task: TaskPlace, net_of: impl Fn(usize) -> Option<usize>) -> Binding {
+        let mut binding = Binding {
+            place: task,
+            ..Binding::NONE
+        };
+        let Some((bank, pointer)) = self
+            .bank(usize::from(task.bank))
+            .and_then(|bank| Some((bank, bank.task(usize::from(task.place))?)))
+        else {
+            return binding;
+        };
+        let declared = bank.declaration();
+        binding.task = Some(BoundTask {
+            pointer,
+            declared,
+            banks: self.address(),
+        });
+        for (index, (port, bound)) in declared.ports.iter().zip(&mut binding.ports).enumerate() {
+            let net = net_of(index);
+            bound.net = net
+                .and_then(|net| u16::try_from(net).ok())
+                .unwrap_or(NO_NET);
+            let buffers = bank.output(usize::from(task.place), index);
+            if let Some(first) = buffers.and_then(|buffers| buffers.buffer(0)) {
+                bound.buffer = kept_distance(pointer, first.head);
+            }
+            let finds = declared.ports.iter().enumerate().any(|(other, declared)| {
+                let reads = match declared.direction {
+                    Direction::In => true,
+                    Direction::InOut => port.direction == Direction::Out,
+                    Direction::Out => false,
+                };
+                reads && net.is_some() && net_of(other) == net
+            });
+            if !finds {
+                binding.alone |= 1 << index;
+            }
+        }
+        binding
+    }
+
+    /// Binds a task instance to another task of the same type.
+    pub(crate) fn bind_again(self, binding: &mut Binding, task: TaskPlace) {
+        if binding.place != task {
+            let ports = binding.ports;
+            *binding = self.bind(task, |port| {
+                let net = ports.get(port).map_or(NO_NET, |bound| bound.net);
+                (net != NO_NET).then_some(usize::from(net))
+            });
+        }
+    }
+
+    /// What tells one robot's banks from another's: a list of banks is borrowed by one executor alone, and one with a task in it is not empty, so that its address
+    /// is nobody else's.
+    #[inline(always)]
+    fn address(self) -> NonNull<()> {
+        NonNull::from(self.banks).cast()
+    }
+}
+
+/// Where a buffer is, from its task's place on, in units of [`BUFFER_UNIT`]; counted from 1.
+#[inline(always)]
+fn distance(task: TaskPointer, buffer: NonNull<Head>) -> usize {
+    let bytes = buffer.addr().get().wrapping_sub(task.place.addr().get());
+    bytes / BUFFER_UNIT + 1
+}
+
+/// [`distance`] as it is kept: 0 where it is too far for that, which is nobody's.
+fn kept_distance(task: TaskPointer, buffer: NonNull<Head>) -> u16 {
+    u16::try_from(distance(task, buffer)).unwrap_or(0)
+}
+
+/// Slot-0 runs that may be under way at the same time.
+pub const CARRIERS: usize = 1;
+
 /// Executes tasks: the one owner of a robot's banks and nets.
 pub struct Executor<'m> {
     registry: Registry<'m>,
@@ -849,17 +1151,16 @@ pub struct Executor<'m> {
     lent: Option<TaskPlace>,
     /// The lent job belongs to a mission that is over.
     lent_is_stale: bool,
-    /// The task that is to be executed next. Whatever changes nets, tasks or the use of buffers takes it away first (invariant 3).
-    ready: Option<Ready<'m>>,
-    /// What it is executed with.
-    prepared: IoState,
+    /// The task that was prepared.
+    call: Option<Call>,
+    /// What it sees.
+    state: IoState,
 }
 
 /// A task that can be executed.
 #[derive(Clone, Copy)]
-struct Ready<'m> {
-    bank: &'m dyn TaskBank,
-    place: u8,
+struct Call {
+    task: TaskPointer,
     enter: bool,
 }
 
@@ -887,8 +1188,8 @@ pub fn assemble<'m, const NETS: usize>(
             nets_before,
             lent: None,
             lent_is_stale: false,
-            ready: None,
-            prepared: IoState::EMPTY,
+            call: None,
+            state: IoState::EMPTY,
         },
         registry,
     ))
@@ -926,7 +1227,7 @@ impl<'m> Executor<'m> {
 
     /// A mission starts that goes on from the one before: from here to [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
     pub fn begin_carry(&mut self) {
-        self.ready = None;
+        self.call = None;
         if WARM {
             core::mem::swap(&mut self.nets, &mut self.nets_before);
         }
@@ -970,13 +1271,14 @@ impl<'m> Executor<'m> {
         inputs: &Inputs,
         enter: bool,
     ) -> Option<Outcome> {
-        if !self.make_ready(task, &net_of, enter, inputs.now_us, |place, _| {
-            *place = *inputs;
-        }) {
+        let mut binding = self.registry.bind(task, net_of);
+        self.begin(inputs.now_us, inputs.now_us, inputs.period_us);
+        self.state.inputs = *inputs;
+        if !self.prepare(&mut binding, enter) {
             return None;
         }
-        let step = self.execute_ready()?;
-        let said = self.end_ready(net_of)?;
+        let step = self.run()?;
+        let said = self.end_step(&binding).unwrap_or_default();
         Some(Outcome {
             step,
             flags: said.flags,
@@ -985,73 +1287,157 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Does all of [`execute`](Self::execute) that can be done before. The activation's nominal start is `robot_us` on the
-    /// robot's clock. `find_inputs` fills what enters beside the values on nets, all of which is 0 before.
-    /// False, and nothing is ready, if the task cannot be executed. Anything else that is done with this executor before
-    /// [`execute_ready`](Self::execute_ready) takes the readiness away.
-    pub fn make_ready(
-        &mut self,
-        task: TaskPlace,
-        net_of: impl Fn(usize) -> Option<usize>,
-        enter: bool,
-        robot_us: u64,
-        find_inputs: impl FnOnce(&mut Inputs, &Declaration),
-    ) -> bool {
-        self.ready = None;
-        let Some(bank) = self.registry.bank(usize::from(task.bank)) else {
+    /// All executions from here on are of an occurrence of a slot with this period that starts at these times of the mission and the robot.
+    #[inline(always)]
+    pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64, period_us: u32) {
+        self.state.inputs.now_us = now_us;
+        self.state.inputs.period_us = period_us;
+        self.state.robot_us = robot_us;
+    }
+
+    /// Nominal start of the occurrence that [began](Self::begin), on the robot's clock.
+    pub(crate) fn robot_us(&self) -> u64 {
+        self.state.robot_us
+    }
+
+    /// What enters the next execution beside the values on nets.
+    #[inline(always)]
+    pub(crate) fn inputs(&mut self) -> &mut Inputs {
+        &mut self.state.inputs
+    }
+
+    /// Finds the values of a task's ports for its next execution, which [`run`](Self::run) does. `enter` says whether an activation begins.
+    /// False, and nothing is done, if a required input has no fresh value or the task is lent. Whatever changes nets, tasks or the use of
+    /// buffers takes this back (invariant 3).
+    #[inline(always)]
+    pub(crate) fn prepare(&mut self, binding: &mut Binding, enter: bool) -> bool {
+        self.call = None;
+        let Some(task) = binding.task else {
             return false;
         };
-        if let Some(lent) = &self.lent
-            && lent.place == task.place
-            && lent.bank == task.bank
-        {
+        if task.banks != self.registry.address() || self.lent == Some(binding.place) {
             return false;
         }
-        let declared = bank.declaration();
-        let state = &mut self.prepared;
-        state.begin(declared, robot_us);
-        if connect(self.nets, bank, declared, task, net_of, true, state).is_none() {
+        self.state.done = 0;
+        self.state.ports = task.declared.ports;
+        if !task.declared.ports.is_empty() && !self.connect(binding, task) {
             return false;
         }
-        find_inputs(&mut state.inputs, declared);
-        self.ready = Some(Ready {
-            bank,
-            place: task.place,
+        self.call = Some(Call {
+            task: task.pointer,
             enter,
         });
         true
     }
 
-    /// Executes the task that was made ready. What it wrote is to be published by [`end_ready`](Self::end_ready).
+    /// What was prepared is not executed.
     #[inline(always)]
-    pub fn execute_ready(&mut self) -> Option<Step> {
-        let ready = self.ready.as_ref()?;
-        // SAFETY: the executor owns the task (invariant 1), and it is not lent: it was not when it was made ready, and lending ends that.
-        Some(unsafe {
-            ready.bank.step(
-                usize::from(ready.place),
-                ready.enter,
-                &mut Io {
-                    state: &mut self.prepared,
-                },
-            )
-        })
+    pub(crate) fn forget(&mut self) {
+        self.call = None;
     }
 
-    /// Publishes what the task wrote that was executed last, and tells what else it said.
-    pub fn end_ready(&mut self, net_of: impl Fn(usize) -> Option<usize>) -> Option<Said> {
-        self.ready.take()?;
-        publish(self.nets, &self.prepared, self.prepared.robot_us, net_of);
-        Some(Said {
-            flags: self.prepared.flags,
-            allowed_overruns: self.prepared.allowed_overruns,
-            failure: self.prepared.failure,
-        })
+    /// Executes the task that was prepared, if one was. What it wrote is published by [`end_step`](Self::end_step).
+    #[inline(always)]
+    pub(crate) fn run(&mut self) -> Option<Step> {
+        let Call { task, enter } = self.call.take()?;
+        let mut io = Io {
+            state: &mut self.state,
+        };
+        // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it (invariant 1). It is not lent: it was not
+        // when it was prepared, and lending takes that back.
+        Some(unsafe { (task.step)(task.place, enter, &mut io) })
     }
 
-    /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is that at `step_us` on the
-    /// robot's clock, the last macro step. `None`, and nothing is done, if a required input has no fresh value or a task is lent
-    /// already.
+    /// Publishes what the task wrote that was executed last, and tells what else it said, if it said something.
+    #[inline(always)]
+    pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<Said> {
+        let done = self.state.done;
+        if done & WRITTEN_PORTS != 0 {
+            self.publish(binding);
+        }
+        (done & !WRITTEN_PORTS != 0).then(|| self.state.said())
+    }
+
+    /// Finds the buffer of each data port. False if a required input has no fresh value.
+    fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
+        let robot_us = self.state.robot_us;
+        let ports = task.declared.ports.iter().zip(&mut self.state.values);
+        for (index, (port, value)) in ports.enumerate() {
+            let Some(bound) = binding.ports.get(index) else {
+                break;
+            };
+            let net = self.nets.get(usize::from(bound.net));
+            let found = match port.direction {
+                Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
+                // Nobody ever reads a buffer of a port that leads nowhere.
+                Direction::Out if bound.net == NO_NET && bound.buffer != 0 => {
+                    let bytes = (usize::from(bound.buffer) - 1) * BUFFER_UNIT;
+                    // SAFETY: it is one of the port's own buffers, as binding and choosing found, and so in the task's place, over all of which the pointer has
+                    // provenance.
+                    Some(unsafe { task.pointer.place.byte_add(bytes) }.cast())
+                }
+                // What this port wrote last is written over, or else its value is changed in place, where it can be seen nowhere else.
+                direction => {
+                    let last = net.and_then(|net| match direction {
+                        Direction::InOut => net.fresh(port, robot_us),
+                        _ => net.value_for(port).filter(|value| {
+                            distance(task.pointer, *value) == usize::from(bound.buffer)
+                        }),
+                    });
+                    // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
+                    let last =
+                        last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
+                    if last.is_some() && binding.alone >> index & 1 != 0 {
+                        last
+                    } else {
+                        choose_buffer(
+                            self.nets,
+                            self.registry,
+                            binding,
+                            task,
+                            index,
+                            robot_us,
+                            true,
+                        )
+                    }
+                }
+            };
+            *value = found;
+            if found.is_none() && !port.optional {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Publishes what the task wrote. What was changed keeps its time.
+    fn publish(&mut self, binding: &Binding) {
+        let mut written = self.state.done & WRITTEN_PORTS;
+        while written != 0 {
+            let index = written.trailing_zeros() as usize;
+            written &= written - 1;
+            let (Some(port), Some(bound), Some(&value)) = (
+                self.state.ports.get(index),
+                binding.ports.get(index),
+                self.state.values.get(index),
+            ) else {
+                return;
+            };
+            let Some(net) = self.nets.get_mut(usize::from(bound.net)) else {
+                continue;
+            };
+            if port.direction == Direction::Out {
+                net.value_us = self.state.robot_us;
+            }
+            if net.value.map(|value| value.head) != value {
+                let kind = port.kind;
+                net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
+            }
+        }
+    }
+
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. `net_of` tells the net of each data port.
+    /// See [`lend_bound`](Self::lend_bound).
     pub fn lend(
         &mut self,
         task: TaskPlace,
@@ -1059,69 +1445,118 @@ impl<'m> Executor<'m> {
         step_us: u64,
         find_inputs: impl FnOnce(&mut Inputs, &Declaration),
     ) -> Option<Job<'m>> {
-        self.ready = None;
-        if self.lent.is_some() {
+        let binding = self.registry.bind(task, net_of);
+        self.lend_bound(&binding, step_us, find_inputs)
+    }
+
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is that at `step_us` on the
+    /// robot's clock, the last macro step. `None`, and nothing is done, if a required input has no fresh value or a task is lent
+    /// already.
+    pub(crate) fn lend_bound(
+        &mut self,
+        binding: &Binding,
+        step_us: u64,
+        find_inputs: impl FnOnce(&mut Inputs, &Declaration),
+    ) -> Option<Job<'m>> {
+        self.call = None;
+        let task = binding.task?;
+        if task.banks != self.registry.address() || self.lent.is_some() {
             return None;
         }
-        let bank = self.registry.bank(usize::from(task.bank))?;
-        let declared = bank.declaration();
-        let mut state = IoState::EMPTY;
-        state.begin(declared, step_us);
-        connect(self.nets, bank, declared, task, net_of, false, &mut state)?;
-        find_inputs(&mut state.inputs, declared);
-        for (index, value) in state.values.iter().enumerate() {
-            if let Some(value) = value
-                && state.writable & bit8(index) == 0
+        let mut binding = *binding;
+        let mut state = IoState {
+            ports: task.declared.ports,
+            robot_us: step_us,
+            ..IoState::EMPTY
+        };
+        let mut times_us = [0; MAX_DATA_PORTS];
+        for (index, port) in task.declared.ports.iter().enumerate() {
+            let net = binding
+                .ports
+                .get(index)
+                .and_then(|bound| self.nets.get(usize::from(bound.net)));
+            let found = match port.direction {
+                Direction::In => net.and_then(|net| net.fresh(port, step_us)),
+                _ => choose_buffer(
+                    self.nets,
+                    self.registry,
+                    &mut binding,
+                    task,
+                    index,
+                    step_us,
+                    false,
+                ),
+            };
+            if found.is_none() && !port.optional {
+                return None;
+            }
+            if let (Some(value), Some(time_us)) =
+                (state.values.get_mut(index), times_us.get_mut(index))
             {
-                value.head().pinned.set(true);
+                *value = found;
+                *time_us = net.map_or(0, |net| net.value_us);
             }
         }
-        self.lent = Some(task);
+        find_inputs(&mut state.inputs, task.declared);
+        for value in read_by(&state) {
+            // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
+            unsafe { head(value) }.pin();
+        }
+        self.lent = Some(binding.place);
         self.lent_is_stale = false;
         Some(Job {
-            registry: self.registry,
-            task,
+            binding,
+            banks: self.registry.banks,
             state,
+            times_us,
             entered: false,
             step: Step::Run,
         })
     }
 
-    /// Takes a job back and publishes what its run wrote. The time of that is `step_us` on the robot's clock, the macro step that
-    /// notes the run's end. `net_of` is asked only if the job's mission still runs.
-    pub fn harvest(
-        &mut self,
-        job: Job<'m>,
-        step_us: u64,
-        net_of: impl Fn(usize) -> Option<usize>,
-    ) -> Harvest {
-        self.ready = None;
+    /// Takes a job back and publishes what its run wrote, where its mission still runs. The time of that is `step_us` on the robot's clock,
+    /// the macro step that notes the run's end.
+    pub fn harvest(&mut self, job: Job<'m>, step_us: u64) -> Harvest {
+        self.call = None;
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not empty: its address is nobody else's.
-        let own = core::ptr::eq(self.registry.banks, job.registry.banks);
-        if !own || self.lent != Some(job.task) {
+        let own = core::ptr::eq(self.registry.banks, job.banks);
+        if !own || self.lent != Some(job.binding.place) {
             return Harvest::Foreign;
         }
-        for (index, value) in job.state.values.iter().enumerate() {
-            if let Some(value) = value
-                && job.state.writable & bit8(index) == 0
-            {
-                value.head().pinned.set(false);
-            }
+        for value in read_by(&job.state) {
+            // SAFETY: the job is one of this executor's, so that its values are in buffers of its banks (invariant 1).
+            unsafe { head(value) }.unpin();
         }
         self.lent = None;
         if core::mem::take(&mut self.lent_is_stale) {
-            if let Some(bank) = self.registry.bank(usize::from(job.task.bank)) {
+            let place = job.binding.place;
+            if let Some(bank) = self.registry.bank(usize::from(place.bank)) {
                 // SAFETY: the job is back, so that the executor owns the task again.
-                unsafe { bank.reset(usize::from(job.task.place)) };
+                unsafe { bank.reset(usize::from(place.place)) };
             }
             return Harvest::Stale;
         }
-        publish(self.nets, &job.state, step_us, net_of);
+        let written = |index: &usize| job.state.done & WRITTEN_PORTS & 1 << index != 0;
+        for index in (0..MAX_DATA_PORTS).filter(written) {
+            if let (Some(port), Some(bound), Some(&value), Some(&time_us)) = (
+                job.state.ports.get(index),
+                job.binding.ports.get(index),
+                job.state.values.get(index),
+                job.times_us.get(index),
+            ) && let Some(net) = self.nets.get_mut(usize::from(bound.net))
+            {
+                let kind = port.kind;
+                let keeps_time = port.direction == Direction::InOut;
+                let value_us = if keeps_time { time_us } else { step_us };
+                net.publish(value.map(|head| ErasedBuffer { head, kind }), value_us);
+            }
+        }
+        let said = job.state.said();
         Harvest::Ended(Outcome {
             step: job.step,
-            flags: job.state.flags,
-            allowed_overruns: job.state.allowed_overruns,
-            failure: job.state.failure,
+            flags: said.flags,
+            allowed_overruns: said.allowed_overruns,
+            failure: said.failure,
         })
     }
 
@@ -1134,7 +1569,7 @@ impl<'m> Executor<'m> {
         value: V,
         storage: &'m mut Buffered<V>,
     ) {
-        self.ready = None;
+        self.call = None;
         let [buffer, ..] = &mut storage.buffers;
         *buffer.value.get_mut() = value;
         let storage: &'m Buffered<V> = storage;
@@ -1146,7 +1581,7 @@ impl<'m> Executor<'m> {
     /// Takes the value off a net.
     #[cfg(any(test, feature = "std"))]
     pub(crate) fn empty(&mut self, net: usize) {
-        self.ready = None;
+        self.call = None;
         if let Some(net) = self.nets.get_mut(net) {
             net.publish(None, 0);
         }
@@ -1160,7 +1595,7 @@ impl<'m> Executor<'m> {
         };
         // SAFETY: the type is the one that the buffer was made for (invariant 4), and a published value is not written except while a task is executed, which borrows the executor
         // mutably (invariant 3).
-        unsafe { (value.kind.tell)(Some(value.head), show) };
+        unsafe { (value.kind.0.tell)(Some(value.head), show) };
         true
     }
 
@@ -1173,7 +1608,7 @@ impl<'m> Executor<'m> {
             .output(0, port)?
             .buffer(0)?;
         // SAFETY: it is given no buffer to look into.
-        Some(unsafe { (buffer.kind.tell)(None, &mut Show::new(&[])) })
+        Some(unsafe { (buffer.kind.0.tell)(None, &mut Show::new(&[])) })
     }
 
     /// What the values are made of that tasks of a bank write on a port: this firmware does not know.
@@ -1190,112 +1625,87 @@ impl<'m> Executor<'m> {
     }
 }
 
-/// Finds the buffer of each data port. `None` if a required input has no fresh value.
-fn connect(
+/// The values that an execution reads.
+fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
+    let ports = state.ports.iter().zip(&state.values);
+    ports
+        .filter(|(port, _)| port.direction == Direction::In)
+        .filter_map(|(_, value)| *value)
+}
+
+/// Finds the buffer for a port that is written or changed where it is not the usual one: an execution's first, one beside a slot-0 run that reads the last value, or a slot-0 run itself.
+/// `None` where the task cannot be executed, or the port is optional and has no value.
+#[inline(never)]
+fn choose_buffer(
     nets: &[Net],
-    bank: &dyn TaskBank,
-    declared: &Declaration,
-    task: TaskPlace,
-    net_of: impl Fn(usize) -> Option<usize>,
+    registry: Registry<'_>,
+    binding: &mut Binding,
+    task: BoundTask,
+    index: usize,
+    robot_us: u64,
     in_place: bool,
-    state: &mut IoState,
-) -> Option<()> {
-    let ports = declared.ports;
-    let net_of = |index: usize| net_of(index).and_then(|net| nets.get(net));
-    let on_net = |index: usize| net_of(index).and_then(|net| net.value);
-    let robot_us = state.robot_us;
-    let fresh = |index: usize, port| net_of(index).and_then(|net| net.fresh(port, robot_us));
-    for (index, (port, value)) in ports.iter().zip(&mut state.values).enumerate() {
-        if port.direction == Direction::In {
-            *value = fresh(index, port);
-            if value.is_none() && !port.optional {
-                return None;
-            }
+) -> Option<NonNull<Head>> {
+    let ports = task.declared.ports;
+    let port = ports.get(index)?;
+    let bank = registry.bank(usize::from(binding.place.bank))?;
+    let buffers = bank.output(usize::from(binding.place.place), index)?;
+    let bound = binding.ports;
+    let net_of = |port: usize| nets.get(usize::from(bound.get(port)?.net));
+    let is_changed = port.direction == Direction::InOut;
+    let current = net_of(index).and_then(|net| {
+        net.value_for(port)?;
+        if is_changed {
+            net.fresh(port, robot_us)?;
         }
-    }
-    for (index, port) in ports.iter().enumerate().take(MAX_DATA_PORTS) {
-        if port.direction == Direction::In {
-            continue;
-        }
-        state.writable |= bit8(index);
-        let buffers = bank.output(usize::from(task.place), index)?;
-        let current = if port.direction == Direction::InOut {
-            state.keeps_time |= bit8(index);
-            if let (Some(time_us), Some(net)) = (state.times_us.get_mut(index), net_of(index)) {
-                *time_us = net.value_us;
-            }
-            fresh(index, port)
-        } else {
-            on_net(index)
+        net.value
+    });
+    // No job reads it, nor the task itself through another port.
+    let unread = current.filter(|current| {
+        let mut others = ports
+            .iter()
+            .enumerate()
+            .filter(|(_, other)| match other.direction {
+                Direction::In => true,
+                Direction::InOut => !is_changed,
+                Direction::Out => false,
+            });
+        let is_on = |port: usize| {
+            let other = net_of(port).and_then(|net| net.value);
+            other.is_some_and(|other| other.head == current.head)
         };
-        let unread = current.filter(|current| {
-            let mut others = ports.iter().zip(&state.values).enumerate().filter_map(
-                |(other, (declared, value))| match (declared.direction, port.direction) {
-                    (Direction::In, _) => *value,
-                    (Direction::InOut, Direction::Out) => on_net(other),
-                    _ => None,
-                },
-            );
-            in_place
-                && !current.head().pinned.get()
-                && !others.any(|other| other.head == current.head)
-        });
-        let value = if port.direction == Direction::Out {
-            // Another net that refers to it, or another task's buffer, is not this port's to change.
-            match unread {
-                Some(last) if last.head().publications.get() == 1 && buffers.owns(last) => {
-                    Some(last)
-                }
-                _ => Some(buffers.free_buffer()?),
-            }
-        } else if let Some(current) = current {
-            if unread.is_some() {
-                unread
-            } else {
+        in_place && !current.head().is_pinned() && !others.any(|(port, _)| is_on(port))
+    });
+    let chosen = if is_changed {
+        let current = current?;
+        match unread {
+            Some(value) => value,
+            None => {
                 let own = buffers.free_buffer()?;
                 // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
                 unsafe { buffers.copy(current, own) };
-                Some(own)
+                own
             }
-        } else if port.optional {
-            None
-        } else {
-            return None;
-        };
-        if let Some(place) = state.values.get_mut(index) {
-            *place = value;
         }
-    }
-    Some(())
-}
-
-/// Publishes what an execution wrote, with this time on the robot's clock; what was changed keeps its own.
-fn publish(
-    nets: &mut [Net],
-    state: &IoState,
-    robot_us: u64,
-    net_of: impl Fn(usize) -> Option<usize>,
-) {
-    let mut written = state.written;
-    while written != 0 {
-        let index = written.trailing_zeros() as usize;
-        written &= written - 1;
-        if let Some(net) = net_of(index).and_then(|net| nets.get_mut(net)) {
-            let value_us = if state.keeps_time & bit8(index) != 0 {
-                state.times_us.get(index).copied().unwrap_or(robot_us)
-            } else {
-                robot_us
-            };
-            net.publish(state.values.get(index).copied().flatten(), value_us);
+    } else {
+        // Another net that refers to it, or another task's buffer, is not this port's to change.
+        match unread {
+            Some(last) if last.head().publications() == 1 && buffers.owns(last) => last,
+            _ => buffers.free_buffer()?,
         }
+    };
+    if let Some(bound) = binding.ports.get_mut(index) {
+        bound.buffer = kept_distance(task.pointer, chosen.head);
     }
+    Some(chosen.head)
 }
 
 /// One run of a task in slot 0. It owns the task and what it reads and writes until it is given back to the executor.
 pub struct Job<'m> {
-    registry: Registry<'m>,
-    task: TaskPlace,
+    binding: Binding,
+    banks: &'m [&'m mut (dyn TaskBank + 'm)],
     state: IoState,
+    /// The time of each `inout` port's value, which it keeps when it is published again.
+    times_us: [u64; MAX_DATA_PORTS],
     entered: bool,
     step: Step,
 }
@@ -1307,25 +1717,20 @@ unsafe impl Send for Job<'_> {}
 impl Job<'_> {
     /// Which task runs.
     pub fn task(&self) -> TaskPlace {
-        self.task
+        self.binding.place
     }
 
     /// Executes the task once more. The run ends with [`Step::Finished`]; after that this does nothing.
     pub fn step(&mut self) -> Step {
         if self.step == Step::Run {
-            let Some(bank) = self.registry.bank(usize::from(self.task.bank)) else {
+            let Some(task) = self.binding.task else {
                 return Step::Finished;
             };
-            // SAFETY: the task is lent to this job (invariant 2), of which there is one.
-            self.step = unsafe {
-                bank.step(
-                    usize::from(self.task.place),
-                    !self.entered,
-                    &mut Io {
-                        state: &mut self.state,
-                    },
-                )
+            let mut io = Io {
+                state: &mut self.state,
             };
+            // SAFETY: the task is lent to this job (invariant 2), of which there is one.
+            self.step = unsafe { (task.pointer.step)(task.pointer.place, !self.entered, &mut io) };
             self.entered = true;
         }
         self.step
@@ -1538,7 +1943,7 @@ mod tests {
                 None,
                 "published when it comes back"
             );
-            let harvest = executor.harvest(job, 0, reader_net);
+            let harvest = executor.harvest(job, 0);
             assert_eq!(
                 harvest,
                 Harvest::Ended(Outcome {
@@ -1567,7 +1972,7 @@ mod tests {
             assert_ne!(second, first, "the first is being read");
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), second);
-            executor.harvest(job, 0, reader_net);
+            executor.harvest(job, 0);
             // Another task's value is left alone.
             step(executor, OTHER_SOURCE, source_net);
             let others = published(executor);
@@ -1678,7 +2083,7 @@ mod tests {
                 assert_eq!(job.is_some(), sum.is_some(), "{now_us}");
                 if let Some(mut job) = job.take() {
                     assert_eq!(job.step(), Step::Finished);
-                    executor.harvest(job, now_us, careful_net);
+                    executor.harvest(job, now_us);
                     assert_eq!(executor.value_on(SUM), sum.map(Count), "{now_us}");
                 }
             }
@@ -1703,7 +2108,7 @@ mod tests {
                 .unwrap();
             job.step();
             step_at(executor, 2_090, SOURCE, source_net);
-            executor.harvest(job, 2_095, source_net);
+            executor.harvest(job, 2_095);
             assert_eq!(executor.value_on(NET), Some(Count(102)));
             assert!(step_at(executor, 2_100, CAREFUL, careful_net));
             assert!(!step_at(executor, 2_101, CAREFUL, careful_net));
@@ -1717,7 +2122,7 @@ mod tests {
             let job = executor.lend(SOURCE, source_net, 1_000, |_, _| ());
             let mut job = job.unwrap();
             job.step();
-            executor.harvest(job, 5_000, source_net);
+            executor.harvest(job, 5_000);
             assert!(step_at(executor, 4_980, CAREFUL, careful_net));
             assert!(step_at(executor, 5_100, CAREFUL, careful_net));
             assert!(!step_at(executor, 5_101, CAREFUL, careful_net));
@@ -1781,7 +2186,7 @@ mod tests {
             assert_eq!(executor.value_on(NET), Some(Count(expected)));
         }
         while job.step() == Step::Run {}
-        executor.harvest(job, 0, reader_net);
+        executor.harvest(job, 0);
         assert_eq!(executor.value_on(SUM), Some(Count(3)));
     }
 
@@ -1793,7 +2198,7 @@ mod tests {
             assert!(step(executor, ADDER, adder_net));
             assert_eq!(executor.value_on(NET), Some(Count(101)));
             while job.step() == Step::Run {}
-            executor.harvest(job, 0, reader_net);
+            executor.harvest(job, 0);
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
         });
     }
@@ -1815,7 +2220,7 @@ mod tests {
             }
             assert!(!step(executor, READER, reader_net), "still lent");
             while job.step() == Step::Run {}
-            assert_eq!(executor.harvest(job, 0, reader_net), Harvest::Stale);
+            assert_eq!(executor.harvest(job, 0), Harvest::Stale);
             assert_eq!(executor.value_on::<Count>(SUM), None);
             assert!(step(executor, READER, reader_net));
         });
@@ -1833,11 +2238,8 @@ mod tests {
             executor.lend(READER, reader_net, 0, |_, _| ()).unwrap()
         });
         let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, 0, reader_net), Harvest::Foreign);
-        assert!(matches!(
-            first.harvest(of_first, 0, reader_net),
-            Harvest::Ended(_)
-        ));
+        assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
+        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
     }
 
     #[test]
@@ -1861,11 +2263,8 @@ mod tests {
             lent.unwrap()
         });
         let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, 0, |_| None), Harvest::Foreign);
-        assert!(matches!(
-            first.harvest(of_first, 0, |_| None),
-            Harvest::Ended(_)
-        ));
+        assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
+        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
     }
 
     #[test]
@@ -1944,5 +2343,57 @@ mod tests {
             ]),
             Some(RegistryFault::TypeNameTwice { type_name: "Count" })
         );
+    }
+
+    /// A monitor that does in each execution what it is told.
+    struct Watcher(std::vec::IntoIter<Word>);
+
+    #[derive(Clone, Copy, PartialEq)]
+    enum Word {
+        Nothing,
+        Flag,
+        Value,
+        Beat,
+    }
+
+    task! {
+        impl Watcher { endless; monitor; data { out seen: u32; } flags { out near; } }
+    }
+
+    impl Task for Watcher {
+        fn step(&mut self, io: &mut Io<'_>) -> Step {
+            match self.0.next().unwrap() {
+                Word::Nothing => {}
+                Word::Flag => io.set(Self::NEAR, false),
+                Word::Value => *io.write(Self::SEEN) = 7,
+                Word::Beat => io.beat(),
+            }
+            Step::Run
+        }
+    }
+
+    #[test]
+    fn a_monitor_may_be_silent_for_less_than_its_limit_and_says_anything_at_all() {
+        const LIMIT: usize = SILENT_EXECUTIONS as usize;
+        let mut words = std::vec::Vec::new();
+        for word in [Word::Flag, Word::Value, Word::Beat] {
+            words.extend([Word::Nothing].repeat(LIMIT - 1));
+            words.push(word);
+        }
+        words.extend([Word::Nothing].repeat(LIMIT + 2));
+        words.push(Word::Flag);
+        let mut bench = crate::TaskBench::new(Watcher(words.clone().into_iter()));
+        for (step, word) in words.iter().enumerate() {
+            // A mission that enters the state anew all the time changes nothing.
+            bench.enter_anew().step();
+            let is_silent = (3 * LIMIT + LIMIT - 1..words.len() - 1).contains(&step);
+            let expected = is_silent.then_some(SafeReason::MonitorSilent);
+            assert_eq!(
+                bench.failure(),
+                expected,
+                "{step}: {}",
+                *word == Word::Nothing
+            );
+        }
     }
 }

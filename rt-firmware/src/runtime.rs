@@ -62,7 +62,7 @@ use crate::ring::Ring;
 use crate::status::Snapshot;
 use crate::supervision::Signs;
 use crate::telemetry::TelemetryMemory;
-use esm_core::BlobBuffer;
+use esm_core::{BlobBuffer, Dispatcher};
 use esm_link::message::{Capacities, ResetReason};
 
 /// Entries of the table of what two missions have in common, for each word of the interpreter's. It is never too short for their region instances.
@@ -83,6 +83,7 @@ pub struct Memory<
     blobs: [[u8; BLOB_BYTES]; 2],
     /// All that a mission keeps, for two where one can take over from another warm.
     arenas: [[u32; ARENA_WORDS]; MISSIONS],
+    dispatcher: Dispatcher<SLOTS>,
     slots: [[SlotEntry; SLOTS]; MISSIONS],
     tasks: [[TaskEntry; TASKS]; MISSIONS],
     /// What a mission has in common with the one that it takes over from.
@@ -115,6 +116,7 @@ impl<
         Memory {
             blobs: [[0; BLOB_BYTES]; 2],
             arenas: [[0; ARENA_WORDS]; MISSIONS],
+            dispatcher: Dispatcher::idle(),
             slots: [[SlotEntry::UNUSED; SLOTS]; MISSIONS],
             tasks: [[TaskEntry::UNUSED; TASKS]; MISSIONS],
             pairs: [[[0; PAIRS_OF_WORD]; ARENA_WORDS]; MISSIONS - 1],
@@ -183,11 +185,7 @@ impl<'m> About<'m> {
 }
 
 /// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for a task at a low priority.
-pub type Sides<'q, 'm, const SLOTS: usize> = (
-    RealTime<'q, 'm, SLOTS>,
-    Background<'q, 'm>,
-    LinkSide<'q, 'm>,
-);
+pub type Sides<'q, 'm> = (RealTime<'q, 'm>, Background<'q, 'm>, LinkSide<'q, 'm>);
 
 /// Makes a runtime of its memory and a robot's banks, and splits it into its sides.
 ///
@@ -209,7 +207,7 @@ pub fn split<
     mail: &'q mut Mail<'m>,
     about: About<'m>,
     limits: Limits,
-) -> Result<Sides<'q, 'm, SLOTS>, RegistryFault> {
+) -> Result<Sides<'q, 'm>, RegistryFault> {
     const {
         assert!(TASKS < NONE as usize && GROUPS < NO_GROUP as usize);
         assert!(SLOTS <= u16::MAX as usize && NETS <= u16::MAX as usize);
@@ -249,6 +247,7 @@ pub fn split<
     let (rooms, own) = Rooms::new(rooms, pairs);
     let real_time = RealTime::new(Parts {
         executor,
+        dispatcher: &mut memory.dispatcher,
         own,
         tasks: TaskTable::new(&mut memory.groups),
         limits,

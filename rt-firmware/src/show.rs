@@ -82,32 +82,73 @@ pub trait Field {
     fn show(&self, show: &mut Show<'_>);
 }
 
-impl<F: Field, const N: usize> Field for [F; N] {
+/// What a row can be made of: so many bits of a word.
+trait Item: Copy {
+    const BITS: u32;
+    fn bits(self) -> u32;
+}
+
+/// A row of small integers has as many of them in a word as fit: a sample has few words.
+impl<I: Item, const N: usize> Field for [I; N] {
     fn show(&self, show: &mut Show<'_>) {
-        for item in self {
-            item.show(show);
+        let mask = u32::MAX >> (u32::BITS - I::BITS);
+        for items in self.chunks((u32::BITS / I::BITS) as usize) {
+            let (mut word, mut shift) = (0, 0);
+            for item in items {
+                word |= (item.bits() & mask) << shift;
+                shift += I::BITS;
+            }
+            show.word(word);
         }
     }
 }
 
 macro_rules! field_types {
-    ($($name:ty: $value:ident => $bits:expr;)+) => {
-        $(impl Field for $name {
+    ($($name:ty, $bits_of_row:literal: $value:ident => $bits:expr;)+) => {
+        $(impl Item for $name {
+            const BITS: u32 = $bits_of_row;
+            fn bits(self) -> u32 {
+                let $value = self;
+                $bits
+            }
+        }
+
+        impl Field for $name {
             fn show(&self, show: &mut Show<'_>) {
-                let $value = *self;
-                show.word($bits);
+                show.word(self.bits());
             }
         })+
     };
 }
 
 field_types! {
-    bool: value => value.into();
-    u8: value => value.into();
-    u16: value => value.into();
-    u32: value => value;
-    i8: value => i32::from(value).cast_unsigned();
-    i16: value => i32::from(value).cast_unsigned();
-    i32: value => value.cast_unsigned();
-    f32: value => value.to_bits();
+    bool, 32: value => value.into();
+    u8, 8: value => value.into();
+    u16, 16: value => value.into();
+    u32, 32: value => value;
+    i8, 8: value => i32::from(value).cast_unsigned();
+    i16, 16: value => i32::from(value).cast_unsigned();
+    i32, 32: value => value.cast_unsigned();
+    f32, 32: value => value.to_bits();
+}
+
+#[cfg(all(test, feature = "telemetry"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_small_integers_share_words() {
+        let words = [const { AtomicU32::new(0) }; 8];
+        let mut show = Show::new(&words);
+        [1_u8, 2, 3, 4, 5].show(&mut show);
+        [-1_i16, 2, 3].show(&mut show);
+        7_u8.show(&mut show);
+        [8_u32, 9].show(&mut show);
+        assert_eq!(show.len(), 7);
+        let words: std::vec::Vec<u32> = (words.iter())
+            .map(|word| word.load(Ordering::Relaxed))
+            .collect();
+        let expected = [0x0403_0201, 5, 0x0002_FFFF, 3, 7, 8, 9, 0];
+        assert_eq!(words, expected);
+    }
 }

@@ -72,7 +72,7 @@
 use core::any::TypeId;
 use core::marker::PhantomData;
 
-use crate::ports::{Io, OutputPorts};
+use crate::ports::{Io, OutputPorts, ValueKind};
 use crate::show::{Field, Show};
 
 /// Greatest number of data ports of one task.
@@ -177,6 +177,9 @@ pub struct PortDeclaration {
     pub type_name: &'static str,
     /// The Rust type of the values.
     pub type_id: TypeId,
+    /// The same for the executor.
+    #[doc(hidden)]
+    pub kind: ValueKind,
     /// The way data flows.
     pub direction: Direction,
     /// Whether the task is executed although the port's net holds no value.
@@ -661,6 +664,7 @@ pub const fn signature_hash(text: &str) -> u64 {
 ///         wcet 500 us;                        // optional
 ///         exclusive GROUP;                    // optional
 ///         endless;                            // optional: it never finishes
+///         monitor;                            // optional: it says something in each execution
 ///         data   { in a: A; in b: B optional within 100 ms; out c: C; inout d: D; }
 ///         flags  { in go; out near; }
 ///         params { speed: f32 = 0.25, 0.0..=0.5; limit: u32; }
@@ -669,6 +673,10 @@ pub const fn signature_hash(text: &str) -> u64 {
 /// ```
 ///
 /// A port that is `within` a time, in `us`, `ms` or `s`, has no value where the last one is older.
+///
+/// A flag has no age. So a task on whose flags the robot's safety rests says `monitor;`: in each execution it sets or clears a flag,
+/// writes an output, or calls [`Io::beat`]. Where it does nothing of that [`SILENT_EXECUTIONS`](crate::ports::SILENT_EXECUTIONS) times
+/// in a row, it is taken for broken, and the robot goes to its safe state. A mission does not see this in the task's declaration.
 ///
 /// What the comments with three slashes say is for those who write missions: `esm tasks` prints it. A firmware that is built without
 /// the feature `docs` has no room for it.
@@ -684,6 +692,7 @@ macro_rules! task {
             $(wcet $wcet:literal $wcet_unit:ident;)?
             $(exclusive $group:ident;)?
             $(endless $endless:tt)?
+            $(monitor $monitor:tt)?
             $(data { $($(#[doc = $port_doc:literal])* $direction:ident $port:ident : $port_type:ident $($attribute:ident $($time:literal $unit:ident)?)* ;)* })?
             $(flags { $($(#[doc = $flag_doc:literal])* $flag_direction:ident $flag:ident ;)* })?
             $(params { $($(#[doc = $param_doc:literal])* $param:ident : $param_type:ident $(= $default:literal)? $(, $min:literal ..= $max:literal)? ;)* })?
@@ -756,6 +765,7 @@ macro_rules! task {
                             name: stringify!($port),
                             type_name: stringify!($port_type),
                             type_id: ::core::any::TypeId::of::<$port_type>(),
+                            kind: $crate::ports::ValueKind::of::<$port_type>(),
                             direction: $crate::__task_direction!($direction),
                             optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,
                             within_us: $crate::__task_within!($($($time $unit)?)*),
@@ -791,7 +801,9 @@ macro_rules! task {
                     docs: $crate::__task_docs!("" $($doc)*),
                 }
             };
-            type Outputs = $crate::__task_outputs!([$($($direction $port_type,)*)?] $($($direction $port_type,)*)?);
+            type Outputs = $crate::__task_outputs!(
+                ($crate::__task_last!($($monitor)?)); [$($($direction $port_type,)*)?] $($($direction $port_type,)*)?
+            );
         }
     };
 }
@@ -937,15 +949,29 @@ macro_rules! __task_within {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __task_outputs {
-    ([$($all:tt)*]) => { () };
-    ([$($all:tt)*] in $type:ident, $($rest:tt)*) => { ($crate::ports::Unbuffered, $crate::__task_outputs!([$($all)*] $($rest)*)) };
-    ([$($all_direction:tt $all_type:ident,)*] $direction:tt $type:ident, $($rest:tt)*) => {
+    (($last:ty); [$($all:tt)*]) => { $last };
+    (($last:ty); [$($all:tt)*] in $type:ident, $($rest:tt)*) => {
+        ($crate::ports::Unbuffered, $crate::__task_outputs!(($last); [$($all)*] $($rest)*))
+    };
+    (($last:ty); [$($all_direction:tt $all_type:ident,)*] $direction:tt $type:ident, $($rest:tt)*) => {
         (
             $crate::ports::Buffered<$type, {
                 $crate::ports::buffers_for(stringify!($direction), stringify!($type), &[$((stringify!($all_direction), stringify!($all_type))),*])
             }>,
-            $crate::__task_outputs!([$($all_direction $all_type,)*] $($rest)*)
+            $crate::__task_outputs!(($last); [$($all_direction $all_type,)*] $($rest)*)
         )
+    };
+}
+
+/// What stands behind the last port's buffers.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_last {
+    () => {
+        ()
+    };
+    (;) => {
+        $crate::ports::Silence
     };
 }
 

@@ -158,7 +158,7 @@ fn bench(firmware: &Path, writes: bool) -> Result<bool, Box<dyn Error>> {
     Ok(holds)
 }
 
-const COSTS_HEADER: &str = "# Instructions that each construct of a macro step takes at most: the interpreter of the shipped firmware (opt-level \"z\", fat LTO) on the Cortex-M3.\n\
+const COSTS_HEADER: &str = "# Instructions that each construct of a macro step takes at most: the interpreter of the shipped firmware (`release` of boards/lm3s6965, fat LTO) on the Cortex-M3.\n\
      # Written by `cargo xtask bench bound --write`; a test holds it against new measurements.\n";
 
 /// Whether no macro step took more than its constructs cost, and than the bound of its mission.

@@ -188,7 +188,7 @@ struct Held {
 /// The robot, the line, and who is in it.
 struct Line<'q, 'm> {
     time: Arc<Time>,
-    real_time: RealTime<'q, 'm, SLOTS>,
+    real_time: RealTime<'q, 'm>,
     link: LinkSide<'q, 'm>,
     timer: Timer,
     next_us: u64,

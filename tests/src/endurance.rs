@@ -245,7 +245,7 @@ impl LinkPort for Line {
 /// The robot with its line.
 struct Robot<'q, 'm, 'p, 'b> {
     board: MadeUp<'p, 'b>,
-    real_time: RealTime<'q, 'm, SLOTS>,
+    real_time: RealTime<'q, 'm>,
     background: Background<'q, 'm>,
     link: LinkSide<'q, 'm>,
     line: Line,

@@ -4,7 +4,6 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::array;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -20,17 +19,10 @@ use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
+use rt_firmware::TaskBank;
 use rt_firmware::body::Parts;
-use rt_firmware::drivers::{BatteryGauge, DcMotor, LineArray, WheelEncoder};
-use rt_firmware::rover::{
-    BATTERY_FULL_SCALE_V, CHASSIS, FLOOR_COUNTS, LINE_COUNTS, PinRover, PinRoverParts,
-};
-use rt_firmware::tasks::{
-    Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Count, Cruise, DriveDistance, FollowLine,
-    FollowWall, LineMonitor, LineSensor, LinkMonitor, Logger, Odometry, ProximityMonitor,
-    RoundCorner, SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
-};
-use rt_firmware::{Bank, TaskBank};
+use rt_firmware::rover::{CHASSIS, PinRover, PinRoverParts};
+use rt_firmware::tasks::Chassis;
 
 const MISSIONS: [&str; 2] = ["patrol", "follow_wall"];
 const WORLDS: [&str; 2] = ["office", "corridor"];
@@ -701,47 +693,7 @@ fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + 
         wheel_base_m: CHASSIS.wheel_base_m + 0.001,
         ..CHASSIS
     };
-    let mut robot = PinRover {
-        sonar_ring: Bank::new([SonarRing::new(
-            parts.sonar_triggers,
-            parts.echo_timers,
-            Bearing::ALL,
-        )]),
-        odometry: Bank::new([Odometry::new(
-            WheelEncoder::new(parts.left_encoder),
-            WheelEncoder::new(parts.right_encoder),
-            wider,
-        )]),
-        wheel_speed: Bank::new([WheelSpeed::new(
-            DcMotor::new(parts.left_pwm, parts.left_direction),
-            DcMotor::new(parts.right_pwm, parts.right_direction),
-            CHASSIS,
-        )]),
-        battery_monitor: Bank::new([BatteryMonitor::new(BatteryGauge::new(
-            parts.battery,
-            BATTERY_FULL_SCALE_V,
-        ))]),
-        proximity_monitor: Bank::new([ProximityMonitor]),
-        cruise: Bank::new(array::from_fn(|_| Cruise)),
-        back: Bank::new(array::from_fn(|_| Back::default())),
-        turn: Bank::new(array::from_fn(|_| Turn::default())),
-        drive_distance: Bank::new(array::from_fn(|_| DriveDistance::default())),
-        count: Bank::new(array::from_fn(|_| Count::default())),
-        follow_wall: Bank::new([FollowWall]),
-        round_corner: Bank::new([RoundCorner]),
-        stop: Bank::new(array::from_fn(|_| Stop)),
-        logger: Bank::new([Logger]),
-        line_sensor: Bank::new([LineSensor::new(LineArray::new(
-            parts.line_sensors,
-            FLOOR_COUNTS,
-            LINE_COUNTS,
-        ))]),
-        line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
-        follow_line: Bank::new(array::from_fn(|_| FollowLine)),
-        slot_monitor: Bank::new([SlotMonitor::default()]),
-        link_monitor: Bank::new([LinkMonitor::default()]),
-        battery_guard: Bank::new([BatteryGuard::default()]),
-    };
+    let mut robot = PinRover::from_tasks(parts.into_tasks_with(wider));
     run(&mut robot.banks());
 }
 

@@ -7,6 +7,7 @@
 
 use std::array;
 use std::cell::Cell;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use esm_link::message::{Mode, SafeReason};
@@ -17,11 +18,12 @@ use host_tools::files::load_world;
 use host_tools::plant::{BodyParameters, Plant};
 use rt_firmware::body::{DEADMAN_US, DirectionPin, MotorPwm, PinImage, Request};
 use rt_firmware::drivers::DcMotor;
+use rt_firmware::ports::SILENT_EXECUTIONS;
 use rt_firmware::rover::{CHASSIS, PinRoverParts};
 use rt_firmware::task::{Declaration, Declared};
 use rt_firmware::tasks::{
     Back, BatteryGuard, Cruise, DriveDistance, DriveOpenLoop, FollowLine, FollowWall, LineMonitor,
-    Logger, ProximityMonitor, RoundCorner, Stop, Turn, WheelSpeed,
+    LinkMonitor, Logger, ProximityMonitor, RoundCorner, SlotMonitor, Stop, Turn, WheelSpeed,
 };
 use rt_firmware::{Bank, Io, Step, Task, TaskBank};
 
@@ -225,6 +227,8 @@ fn with_robot<R>(
         &mut bank::<_, 4>(freeze, || LineMonitor),
         &mut bank::<_, 2>(freeze, || FollowLine),
         &mut one(freeze, BatteryGuard::default()),
+        &mut one(freeze, SlotMonitor::default()),
+        &mut one(freeze, LinkMonitor::default()),
     ])
 }
 
@@ -365,9 +369,12 @@ impl Driven {
         assert!(stands_us <= bound_us + ROLLING_US, "{what}: {stands_us} us");
     }
 
-    /// That the book's table has these numbers in the row of `name`.
+    /// That the book's table has these numbers in the row of `name`; `ESM_BLESS=1` writes them.
     fn is_in_book(&self, name: &str) {
-        let book = std::fs::read_to_string(root().join("docs/src/breakdowns.md")).unwrap();
+        static BOOK: Mutex<()> = Mutex::new(());
+        let _one_at_a_time = BOOK.lock();
+        let path = root().join("docs/src/breakdowns.md");
+        let book = std::fs::read_to_string(&path).unwrap();
         let expected = format!(
             "| {:.2} s | {:.2} s | {} cm |",
             self.power_off_us() as f64 / 1e6,
@@ -378,9 +385,15 @@ impl Driven {
             line.starts_with(&format!("| {name} ")) && line.matches(" | ").count() == 4
         };
         let row = book.lines().find(row).unwrap_or("");
+        if std::env::var_os("ESM_BLESS").is_some() && !row.ends_with(&expected) {
+            let what: Vec<&str> = row.split(" | ").take(2).collect();
+            let written = format!("{} {expected}", what.join(" | "));
+            std::fs::write(path, book.replace(row, &written)).unwrap();
+            return;
+        }
         assert!(
             row.ends_with(&expected),
-            "the row of {name} is to end with {expected}, and is: {row}"
+            "the row of {name} is to end with {expected}, and is: {row} (ESM_BLESS=1 writes it)"
         );
     }
 }
@@ -412,7 +425,7 @@ fn mission(motion: &str, paths: &str) -> String {
 #[test]
 fn patrol_stands_whoever_of_its_writers_freezes() {
     let office = Subject::new(patrol(), "office");
-    const FAST_US: u64 = 20_000_000; // down a free way, at full speed
+    const FAST_US: u64 = 22_000_000; // down a free way, at full speed
     let ranges_us = input_bound_us::<Cruise>("ranges");
     stands(&office, "SonarRing", FAST_US, ranges_us).is_in_book("`SonarRing`");
     let speeds_us = within_us::<PinWheelSpeed>("speeds") + PERIOD_US;
@@ -430,10 +443,10 @@ fn patrol_stands_too_where_the_sonars_freeze_while_it_turns() {
     let close_us = within_us::<ProximityMonitor>("ranges") + SLOW_PERIOD_US;
     let bound_us = close_us + 2 * PERIOD_US + BRAKING_US;
     let office = Subject::new(patrol(), "office");
-    stands(&office, "SonarRing", 11_000_000, bound_us)
+    stands(&office, "SonarRing", 17_700_000, bound_us)
         .is_in_book("`SonarRing`, while the robot turns");
     // The alarm ends after a second, again and again. It stands all the same, to the end.
-    let driven = office.driven(&Freeze::new("SonarRing", 20_000_000), 60_000_000);
+    let driven = office.driven(&Freeze::new("SonarRing", 22_000_000), 60_000_000);
     assert!(driven.stands_us() <= MOST_STANDS_US);
     assert_eq!(driven.collisions(), 0);
 }
@@ -531,33 +544,78 @@ fn a_robot_without_encoders_stands_too() {
 
 #[test]
 fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
+    const LEFT_US: u64 = 22_000_000;
+    // Nothing freezes here: the state is left that measures.
     let guard = "region guard { task Keep: BatteryGuard; initial -> Keep; }\n    region diary {";
-    let guarded = patrol().replace("region diary {", guard).replace(
-        "path Measure.battery -> Write.battery;",
-        "path Measure.battery -> Keep.battery, Write.battery;",
-    );
+    let guarded = patrol()
+        .replace("region diary {", guard)
+        .replace(
+            "path Measure.battery -> Write.battery;",
+            "path Measure.battery -> Keep.battery, Write.battery;",
+        )
+        .replace(
+            "task Measure: BatteryMonitor;",
+            "task Measure: BatteryMonitor timeout 22 s;",
+        )
+        .replace(
+            "Measure -> final on pulse [.low]",
+            "Measure -> final [timeout]; Measure -> final on pulse [.low]",
+        );
     let subject = Subject::new(guarded, "office");
-    let after_us = 20_000_000;
-    let driven = subject.driven(
-        &Freeze::new("BatteryMonitor", after_us),
-        after_us + WATCHED_US,
-    );
+    let mut driven = subject.driven(&Freeze::new("nobody", 0), LEFT_US + 2 * WATCHED_US);
+    driven.frozen_us = LEFT_US + PERIOD_US; // the macro step in which it is left
     // The guard's second, the voltage's age before that, and an occurrence of the guard's slot beyond each.
     let bound_us = within_us::<BatteryGuard>("battery") + 1_000_000 + 2 * SLOW_PERIOD_US;
-    driven.stands_within("BatteryMonitor", bound_us);
-    driven.is_in_book("`BatteryMonitor`, with a `BatteryGuard`");
+    driven.stands_within("nobody measures the battery", bound_us);
+    driven.is_in_book("nobody: the state that measures is left, with a `BatteryGuard`");
     assert_eq!(driven.mode, Mode::Safe(SafeReason::LowBattery));
 }
 
-/// A flag has no age: a task that sets only flags, and freezes, says what it said last. Then the robot drives on, and what moves it
-/// still looks where it goes.
+/// A flag has no age. So a task that watches says something in each execution, and where one does not any more, the firmware
+/// stops the robot.
+fn stops_without(subject: &Subject, task: &'static str, period_us: u64) {
+    const AFTER_US: u64 = 5_000_000;
+    let scout = Freeze::new(task, AFTER_US);
+    let frozen_us = subject.driven(&scout, 60_000_000).frozen_us;
+    assert_ne!(frozen_us, NOT_FROZEN, "{task} never ran so long");
+    let driven = subject.driven(&Freeze::new(task, AFTER_US), frozen_us + WATCHED_US);
+    assert_eq!(driven.mode, Mode::Safe(SafeReason::MonitorSilent), "{task}");
+    assert_eq!(driven.collisions(), 0, "{task}");
+    // The one that is frozen first counts; the motors are off in the exchange behind the last one.
+    driven.stands_within(task, u64::from(SILENT_EXECUTIONS) * period_us);
+    assert!(driven.stands_us() <= MOST_STANDS_US, "{task}");
+    assert!(
+        driven.later_m() <= MOST_WAY_M,
+        "{task}: {} m",
+        driven.later_m()
+    );
+    driven.is_in_book(&format!("`{task}`"));
+}
+
 #[test]
-fn where_only_flags_freeze_the_robot_drives_on_and_touches_nothing() {
+fn patrol_stops_whoever_of_its_monitors_freezes() {
     for task in ["BatteryMonitor", "ProximityMonitor"] {
-        let subject = Subject::new(patrol(), "office");
-        let driven = subject.driven(&Freeze::new(task, 5_000_000), 60_000_000);
-        assert_ne!(driven.frozen_us, NOT_FROZEN, "{task}");
-        assert!(driven.later_m() > 5.0, "{task}: {} m", driven.later_m());
-        assert_eq!(driven.collisions(), 0, "{task}");
+        stops_without(&Subject::new(patrol(), "office"), task, SLOW_PERIOD_US);
+    }
+}
+
+#[test]
+fn each_task_that_watches_something_can_freeze() {
+    let motion = "task Go: Cruise; initial -> Go;";
+    let drive = "path Listen.ranges -> Go.ranges; path Go.twist -> Drive.twist;";
+    let battery = "region battery { task Measure: BatteryMonitor; initial -> Measure; } \
+                   path Measure.battery -> Watch.battery;";
+    let floor =
+        "region floor { task Look: LineSensor; initial -> Look; } path Look.line -> Watch.line;";
+    let patient = "with { warn_ms = 60000, slow_ms = 60000, stop_ms = 60000 }";
+    for (task, with, more, period_us) in [
+        ("SlotMonitor", "", "", SLOW_PERIOD_US),
+        ("LinkMonitor", patient, "", SLOW_PERIOD_US),
+        ("BatteryGuard", "", battery, SLOW_PERIOD_US),
+        ("LineMonitor", "", floor, PERIOD_US),
+    ] {
+        let watch = format!("region watch {{ task Watch: {task} {with}; initial -> Watch; }}");
+        let mission = mission(motion, &format!("{watch} {more} {drive}"));
+        stops_without(&Subject::new(mission, "office"), task, period_us);
     }
 }

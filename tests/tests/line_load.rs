@@ -513,26 +513,44 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     (emulator, line, motors)
 }
 
-#[test]
-fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
-    /// From the last byte of the frame on.
-    const MOST_US: u64 = 25_000;
-    /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
-    const ON_THE_LINE_US: u64 = 2 * 3_125;
-    /// Then another robot goes on: on one battery it drives for some 30,000.
-    const STOPS_A_BATTERY: u64 = 10_000;
-    let stops = environment::number("ESM_LOAD_STOPS", 12);
-    let (mut _emulator, mut line, mut motors) = watched_robot();
-    let mut random = Random::new(11);
-    let (mut longest_us, mut told) = (0, 0);
-    for stop in 0..stops {
-        if stop > 0 && stop % STOPS_A_BATTERY == 0 {
-            (_emulator, line, motors) = watched_robot();
-        }
-        // It drives.
-        let mut client = LinkClient::connect(line.clone()).unwrap().0;
-        client.start().unwrap();
-        // What somebody who looks on has the robot send besides.
+/// A stop among a flood, and what the robot's body made of it.
+struct StopTrial {
+    /// How long after the stop was sent the motors were on last.
+    on_for_us: u64,
+    /// The robot answered `Done`.
+    is_told: bool,
+}
+
+/// A robot that is stopped again and again while its line is full without a pause.
+struct StopTrials {
+    _emulator: Emulator,
+    line: Crowded,
+    motors: Arc<Mutex<Motors>>,
+    random: Random,
+}
+
+impl StopTrials {
+    /// How often starts are sent again until it drives.
+    const START_INTERVAL_US: u64 = 40_000;
+    /// So long it is watched at least, and until it has answered, but not for longer than the latter.
+    const WATCHED_US: u64 = 60_000;
+    const ANSWERED_US: u64 = 150_000;
+
+    fn new(seed: u64) -> Self {
+        let (emulator, line, motors) = watched_robot();
+        let trials = StopTrials {
+            _emulator: emulator,
+            line,
+            motors,
+            random: Random::new(seed),
+        };
+        trials.begin();
+        trials
+    }
+
+    /// Somebody looks on and has the robot send all that it can; and the flood begins.
+    fn begin(&self) {
+        let mut client = LinkClient::connect(self.line.clone()).unwrap().0;
         let streams = Streams {
             trace: true,
             log: false,
@@ -540,56 +558,78 @@ fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
         };
         client.subscribe(streams).unwrap();
         client.watch(Some(Duration::from_millis(200))).unwrap();
-        drop(client);
-        line.set(Flood::Mixed(Random::new(stop)));
-        let until_us = motors.lock().unwrap().now_us + 400_000 + random.below(100_000) as u64;
+    }
+
+    fn send(&self, seq: u8, request: Request<'_>) {
+        let mut line = self.line.line.lock().unwrap();
+        line.send(&frame(seq, request)).unwrap();
+    }
+
+    /// A bit of the flood, and what the robot has said.
+    fn go_on<'b>(&self, buffer: &'b mut [u8]) -> &'b [u8] {
+        self.line.crowd(36).unwrap();
+        let mut line = self.line.line.lock().unwrap();
+        let count = line.receive(buffer, Duration::ZERO).unwrap();
+        &buffer[..count]
+    }
+
+    fn now_us(&self) -> u64 {
+        self.motors.lock().unwrap().now_us
+    }
+
+    /// Has it drive, and the flood go on, for a while.
+    fn drive(&mut self) {
         let mut buffer = [0; 1024];
-        let is_ready = || {
-            let motors = motors.lock().unwrap();
+        let begun_us = self.now_us();
+        let mut start_us = begun_us;
+        let mut until_us = None;
+        loop {
+            let (now_us, on_us) = {
+                let motors = self.motors.lock().unwrap();
+                (motors.now_us, motors.on_us)
+            };
             // It stands still for a moment where it turns round.
-            assert!(
-                motors.now_us < until_us + 10_000_000,
-                "stop {stop}: it does not drive"
-            );
-            motors.now_us >= until_us && motors.on_us == motors.now_us
-        };
-        while !is_ready() {
-            line.crowd(36).unwrap();
-            line.line
-                .lock()
-                .unwrap()
-                .receive(&mut buffer, Duration::ZERO)
-                .unwrap();
+            assert!(now_us < begun_us + 20_000_000, "it does not drive");
+            let is_on = on_us == now_us && on_us > begun_us;
+            if until_us.is_none() && is_on {
+                until_us = Some(now_us + 60_000 + self.random.below(100_000) as u64);
+            } else if until_us.is_none() && now_us >= start_us {
+                for request in [Request::Release, Request::Start] {
+                    let seq = self.random.bits() as u8;
+                    self.send(seq, request);
+                }
+                start_us = now_us + Self::START_INTERVAL_US;
+            }
+            if is_on && until_us.is_some_and(|until_us| now_us >= until_us) {
+                return;
+            }
+            self.go_on(&mut buffer);
         }
-        let request = match stop % 2 {
-            0 => Request::Stop,
-            _ => Request::EmergencyStop,
-        };
-        // Somebody has injected another request under the number before.
-        let seq = random.bits() as u8;
-        line.line
-            .lock()
-            .unwrap()
-            .send(&frame(seq, Request::Abort))
-            .unwrap();
-        let sent_us = motors.lock().unwrap().now_us;
-        line.line
-            .lock()
-            .unwrap()
-            .send(&frame(seq, request))
-            .unwrap();
-        let until_us = sent_us + 300_000;
+    }
+
+    fn stop(&mut self, request: Request<'_>) -> StopTrial {
+        // Somebody has injected another request under the same number just before.
+        let injected = [
+            Request::Abort,
+            Request::Start,
+            Request::Status,
+            Request::Release,
+        ];
+        let seq = self.random.bits() as u8;
+        let injected = injected[self.random.below(injected.len())];
+        self.send(seq, injected);
+        let sent_us = self.now_us();
+        self.send(seq, request);
         let mut reader = FrameReader::new();
+        let mut buffer = [0; 1024];
         let mut done_us = None;
-        while motors.lock().unwrap().now_us < until_us {
-            line.crowd(36).unwrap();
-            let count = line
-                .line
-                .lock()
-                .unwrap()
-                .receive(&mut buffer, Duration::ZERO)
-                .unwrap();
-            for byte in &buffer[..count] {
+        loop {
+            let now_us = self.now_us();
+            let is_answered = done_us.is_some() || now_us >= sent_us + Self::ANSWERED_US;
+            if now_us >= sent_us + Self::WATCHED_US && is_answered {
+                break;
+            }
+            for byte in self.go_on(&mut buffer) {
                 let Some(frame) = reader.push(*byte) else {
                     continue;
                 };
@@ -600,42 +640,82 @@ fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
                 }) = decode(frame)
                     && (answered, of) == (seq, request.kind())
                 {
-                    done_us.get_or_insert(motors.lock().unwrap().now_us);
+                    done_us.get_or_insert(self.motors.lock().unwrap().now_us);
                 }
             }
         }
+        let on_us = self.motors.lock().unwrap().on_us;
         // What is answered is done: the body has seen nothing else since.
-        told += u64::from(done_us.is_some());
         if let Some(done_us) = done_us {
-            let on_us = motors.lock().unwrap().on_us;
-            assert!(
-                on_us <= done_us,
-                "stop {stop}: done at {done_us}, on at {on_us}"
-            );
+            assert!(on_us <= done_us, "done at {done_us}, on at {on_us}");
         }
-        line.set(Flood::Nothing);
-        let late_us = motors.lock().unwrap().on_us.saturating_sub(sent_us);
-        longest_us = longest_us.max(late_us);
-        assert!(
-            late_us <= MOST_US + ON_THE_LINE_US,
-            "stop {stop}: motors on {late_us} us after it was sent"
-        );
-        let mut client = LinkClient::connect(line.clone()).unwrap().0;
+        StopTrial {
+            on_for_us: on_us.saturating_sub(sent_us),
+            is_told: done_us.is_some(),
+        }
+    }
+
+    /// Asks the robot, on a quiet line, how it is after a stop, and begins anew.
+    fn look(&self, what: &str) {
+        self.line.set(Flood::Nothing);
+        let mut client = LinkClient::connect(self.line.clone()).unwrap().0;
         let status = client.status().unwrap();
-        assert!(status.mode.is_latched(), "stop {stop}: {status:?}");
+        assert!(status.mode.is_latched(), "{what}: {status:?}");
         assert_eq!((status.missed, status.reset), (0, ResetReason::PowerOn));
+        // The flash is spared where that is done again and again; the stop ends all the same.
+        let released = client.release().map_err(|error| error.refusal());
+        assert!(
+            matches!(released, Ok(()) | Err(Some(LinkError::StopNotKept))),
+            "{what}: {released:?}"
+        );
+        drop(client);
+        self.begin();
+    }
+}
+
+#[test]
+fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
+    /// From the last byte of the frame on.
+    const MOST_US: u64 = 25_000;
+    /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
+    const ON_THE_LINE_US: u64 = 2 * 3_125;
+    /// Then another robot goes on: a battery lasts for some 30,000 s.
+    const STOPS_A_BATTERY: u64 = 10_000;
+    /// So often it is asked how it is.
+    const STOPS_A_LOOK: u64 = 20;
+    let stops = environment::number("ESM_LOAD_STOPS", 40);
+    let seed = environment::number("ESM_SEED", 0);
+    let mut trials = StopTrials::new(seed);
+    let (mut longest_us, mut told) = (0, 0);
+    for stop in 0..stops {
+        let number = (seed << 32) + stop;
+        if stop > 0 && stop % STOPS_A_BATTERY == 0 {
+            trials = StopTrials::new(number);
+        }
+        if stop % STOPS_A_LOOK == 0 {
+            trials.line.set(Flood::Mixed(Random::new(number)));
+        }
+        trials.drive();
+        let request = match stop % 2 {
+            0 => Request::Stop,
+            _ => Request::EmergencyStop,
+        };
+        let StopTrial { on_for_us, is_told } = trials.stop(request);
+        assert!(
+            on_for_us <= MOST_US + ON_THE_LINE_US,
+            "stop {stop}: motors on {on_for_us} us after it was sent"
+        );
+        longest_us = longest_us.max(on_for_us);
+        told += u64::from(is_told);
+        if (stop + 1) % STOPS_A_LOOK == 0 || stop + 1 == stops {
+            trials.look(&format!("stop {stop}"));
+        }
         if (stop + 1) % 1_000 == 0 {
             println!(
                 "{} stops: {longest_us} us at most, {told} answered",
                 stop + 1
             );
         }
-        // The flash is spared where that is done again and again; the stop ends all the same.
-        let released = client.release().map_err(|error| error.refusal());
-        assert!(
-            matches!(released, Ok(()) | Err(Some(LinkError::StopNotKept))),
-            "stop {stop}: {released:?}"
-        );
     }
     println!(
         "{stops} stops, motors on for {longest_us} us at most after one was sent; {told} answered `Done`, none falsely"

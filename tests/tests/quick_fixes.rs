@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use esm_tests::guesses::{GUESSES, MISSION};
-use host_tools::lang::{self, Checked, Diagnostic, Fix, Severity};
+use host_tools::lang::{self, Checked, Code, Diagnostic, Fix, Severity};
 use host_tools::time::work_limit;
 
 /// How long start times are searched for.
@@ -159,6 +159,7 @@ fn each_change_makes_go_away_what_it_is_for() {
     let mut all = Vec::new();
     cases(folder, &mut all);
     let (mut wrong, mut fixes) = (String::new(), 0);
+    let mut fixed = BTreeSet::new();
     for case in &all {
         let mut checked = match lang::load(&case[0]) {
             Ok(checked) => checked,
@@ -172,6 +173,7 @@ fn each_change_makes_go_away_what_it_is_for() {
         for found in checked.diagnostics.iter() {
             for fix in &found.fixes {
                 fixes += 1;
+                fixed.insert(found.code.as_str());
                 let after = check(&mended(&checked, fix));
                 if count(&after, found) >= count(&checked, found) {
                     let name = case[0].strip_prefix(folder).unwrap().display();
@@ -189,4 +191,13 @@ fn each_change_makes_go_away_what_it_is_for() {
     }
     assert!(wrong.is_empty(), "{wrong}");
     assert!(fixes > 240, "{fixes}");
+    let page = fs::read_to_string(esm_tests::command::root().join("docs/src/editor.md")).unwrap();
+    for code in Code::ALL {
+        let row = page
+            .lines()
+            .find_map(|line| line.strip_prefix(&format!("| {code} | ")));
+        let row = row.unwrap_or_else(|| panic!("the book says nothing of fixes for {code}"));
+        let has_none = row.starts_with("none: ");
+        assert_eq!(fixed.contains(code.as_str()), !has_none, "{code}: {row}");
+    }
 }

@@ -132,9 +132,19 @@ fn sampled(board: &str) {
         (battery_v - truth_v).abs() < 0.3,
         "{board}: {truth_v} V, {battery_v} V told"
     );
-    // Of eight sonars, and which of them are dead or deaf: none.
+    // Of eight sonars: range, age in hundredths of a second, and which of them are dead or deaf: none. One echo may
+    // have been lost, and each pings once in two windows of 40 ms.
     let ranges = numbers("sonars/Listen.ranges");
-    assert_eq!((ranges.len(), &ranges[8..]), (10, &[0.0, 0.0][..]));
+    assert_eq!((ranges.len(), &ranges[16..]), (18, &[0.0, 0.0][..]));
+    let ages_cs = &ranges[8..16];
+    assert!(
+        ages_cs.iter().all(|age_cs| (1.0..=24.0).contains(age_cs)),
+        "{board}: {ages_cs:?}"
+    );
+    assert!(
+        ages_cs.iter().any(|age_cs| *age_cs != ages_cs[0]),
+        "{board}: they ping in turns"
+    );
     drop((robot, running));
 }
 

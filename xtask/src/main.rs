@@ -8,9 +8,11 @@ mod campaign;
 mod demo;
 mod elf;
 mod firmware;
+mod form;
 mod fuzz;
 mod interpreters;
 mod missions;
+mod mutants;
 mod process;
 mod python;
 mod setup;
@@ -32,13 +34,15 @@ Usage: cargo xtask <COMMAND> [OPTIONS] [TARGET]...
 Commands:
   demo       Build everything, drive the robot in the emulator through two missions, and put pictures and traces in target/demo
   test       Run every check that CI runs; ends with a line `N passed, M failed`. TARGET: only such a part of them: checks (form, lints, documentation,
-             planted bugs), builds (firmware, sizes, the command), robots (the demo, tests of the whole, which need the builds), libraries
+             mutants), builds (firmware, sizes, the command), robots (the demo, tests of the whole, which need the builds), libraries
   campaign   Run tests at full length of which `test` does a small part: each TARGET; without one, list them and how long they take
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, walk, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
   firmware   Build the board's firmware to target/firmware/BOARD/<BIN>.elf
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/BOARD/expected-size.txt
+  mutants    Make small changes for the worse, those in tests/mutants, and see whether a test notices: each TARGET, or all of them
+  form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
 
 Options:
@@ -50,7 +54,7 @@ Options:
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
-  --write                            size: keep the sizes as the expected ones
+  --write                            size: keep the sizes as the expected ones; form: keep today's wide lines as the allowed ones
   -h, --help                         This text
 ";
 
@@ -134,7 +138,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
 }
 
 fn run(command: &str, options: &Options) -> Result<(), Failure> {
-    let takes_words = matches!(command, "campaign" | "fuzz" | "test");
+    let takes_words = matches!(command, "campaign" | "fuzz" | "mutants" | "test");
     if let Some(surplus) = options.targets.first().filter(|_| !takes_words) {
         return Err(Failure::Usage(format!("{command} takes no {surplus}")));
     }
@@ -184,6 +188,8 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 toolchain: choice,
             },
         ),
+        "mutants" => mutants::command(&root, &options.targets),
+        "form" => form::command(&root, options.write),
         "campaign" => campaign::command(&root, &options.targets, || setup::toolchain(choice)),
         "demo" => demo::command(&root, choice),
         "fuzz" => {

@@ -62,6 +62,13 @@ pub enum Failure {
         /// What is wrong with it.
         problem: &'static str,
     },
+    /// A table of mutants does not fit the source or its tests.
+    Mutant {
+        /// The table and its line.
+        place: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// Figures are not what was promised of them; the report says which.
     Promises,
     /// Checks did not hold; they were told one by one.
@@ -86,7 +93,10 @@ impl Failure {
                 Some(3) => 3,
                 _ => 1,
             },
-            Failure::Content { .. } | Failure::Promises | Failure::Checks { .. } => 1,
+            Failure::Content { .. }
+            | Failure::Mutant { .. }
+            | Failure::Promises
+            | Failure::Checks { .. } => 1,
         }
     }
 }
@@ -116,6 +126,7 @@ impl fmt::Display for Failure {
             ),
             Failure::File { path, cause } => write!(to, "{}: {cause}", path.display()),
             Failure::Content { path, problem } => write!(to, "{}: {problem}", path.display()),
+            Failure::Mutant { place, problem } => write!(to, "{place}: {problem}"),
             Failure::Promises => to.write_str("a promise does not hold"),
             Failure::Checks { failed } => write!(to, "{failed} failed"),
         }

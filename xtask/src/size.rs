@@ -100,8 +100,10 @@ const PARTS: [(&str, &[&str]); 9] = [
         &[
             "15ed25519_compact",
             "ed25519_compact..",
-            "11rt_firmware4link4keys",
-            "11rt_firmware4link7no_keys",
+            "8esm_link4keys",
+            "8esm_link5proof",
+            "11hmac_sha256",
+            "hmac_sha256..",
         ],
     ),
     (
@@ -121,6 +123,8 @@ const PARTS: [(&str, &[&str]); 9] = [
         &[
             "11rt_firmware4link",
             "rt_firmware..link",
+            "8esm_link",
+            "esm_link..",
             "8postcard",
             "postcard..",
             "4cobs",

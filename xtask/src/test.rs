@@ -9,7 +9,9 @@ use crate::firmware::{
     self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_BIN, EXAMPLE_FIRMWARE_FOLDER,
     EXAMPLE_FOLDER, FAULTS_BIN,
 };
+use crate::form;
 use crate::fuzz;
+use crate::mutants;
 use crate::process::{self, Failure, cargo};
 use crate::python;
 use crate::setup::{self, Choice, PAGE_TARGET, SMALL_TARGET, Toolchain, host_cargo};
@@ -18,6 +20,9 @@ use crate::tally::Tally;
 
 /// Tells the example's tests where its firmware is.
 const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_MY_ROBOT_FIRMWARE";
+
+/// What the documentation must not have.
+const RUSTDOC_FLAGS: &str = "-D warnings -D rustdoc::broken_intra_doc_links";
 
 /// The parts of the checks, which can be asked for alone.
 pub const PARTS: [&str; 4] = ["checks", "builds", "robots", "libraries"];
@@ -184,8 +189,9 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     }
 }
 
-/// What needs no firmware: form, lints, documentation, and whether the tests notice bugs that are planted.
+/// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
+    tally.step("lines that are too wide", || form::command(root, false));
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
@@ -246,14 +252,16 @@ fn checks(root: &Path, tally: &mut Tally) {
         );
     }
     tally.step("documentation without warnings", || {
-        process::run(cargo(root).env("RUSTDOCFLAGS", "-D warnings").args([
+        process::run(cargo(root).env("RUSTDOCFLAGS", RUSTDOC_FLAGS).args([
             "doc",
             "--quiet",
             "--workspace",
             "--no-deps",
         ]))
     });
-    // One line for each: where it was planted, its name, what it breaks, and what noticed it.
+    // One line for each: its package, its name, what it breaks, and what noticed it.
+    tally.step("mutants", || mutants::command(root, &[]));
+    // Those that are not in tables yet.
     tally.tests(
         "planted bugs",
         root,

@@ -76,7 +76,7 @@ macro_rules! app {
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
             struct Local {
-                real_time: &'static mut RealTime<'static, 'static, { $slots }>,
+                real_time: &'static mut RealTime<'static, 'static>,
                 board: $board,
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
@@ -88,7 +88,7 @@ macro_rules! app {
                 banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
                 memory: MissionMemory = MissionMemory::new(),
                 mail: Mail<'static> = Mail::new(),
-                real_time_place: MaybeUninit<RealTime<'static, 'static, { $slots }>> = MaybeUninit::uninit(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
                 link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),

@@ -75,3 +75,13 @@ pub fn advance() -> u64 {
 pub fn low_ticks() -> u32 {
     CLOCK.low(count())
 }
+
+/// Ticks until the clock shows this, in its low half; 0 if it has. It is less than half a round of SysTick away.
+#[inline(always)]
+pub fn ticks_until(at_ticks: u32) -> u32 {
+    const LONGEST: u32 = SYS_TICK_MAX / 2;
+    // What the counter adds to this, in its bits, is the rest: it counts down.
+    let rest = at_ticks.wrapping_sub(SYS_TICK_MAX);
+    let ticks = rest.wrapping_add(sys_tick::CVR.read()) & SYS_TICK_MAX;
+    if ticks <= LONGEST { ticks } else { 0 }
+}

@@ -12,7 +12,7 @@ use rt_firmware::body::flash::{
 };
 use rt_firmware::store::keep::{self, Keep};
 
-use crate::{clock, plant, settings};
+use crate::{clock, plant, post_mortem, settings};
 use plant::{CLOSED, file};
 
 /// Carries requests to the plant.
@@ -67,7 +67,8 @@ impl KeepMemory {
         let flash = BodyFlash::new(Wire, BYTES);
         let blob_bytes = settings::BLOB_BYTES as u32;
         let opened = Keep::open(flash, blob_bytes, safe_default, &mut self.records);
-        opened.ok().map(|keep| self.keep.write(keep))
+        let keep = opened.ok()?.over_resets(post_mortem::kept());
+        Some(self.keep.write(keep))
     }
 }
 

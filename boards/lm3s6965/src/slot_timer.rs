@@ -3,7 +3,7 @@
 use cortex_m::peripheral::NVIC;
 use pac::Interrupt;
 
-use crate::clock::{self, TICKS_PER_US};
+use crate::clock;
 use crate::registers::{system_control, timer0};
 
 /// The timer's interrupt comes at least this often, in microseconds, with or without a slot to start: it keeps the time
@@ -31,17 +31,18 @@ pub fn call() {
     NVIC::pend(Interrupt::TIMER_0A);
 }
 
-/// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if it has, and after [`LONGEST_SLEEP_US`] at the
-/// latest. To be called at the end of the timer's handler: it is what the timer waits for to be set anew, and until then there is no hurry.
+/// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if it has. To be called at the end of the
+/// timer's handler: it is what the timer waits for to be set anew, and until then there is no hurry.
 ///
-/// `at_ticks` is less than half a round of 32 bits away, 43 seconds.
+/// `at_ticks` is at most [`LONGEST_SLEEP_US`] away, as the runtime promises.
+#[inline(always)]
 pub fn set(at_ticks: u64) {
-    const LONGEST_SLEEP_TICKS: i32 = (LONGEST_SLEEP_US * TICKS_PER_US) as i32;
     timer0::CTL.write(0);
     timer0::ICR.write(TIMER_A_TIMEOUT);
-    let ticks = (at_ticks as u32).wrapping_sub(clock::low_ticks()) as i32;
+    // From the look at the clock in here to the last line, each instruction makes the slot later.
+    let ticks = clock::ticks_until(at_ticks as u32);
     if ticks > 0 {
-        timer0::TAILR.write(ticks.min(LONGEST_SLEEP_TICKS) as u32);
+        timer0::TAILR.write(ticks);
         timer0::CTL.write(TIMER_A_ENABLE);
     } else {
         NVIC::pend(Interrupt::TIMER_0A);

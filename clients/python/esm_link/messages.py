@@ -37,6 +37,7 @@ SAFE_REASONS = (
     "low battery",
     "link lost",
     "board",
+    "monitor silent",
 )
 FALL_BACKS = ("not confirmed", "asked for", "failed")
 SOURCES = ("nothing", "slot A", "slot B", "firmware")

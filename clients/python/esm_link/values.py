@@ -13,6 +13,8 @@ HEAD_BYTES = 16
 WORD_BYTES = 4
 # How the bits of a word are read, by the name of its type.
 FORMATS = {"bool": "<I", "i8": "<i", "i16": "<i", "i32": "<i", "u8": "<I", "u16": "<I", "u32": "<I", "f32": "<f"}
+# And in rows that share words: how, and how many there are in a word.
+ROWS = {"i8": ("<b", 4), "u8": ("<B", 4), "i16": ("<h", 2), "u16": ("<H", 2)}
 LINE = re.compile(r"(\w*):(?:\[(\w+);(\d{1,5})\]|(\w+))")
 
 
@@ -22,6 +24,10 @@ class Field:
 
     name: str
     type: str
+    # Where it stands in its word, in bytes. A word begins with the field that stands at 0.
+    at: int = 0
+    # How its bytes are read; by its type, if nothing is said.
+    format: str = ""
 
 
 def fields_of(text: str) -> List[Field]:
@@ -32,7 +38,10 @@ def fields_of(text: str) -> List[Field]:
         kind = found and (found.group(2) or found.group(4))
         if not found or kind not in FORMATS:
             raise Malformed(f"a field `{line}`")
-        fields += [Field(found.group(1), kind)] * int(found.group(3) or 1)
+        form, in_word = ROWS.get(kind, (FORMATS[kind], 1)) if found.group(2) else (FORMATS[kind], 1)
+        size = struct.calcsize(form)
+        count = int(found.group(3) or 1)
+        fields += [Field(found.group(1), kind, place % in_word * size, form) for place in range(count)]
     return fields
 
 
@@ -86,11 +95,12 @@ def sample_of(part: Part, nets: List[List[Field]]) -> Sample:
             continue
         row: List[Value] = []
         for field in fields:
-            if at + WORD_BYTES > len(part.words):
+            if field.at == 0:
+                at += WORD_BYTES
+            if at > len(part.words):
                 raise Malformed("values that end too early")
-            (value,) = struct.unpack_from(FORMATS[field.type], part.words, at)
+            (value,) = struct.unpack_from(field.format or FORMATS[field.type], part.words, at - WORD_BYTES + field.at)
             row.append(value != 0 if field.type == "bool" else value)
-            at += WORD_BYTES
         values.append(row)
     return Sample(part.t_us, values)
 

@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import os
+import struct
 import tempfile
 import unittest
 from unittest import mock
@@ -200,6 +201,10 @@ class Values(unittest.TestCase):
     def test_a_row_is_a_list_and_a_number_itself_has_no_name(self):
         self.assertEqual(values.as_dict(values.fields_of("r:[u32;2]\n"), [1, 2]), {"r": [1, 2]})
         self.assertEqual(values.as_dict(values.fields_of(":i32\n"), [-1]), -1)
+        # Rows of small integers share words.
+        fields = values.fields_of("a:[u8;5]\nb:[i16;3]\nc:u8\n")
+        shared = values.Part(1, False, 0, 1, 0, struct.pack("<5I", 0x04030201, 5, 0x0002FFFF, 3, 7))
+        self.assertEqual(values.sample_of(shared, [fields]).values, [[1, 2, 3, 4, 5, -1, 2, 3, 7]])
         for text in ("x", "x:f64", "x:[f32;N]", "x:[f32;2"):
             with self.assertRaises(Malformed):
                 values.fields_of(text)

@@ -153,7 +153,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// Takes the control flags of superstates over that go on: those of the same name.
     fn take_control_flags(&mut self, before: &Machine<'_, R>, pairing: &Pairing<'_>) {
-        let flags = self.layout.flag_bits();
+        let flags = self.layout.flag_bits;
         for [region, other, bit, other_bit] in pairing.flags() {
             let was_current = pairing.region(region).is_some_and(|pair| {
                 before.current(pair) == other && before.is_marked(pair, Mark::Active)

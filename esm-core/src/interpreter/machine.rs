@@ -15,11 +15,11 @@ pub(super) type Blob<'b, R> = <R as Access>::Blob<'b>;
 
 /// A machine that runs, without the blob, which all that reads tables is given.
 ///
-/// It is no matter of generics in whose hands the blob is: so the walk is compiled once, here.
+/// Who keeps the blob is no matter of it: so there is one walk for all of them.
 #[derive(Debug)]
 // The order is that of `Places`.
 #[repr(C)]
-pub struct Machine<'m, R: Access> {
+pub(super) struct Machine<'m, R: Access> {
     pub(super) places: Places<R::Place, R::Part>,
     /// Events that were put into the queue in this macro step. The queue is a ring, as long as a power of
     /// two: the low bits of the two numbers say the place.
@@ -346,7 +346,7 @@ impl<'m, R: Access> Machine<'m, R> {
     // ─── What comes from outside ─────────────────────────────────────────────────────────────────
 
     /// Writes a bit of a task instance's flag block, if there is such a task and its block has it.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn write_task_flag(
         &mut self,
         blob: Blob<'_, R>,
@@ -370,11 +370,11 @@ impl<'m, R: Access> Machine<'m, R> {
 
     /// Writes a bit of the flag block with these places, which need not come from this machine's
     /// tables.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
         let bit = usize::from(places.first_flag) + flag;
         let region = usize::from(places.region);
-        let is_inside = bit < self.layout.flag_bits() && region < self.layout.regions;
+        let is_inside = bit < self.layout.flag_bits && region < self.layout.regions;
         if flag < usize::from(places.flags) && is_inside {
             self.write_flag(bit, region, value);
         }

@@ -102,7 +102,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// The same as [`Interpreter::toggle_input`](super::Interpreter::toggle_input).
     pub(super) fn toggle_input(&mut self, tables: &Tables<'_>, bit: usize) -> bool {
-        if let Some(task) = bit.checked_sub(self.layout.flag_bits()) {
+        if let Some(task) = bit.checked_sub(self.layout.flag_bits) {
             if task >= self.layout.tasks {
                 return false;
             }

@@ -33,7 +33,7 @@ impl<R: Access> Machine<'_, R> {
         current: R::Place,
         first_flag: usize,
         action: u16,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<(), QueueFull> {
         let count = self.field(blob, current, state::SHAPE) as u32 % u32::BITS;
         R::clear_window(self.arena, self.places.flags, first_flag, count);
@@ -70,7 +70,7 @@ impl<R: Access> Machine<'_, R> {
         blob: Blob<'_, R>,
         region: usize,
         transition: R::Place,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<usize, QueueFull> {
         let target = self.field(blob, transition, transition::TARGET);
         let left = self.current_record(region);
@@ -215,7 +215,7 @@ impl<R: Access> Machine<'_, R> {
         blob: Blob<'_, R>,
         instance: usize,
         regions: Range<usize>,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) {
         let instance = self.record(Section::Instances, instance);
         let content = self.field(blob, instance, instance::CONTAINER);
@@ -246,7 +246,7 @@ impl<R: Access> Machine<'_, R> {
         &mut self,
         blob: Blob<'_, R>,
         tasks: Range<usize>,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) {
         for task in tasks {
             let record = self.record(Section::TaskInstances, task);

@@ -9,6 +9,10 @@
 //! is woken when one of these changes: by a transition of its own, by its superstate's start, from
 //! outside, by an action or a `final` around it, by its timer. A guard that asks for busy tasks inside
 //! wakes its region each time.
+//!
+//! Functions with type parameters are compiled where the types are named, with the settings there: here the
+//! observer is one. So that a macro step takes the same whatever these are, what is short is inlined by
+//! order, what is rare is apart by order, and [`load_anew`] says what is not to be kept on the stack.
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -63,9 +67,23 @@ impl<R: Access> Machine<'_, R> {
         self.woken(self.word_of(0)) != 0 || self.layout.regions > WORD_BITS
     }
 
+    /// The rest of a macro step in which timers may run out.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn walk_after_timers(
+        &mut self,
+        blob: Blob<'_, R>,
+        observer: &mut impl Observer,
+    ) -> Ended {
+        match self.run_timers(blob) {
+            Ok(()) => self.walk(blob, observer),
+            Err(fault) => Ended::Stopped(fault),
+        }
+    }
+
     /// Handles the pulse and all events that follow from it.
-    #[inline(always)]
-    pub(super) fn walk(&mut self, blob: Blob<'_, R>, observer: &mut dyn Observer) -> Ended {
+    #[inline(never)]
+    pub(super) fn walk(&mut self, blob: Blob<'_, R>, observer: &mut impl Observer) -> Ended {
         self.queued = 0;
         self.taken = 0;
         self.changed = false;
@@ -88,7 +106,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// Shows the pulse to those who are awake.
     #[inline(always)]
-    fn pulse(&mut self, blob: Blob<'_, R>, observer: &mut dyn Observer) -> Result<(), QueueFull> {
+    fn pulse(&mut self, blob: Blob<'_, R>, observer: &mut impl Observer) -> Result<(), QueueFull> {
         let mut word = self.word_of(0);
         let mut visit = self.woken(word);
         loop {
@@ -125,7 +143,7 @@ impl<R: Access> Machine<'_, R> {
         &mut self,
         blob: Blob<'_, R>,
         sent: usize,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<(), QueueFull> {
         load_anew();
         let sent = self.record(Section::Channels, sent);
@@ -206,7 +224,7 @@ impl<R: Access> Machine<'_, R> {
         &mut self,
         blob: Blob<'_, R>,
         here: Here<R::Part>,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<Option<usize>, QueueFull> {
         let current = self.current_record(here.region);
         let first_flag = self.first_flag(blob, here.region, current);
@@ -238,7 +256,7 @@ impl<R: Access> Machine<'_, R> {
         here: Here<R::Part>,
         current: R::Place,
         event: u16,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<Option<usize>, QueueFull> {
         let first = self.field(blob, current, state::FIRST_EVENT_TRANSITION);
         // `final` has no transitions, so a state that has some is not the last.
@@ -318,7 +336,7 @@ impl<R: Access> Machine<'_, R> {
         blob: Blob<'_, R>,
         region: usize,
         at: R::Place,
-        observer: &mut dyn Observer,
+        observer: &mut impl Observer,
     ) -> Result<Option<usize>, QueueFull> {
         let next = self.take(blob, region, at, observer)?;
         self.tell(region, at, observer);
@@ -327,7 +345,7 @@ impl<R: Access> Machine<'_, R> {
 
     /// Tells of a transition that was taken.
     #[inline(always)]
-    fn tell(&mut self, region: usize, at: R::Place, observer: &mut dyn Observer) {
+    fn tell(&mut self, region: usize, at: R::Place, observer: &mut impl Observer) {
         self.changed = true;
         let first = self.record(Section::Transitions, 0);
         observer.transition(TransitionTaken {
@@ -340,7 +358,7 @@ impl<R: Access> Machine<'_, R> {
     /// Ends all for good.
     #[cold]
     #[inline(never)]
-    fn stop(&mut self, blob: Blob<'_, R>, fault: Fault, observer: &mut dyn Observer) -> Ended {
+    fn stop(&mut self, blob: Blob<'_, R>, fault: Fault, observer: &mut impl Observer) -> Ended {
         self.disable_real_time(blob, 0..self.layout.tasks, observer);
         self.fault = Some(fault);
         self.taken = self.queued;

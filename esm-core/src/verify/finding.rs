@@ -44,7 +44,7 @@ impl From<Finding> for Refusal {
 
 /// A record with its number, by which findings name it.
 pub(super) struct Entry<'a, T> {
-    record: &'a T,
+    pub(super) record: &'a T,
     pub(super) index: usize,
 }
 

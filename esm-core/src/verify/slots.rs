@@ -1,5 +1,7 @@
 //! The slots of a mission: their numbers, their times, and that no two are ever due at once.
 
+use core::num::NonZeroU32;
+
 use super::finding::{Finding, entries};
 use crate::format::MAX_TIME_US;
 use crate::layout::Slot;
@@ -29,7 +31,10 @@ pub(super) fn check(slots: &[Slot], interpreter_slot: usize) -> Result<(), Findi
 
 /// Whether a slot is never due together with one of those before it.
 fn is_free(slot: &Slot, earlier: &[Slot]) -> bool {
-    let mut divisors = Divisors::of(slot.period_us.get());
+    let mut divisors = match NonZeroU32::new(slot.period_us.get()) {
+        Some(period_us) => Divisors::of(period_us),
+        None => return false,
+    };
     earlier.iter().all(|other| {
         let divisor_us = divisors.with(other.period_us.get());
         keep_apart(other, slot, divisor_us)
@@ -39,66 +44,53 @@ fn is_free(slot: &Slot, earlier: &[Slot]) -> bool {
 /// Whether two slots never overlap, whose periods have this greatest common divisor. Slots are strictly periodic: two of
 /// them never overlap if and only if they do not within the divisor (Korst, Aarts, Lenstra 1996). A slot without duration
 /// may start where another does.
-fn keep_apart(other: &Slot, slot: &Slot, divisor_us: u32) -> bool {
-    let (other_start_us, start_us) = (other.start_us.get(), slot.start_us.get());
+fn keep_apart(other: &Slot, slot: &Slot, divisor_us: NonZeroU32) -> bool {
     let duration_us = slot.duration_us.get();
     // How much later than the other one it starts, within the divisor.
-    let after_us = if start_us >= other_start_us {
-        (start_us - other_start_us) % divisor_us
-    } else {
-        match (other_start_us - start_us) % divisor_us {
-            0 => 0,
-            before_us => divisor_us - before_us,
-        }
-    };
-    let after_us = match (after_us, duration_us) {
-        (0, 0) => divisor_us,
-        _ => after_us,
-    };
-    other.duration_us.get() <= after_us && duration_us <= divisor_us - after_us
+    let start_us = slot.start_us.get() % divisor_us;
+    let (mut after_us, is_before) = start_us.overflowing_sub(other.start_us.get() % divisor_us);
+    if is_before || (after_us == 0 && duration_us == 0) {
+        after_us = after_us.wrapping_add(divisor_us.get());
+    }
+    other.duration_us.get() <= after_us && duration_us <= divisor_us.get() - after_us
 }
 
 /// Greatest common divisors of one period with others. Few periods occur in a mission, and many slots have each: so the
 /// last divisors are remembered.
 struct Divisors {
-    period_us: u32,
+    period_us: NonZeroU32,
     /// Periods with their divisors, each in the place that the period gives it.
-    known: [(u32, u32); 1 << Self::PLACE_BITS],
+    known: [(u32, NonZeroU32); 1 << Self::PLACE_BITS],
 }
 
 impl Divisors {
     const PLACE_BITS: u32 = 3;
 
-    fn of(period_us: u32) -> Self {
-        let known = [(period_us, period_us); _];
+    fn of(period_us: NonZeroU32) -> Self {
+        let known = [(period_us.get(), period_us); _];
         Self { period_us, known }
     }
 
     /// The greatest common divisor with another period.
     #[inline(always)]
-    fn with(&mut self, other_us: u32) -> u32 {
+    fn with(&mut self, other_us: u32) -> NonZeroU32 {
         // The highest bits of a product depend on all bits of its factors (Knuth 6.4, Fibonacci hashing).
         const GOLDEN: u32 = 0x9E37_79B1;
         let place = other_us.wrapping_mul(GOLDEN) >> (u32::BITS - Self::PLACE_BITS);
         let (known_us, divisor_us) = &mut self.known[place as usize];
         if *known_us != other_us {
             *known_us = other_us;
-            *divisor_us = greatest_common_divisor(self.period_us, other_us);
+            *divisor_us = greatest_common_divisor(other_us, self.period_us);
         }
         *divisor_us
     }
 }
 
-/// Of two numbers above 0, by Euclid.
-fn greatest_common_divisor(mut a: u32, mut b: u32) -> u32 {
-    loop {
-        a %= b;
-        if a == 0 {
-            return b;
-        }
-        b %= a;
-        if b == 0 {
-            return a;
-        }
+/// By Euclid.
+fn greatest_common_divisor(mut a: u32, mut b: NonZeroU32) -> NonZeroU32 {
+    while let Some(rest) = NonZeroU32::new(a % b) {
+        a = b.get();
+        b = rest;
     }
+    b
 }

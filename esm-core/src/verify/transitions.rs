@@ -2,27 +2,18 @@
 
 use core::ops::Range;
 
-use super::code::{Programs, Scope};
+use super::code::Scope;
 use super::finding::{Entry, Finding, entry};
-use crate::format;
+use super::pass::Pass;
+use crate::format::{self, Section};
 use crate::layout::{State, Transition};
 use crate::refusal::Cause;
-use crate::tables::Tables;
-
-/// The tables of transitions and code, and how far the check has come in them.
-pub(super) struct Transitions<'a> {
-    records: &'a [Transition],
-    states: &'a [State],
-    /// Events of the mission.
-    events: usize,
-    /// Transitions that were checked.
-    pub(super) checked: usize,
-    pub(super) programs: Programs<'a>,
-}
 
 /// The state whose transitions are checked, and what these can name.
 pub(super) struct Source<'a> {
     pub(super) state: &'a Entry<'a, State>,
+    /// Events of the mission.
+    pub(super) events: usize,
     /// The states of its region.
     pub(super) region: Range<usize>,
     /// Flags at the head of its instance's block.
@@ -42,30 +33,20 @@ pub(super) struct Summary {
     pub(super) row: usize,
 }
 
-impl<'a> Transitions<'a> {
-    pub(super) fn of(tables: &Tables<'a>, events: usize) -> Self {
-        Self {
-            records: tables.records(),
-            states: tables.records(),
-            events,
-            checked: 0,
-            programs: Programs::of(tables),
-        }
-    }
-
-    /// Number of the transitions.
-    pub(super) fn count(&self) -> usize {
-        self.records.len()
-    }
-
+impl Pass<'_> {
     /// Checks the transitions of a state, which are the next ones up to `end`.
-    pub(super) fn check(&mut self, source: &Source<'_>, end: usize) -> Result<Summary, Finding> {
+    pub(super) fn check_transitions(
+        &mut self,
+        source: &Source<'_>,
+        end: usize,
+    ) -> Result<Summary, Finding> {
         let mut summary = Summary::default();
         let mut last_event = format::PULSE;
         let mut next_of_row = 0;
-        while self.checked < end {
-            let transition = entry(self.records, self.checked, Cause::Index)?;
-            self.checked += 1;
+        while self.checked[Section::Transitions] < end {
+            let next = self.checked[Section::Transitions];
+            let transition = entry(self.records.transitions, next, Cause::Index)?;
+            self.checked[Section::Transitions] += 1;
             let event = transition.event.get() & format::MAX_EVENT;
             let guard = transition.guard.get();
             summary.events |= 1 << (event % u32::BITS as u16);
@@ -83,13 +64,13 @@ impl<'a> Transitions<'a> {
             // They are sorted, and so the pulse comes first.
             transition.ensure(last_event <= event, Cause::Order)?;
             last_event = event;
-            self.check_one(source, &transition, event)?;
+            self.check_transition(source, &transition, event)?;
         }
         Ok(summary)
     }
 
     /// Checks what a transition says of itself, and its code.
-    fn check_one(
+    fn check_transition(
         &mut self,
         source: &Source<'_>,
         transition: &Entry<'_, Transition>,
@@ -98,12 +79,12 @@ impl<'a> Transitions<'a> {
         let target_index = transition.target.get();
         let action = transition.action.get();
         // It leads to a state of its region, but not to `initial`; the channel that a single `send` names exists.
-        let exists = usize::from(event) <= self.events
+        let exists = usize::from(event) <= source.events
             && source.region.start < target_index
             && target_index < source.region.end
             && usize::from(action) < usize::from(format::ACTION_SEND) + source.channels;
         transition.ensure(exists, Cause::Index)?;
-        let target = entry(self.states, target_index, Cause::Kind)?;
+        let target = entry(self.records.states, target_index, Cause::Kind)?;
 
         let is_marked = transition.event.get() & format::TRANSITION_IS_PLAIN != 0;
         let is_plain = changes_state_only(source.state, &target, action)
@@ -115,13 +96,12 @@ impl<'a> Transitions<'a> {
             // What is not for actions to write stands first.
             let protected = format::CONTAINER_CONTROL_FLAGS;
             let scope = Scope {
-                operations: format::CODE_SEND..=format::CODE_SET,
+                operations: format::CODE_SEND..format::CODE_SET + 1,
                 head: protected..source.head,
                 own: target.own_flags(protected),
                 channels: source.channels,
             };
-            self.programs
-                .check_row(action - format::ACTION_ROW, &scope)?;
+            self.check_row(action - format::ACTION_ROW, &scope)?;
         }
         Ok(())
     }
@@ -146,15 +126,14 @@ impl<'a> Transitions<'a> {
                     _ => format::CODE_JUMP_IF_SET,
                 };
                 let scope = Scope {
-                    operations: format::CODE_END..=last,
+                    operations: format::CODE_END..last + 1,
                     head: 0..source.head,
                     own: source.state.own_flags(0),
                     channels: source.channels,
                 };
-                self.programs
-                    .check_tests(guard - format::GUARD_PROGRAM, &scope)
+                self.check_tests(guard - format::GUARD_PROGRAM, &scope)
             }
-            _ => self.programs.check_mask(guard - format::GUARD_MASK, window),
+            _ => self.check_mask(guard - format::GUARD_MASK, window),
         }
     }
 }

@@ -3,48 +3,16 @@
 use core::ops::Range;
 
 use super::finding::{Entry, Finding, entries, entry};
-use super::transitions::{Source, Transitions};
-use crate::format;
-use crate::layout::{
-    Container, Instance, Mission, Region, RegionInstance, State, Task, TaskInstance, TaskState,
-    Timer,
-};
+use super::pass::Pass;
+use super::transitions::Source;
+use crate::format::{self, Section};
+use crate::layout::{Container, Instance, Mission, State};
 use crate::refusal::Cause;
-use crate::tables::Tables;
-
-/// The walk over all instances, in the order of their numbers.
-pub(super) struct Tree<'a> {
-    containers: &'a [Container],
-    regions: &'a [Region],
-    states: &'a [State],
-    timers: &'a [Timer],
-    instances: &'a [Instance],
-    region_instances: &'a [RegionInstance],
-    tasks: &'a [Task],
-    task_states: &'a [TaskState],
-    task_instances: &'a [TaskInstance],
-    /// Number of the slots.
-    slots: usize,
-    pub(super) transitions: Transitions<'a>,
-    pub(super) checked: Checked,
-    /// State instances that were walked over.
-    state_instances: usize,
-}
-
-/// Records that were checked of each table: the parts of what comes next begin there.
-#[derive(Default)]
-pub(super) struct Checked {
-    pub(super) containers: usize,
-    pub(super) regions: usize,
-    pub(super) states: usize,
-    pub(super) timers: usize,
-    pub(super) channels: usize,
-    pub(super) task_states: usize,
-    pub(super) params: usize,
-}
 
 /// An instance that is walked over.
 struct Walk<'t> {
+    /// Events of the mission.
+    events: usize,
     instance: Entry<'t, Instance>,
     container: Entry<'t, Container>,
     /// Whether it is the first instance of its container, in which the template is checked, too.
@@ -81,36 +49,25 @@ impl Content {
     const WRONG: Self = Self { a: 0, flags: None };
 }
 
-impl<'a> Tree<'a> {
+impl<'a> Pass<'a> {
     /// Checks all instances, and all templates in their first instances.
-    pub(super) fn check(tables: &Tables<'a>, mission: &Mission) -> Result<Self, Finding> {
-        let mut tree = Self {
-            containers: tables.records(),
-            regions: tables.records(),
-            states: tables.records(),
-            timers: tables.records(),
-            instances: tables.records(),
-            region_instances: tables.records(),
-            tasks: tables.records(),
-            task_states: tables.records(),
-            task_instances: tables.records(),
-            slots: tables.slots().len(),
-            transitions: Transitions::of(tables, mission.events.get()),
-            checked: Checked::default(),
-            state_instances: 0,
-        };
-        for instance in entries(tree.instances) {
-            tree.check_instance(instance)?;
+    pub(super) fn check_instances(&mut self, mission: &Mission) -> Result<(), Finding> {
+        for instance in entries(self.records.instances) {
+            self.check_instance(instance, mission.events.get())?;
         }
-        Ok(tree)
+        Ok(())
     }
 
     /// Checks an instance, and the records of what it is made of.
-    fn check_instance(&mut self, instance: Entry<'a, Instance>) -> Result<(), Finding> {
+    fn check_instance(
+        &mut self,
+        instance: Entry<'a, Instance>,
+        events: usize,
+    ) -> Result<(), Finding> {
         // Its channels stand behind those of the instance before, and no container is passed over.
         let number = instance.container.get();
-        let in_order = instance.first_channel.get() == self.checked.channels
-            && number <= self.checked.containers;
+        let in_order = instance.first_channel.get() == self.checked[Section::Channels]
+            && number <= self.checked[Section::Containers];
         instance.ensure(in_order, Cause::Order)?;
         let behind = if instance.index == 0 {
             // The machine begins everywhere, and nothing comes behind it.
@@ -122,25 +79,26 @@ impl<'a> Tree<'a> {
             ];
             let begins = starts.iter().all(|start| start.get() == 0);
             instance.ensure(begins, Cause::Template)?;
-            self.region_instances.len()
+            self.records.region_instances.len()
         } else {
             // Behind its last region comes what comes behind the region around.
-            let around = self.region_instances.get(instance.around.get());
+            let around = self.records.region_instances.get(instance.around.get());
             around.map_or(format::NONE.into(), |around| around.next.get())
         };
 
-        let container = entry(self.containers, number, Cause::Order)?;
-        let is_model = number == self.checked.containers;
+        let container = entry(self.records.containers, number, Cause::Order)?;
+        let is_model = number == self.checked[Section::Containers];
         if is_model {
-            let in_order = container.first_region.get() == self.checked.regions
+            let in_order = container.first_region.get() == self.checked[Section::Regions]
                 && container.first_instance.get() == instance.index;
             container.ensure(in_order, Cause::Order)?;
-            self.checked.containers += 1;
+            self.checked[Section::Containers] += 1;
         }
-        self.checked.channels += container.channels.get();
+        self.checked[Section::Channels] += container.channels.get();
 
         // It takes the flags at its head and itself, and what its states take.
         let mut walk = Walk {
+            events,
             is_model,
             taken: Spans {
                 flags: head(&container),
@@ -172,20 +130,20 @@ impl<'a> Tree<'a> {
         index: usize,
         behind: usize,
     ) -> Result<bool, Finding> {
-        let region = entry(self.regions, index, Cause::Order)?;
-        let next = self.regions.get(index + 1);
+        let region = entry(self.records.regions, index, Cause::Order)?;
+        let next = self.records.regions.get(index + 1);
         let number = walk.instance.container.get();
         let first_state = region.first_state.get();
         let end_state = next.and_then(|next| next.first_state.index());
         let of = RegionOf {
-            states: first_state..end_state.unwrap_or(self.states.len()),
+            states: first_state..end_state.unwrap_or(self.records.states.len()),
             instance: walk.instance.first_region.get() + walk.taken.regions,
         };
         walk.taken.regions += 1;
         if walk.is_model {
             // Two states at least, behind those of the region before.
-            self.checked.regions += 1;
-            let in_order = first_state == self.checked.states
+            self.checked[Section::Regions] += 1;
+            let in_order = first_state == self.checked[Section::States]
                 && region.container.get() == number
                 && first_state + 1 < of.states.end;
             region.ensure(in_order, Cause::Order)?;
@@ -200,7 +158,7 @@ impl<'a> Tree<'a> {
             true => behind,
             false => walk.instance.first_region.get() + walk.taken.regions,
         };
-        let record = entry(self.region_instances, of.instance, Cause::Template)?;
+        let record = entry(self.records.region_instances, of.instance, Cause::Template)?;
         let is_right = record.next.get() == right_next
             && record.first_flag == walk.instance.first_flag
             && record.initial == region.first_state
@@ -216,7 +174,7 @@ impl<'a> Tree<'a> {
         region: &RegionOf,
         index: usize,
     ) -> Result<(), Finding> {
-        let state = entry(self.states, index, Cause::Kind)?;
+        let state = entry(self.records.states, index, Cause::Kind)?;
         // Templates that are used often could make the walk much longer than the blob.
         self.state_instances += 1;
         let is_short = self.state_instances <= format::MAX_STATE_INSTANCES;
@@ -251,33 +209,33 @@ impl<'a> Tree<'a> {
     ) -> Result<Content, Finding> {
         let a = walk.taken.tasks;
         let index = walk.instance.first_task.get() + a;
-        let record = entry(self.task_instances, index, Cause::Template)?;
+        let record = entry(self.records.task_instances, index, Cause::Template)?;
         let number = record.task_state.get();
         let is_right = record.state.get() == state.index
             && record.region.get() == region.instance
             && record.first_flag.get() == walk.instance.first_flag.get() + walk.taken.flags
-            && (!walk.is_model || number == self.checked.task_states);
+            && (!walk.is_model || number == self.checked[Section::TaskStates]);
         record.ensure(is_right, Cause::Template)?;
         walk.taken.tasks += 1;
         walk.taken.flags += state.flags();
 
         // No other task state has this state: each one's is tested here once, in its turn.
-        let task_state = entry(self.task_states, number, Cause::Template)?;
+        let task_state = entry(self.records.task_states, number, Cause::Template)?;
         task_state.ensure(task_state.state.get() == state.index, Cause::Template)?;
         if !walk.is_model {
             return Ok(Content::WRONG);
         }
-        self.checked.task_states += 1;
+        self.checked[Section::TaskStates] += 1;
         // Its slot exists; in slot 0 there is none.
         let has_slot = match task_state.slot.index() {
-            Some(slot) => state.kind() == format::STATE_TASK && slot < self.slots,
+            Some(slot) => state.kind() == format::STATE_TASK && slot < self.records.slots.len(),
             None => state.kind() == format::STATE_BACKGROUND_TASK,
         };
         task_state.ensure(has_slot, Cause::Index)?;
-        let in_order = task_state.first_param.get() == self.checked.params;
+        let in_order = task_state.first_param.get() == self.checked[Section::Params];
         task_state.ensure(in_order, Cause::Order)?;
-        let task = self.tasks.get(task_state.task.get());
-        self.checked.params += task.map_or(0, |task| task.params.get());
+        let task = self.records.tasks.get(task_state.task.get());
+        self.checked[Section::Params] += task.map_or(0, |task| task.params.get());
         Ok(Content {
             a,
             flags: task.map(|task| format::TASK_CONTROL_FLAGS + task.flags.get()),
@@ -289,8 +247,16 @@ impl<'a> Tree<'a> {
         let a = walk.taken.instances;
         // What the first instance of the container around makes of this state holds for all of them.
         let model = walk.container.first_instance.get() + a;
-        let record = entry(self.instances, walk.instance.index + a, Cause::Template)?;
-        let container = self.instances.get(model).map(|model| model.container);
+        let record = entry(
+            self.records.instances,
+            walk.instance.index + a,
+            Cause::Template,
+        )?;
+        let container = self
+            .records
+            .instances
+            .get(model)
+            .map(|model| model.container);
         let is_right = container == Some(record.container)
             && record.first_region.get() == walk.instance.first_region.get() + walk.taken.regions
             && record.first_flag.get() == walk.instance.first_flag.get() + walk.taken.flags
@@ -298,7 +264,7 @@ impl<'a> Tree<'a> {
             && record.around.get() == region.instance;
         record.ensure(is_right, Cause::Template)?;
         // It takes what its container does.
-        let Some(container) = self.containers.get(record.container.get()) else {
+        let Some(container) = self.records.containers.get(record.container.get()) else {
             return Ok(Content::WRONG);
         };
         walk.taken.flags += container.flag_span.get();
@@ -320,41 +286,42 @@ impl<'a> Tree<'a> {
         first_flag: usize,
         content: Content,
     ) -> Result<(), Finding> {
-        let end = self.states.get(state.index + 1);
+        let end = self.records.states.get(state.index + 1);
         let end = end.and_then(|next| next.first_transition.index());
-        let end = end.unwrap_or(self.transitions.count());
+        let end = end.unwrap_or(self.records.transitions.len());
         // The first of its region is `initial` and the last is `final`, without anything; between them are others.
         let empty = |kind: u16| state.shape.get() == kind << format::STATE_KIND_SHIFT;
         let is_right = if state.index == region.states.start {
             empty(format::STATE_INITIAL)
         } else if state.index + 1 == region.states.end {
-            state.ensure(end == self.transitions.checked, Cause::Index)?;
+            state.ensure(end == self.checked[Section::Transitions], Cause::Index)?;
             empty(format::STATE_FINAL)
         } else {
             content.flags == Some(state.flags())
         };
         state.ensure(is_right, Cause::Kind)?;
         // Its parts begin where those of the state before end.
-        let in_order = state.first_transition.get() == self.transitions.checked
+        let in_order = state.first_transition.get() == self.checked[Section::Transitions]
             && state.first_flag.get() == first_flag
             && state.a.get() == content.a;
         state.ensure(in_order, Cause::Order)?;
-        self.checked.states += 1;
+        self.checked[Section::States] += 1;
 
-        let timer = self.checked.timers;
+        let timer = self.checked[Section::Timers];
         if state.has_timeout() {
-            let record = entry(self.timers, timer, Cause::Range)?;
+            let record = entry(self.records.timers, timer, Cause::Range)?;
             let is_in_range = record.timeout_us.get() <= format::MAX_TIME_US;
             record.ensure(is_in_range, Cause::Range)?;
-            self.checked.timers += 1;
+            self.checked[Section::Timers] += 1;
         }
         let source = Source {
             state,
+            events: walk.events,
             region: region.states.clone(),
             head: head(&walk.container),
             channels: walk.container.channels.get(),
         };
-        let summary = self.transitions.check(&source, end)?;
+        let summary = self.check_transitions(&source, end)?;
         let b = match summary.row {
             _ if state.has_timeout() => timer,
             1 => 0,

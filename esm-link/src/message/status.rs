@@ -97,11 +97,13 @@ pub enum SafeReason {
     LinkLost,
     /// The board found something else.
     Board,
+    /// A task that watches something for the mission said nothing any more.
+    MonitorSilent,
 }
 
 impl SafeReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [SafeReason; 8] = [
+    pub const ALL: [SafeReason; 9] = [
         SafeReason::EventQueueOverflow,
         SafeReason::MacroStepLimit,
         SafeReason::Overruns,
@@ -110,6 +112,7 @@ impl SafeReason {
         SafeReason::LowBattery,
         SafeReason::LinkLost,
         SafeReason::Board,
+        SafeReason::MonitorSilent,
     ];
 
     /// The reason's number, as trace records and snapshots carry it.

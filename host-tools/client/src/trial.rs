@@ -178,7 +178,8 @@ fn outer_reason(mode: Mode) -> Option<SafeReason> {
             reason @ (SafeReason::BodyLost
             | SafeReason::LowBattery
             | SafeReason::LinkLost
-            | SafeReason::Board),
+            | SafeReason::Board
+            | SafeReason::MonitorSilent),
         ) => Some(reason),
         _ => None,
     }

@@ -107,10 +107,17 @@ pub struct Field {
     pub name: Arc<str>,
     /// What it can be.
     pub kind: ParameterType,
+    /// Where it stands in its word, and how many bits it has there. A word begins with the field that stands at 0.
+    pub shift: u8,
+    /// See [`shift`](Self::shift).
+    pub bits: u8,
 }
 
 /// The most fields that a value has which can be told at all: beyond that, rows are not taken apart. A mission's types have no more together.
 const MAX_FIELDS: usize = 1 << 16;
+
+/// Bits of a word of a sample.
+const WORD_BITS: u8 = u32::BITS as u8;
 
 /// Fields from what a robot says of them, a line each, with a row as so many fields of one name. `None` where that says something else.
 pub fn fields_of(text: &str) -> Option<Vec<Field>> {
@@ -124,18 +131,33 @@ pub fn fields_of(text: &str) -> Option<Vec<Field>> {
             Some((kind, count)) => (kind, count.parse::<usize>().ok()?),
             None => (kind, 1),
         };
-        let kind = match kind {
-            "bool" => ParameterType::Bool,
-            "i8" | "i16" | "i32" => ParameterType::I32,
-            "u8" | "u16" | "u32" => ParameterType::U32,
-            "f32" => ParameterType::F32,
+        let (kind, bits_of_row) = match kind {
+            "bool" => (ParameterType::Bool, WORD_BITS),
+            "i8" => (ParameterType::I32, 8),
+            "i16" => (ParameterType::I32, 16),
+            "i32" => (ParameterType::I32, WORD_BITS),
+            "u8" => (ParameterType::U32, 8),
+            "u16" => (ParameterType::U32, 16),
+            "u32" => (ParameterType::U32, WORD_BITS),
+            "f32" => (ParameterType::F32, WORD_BITS),
             _ => return None,
         };
         if count > MAX_FIELDS - fields.len() {
             return None;
         }
         let name: Arc<str> = name.into();
-        fields.extend(std::iter::repeat_n(Field { name, kind }, count));
+        let bits = if row.is_some() {
+            bits_of_row
+        } else {
+            WORD_BITS
+        };
+        let shifts = (0..WORD_BITS).step_by(usize::from(bits)).cycle();
+        fields.extend(shifts.take(count).map(|shift| Field {
+            name: name.clone(),
+            kind,
+            shift,
+            bits,
+        }));
     }
     Some(fields)
 }
@@ -153,6 +175,7 @@ const UNITS: &[(&str, &str)] = &[
     ("_mm", "mm"),
     ("_um", "µm"),
     ("_ms", "ms"),
+    ("_cs", "cs"),
     ("_us", "µs"),
     ("_ns", "ns"),
     ("_hz", "Hz"),
@@ -165,7 +188,24 @@ const UNITS: &[(&str, &str)] = &[
     ("_w", "W"),
 ];
 
+/// How many words these take in a sample. Integers of one row share words, four or two in each.
+pub fn words_of(fields: &[Field]) -> usize {
+    fields.iter().filter(|field| field.shift == 0).count()
+}
+
 impl Field {
+    /// The value that stands for it in its word.
+    fn value(&self, word: u32) -> Value {
+        let unused = u32::from(WORD_BITS - self.bits);
+        // To the upper end, and back: what was left of it is gone, and a sign is kept.
+        let upper = word >> self.shift << unused;
+        let bits = match self.kind {
+            ParameterType::I32 => (upper.cast_signed() >> unused).cast_unsigned(),
+            _ => upper >> unused,
+        };
+        self.kind.value(bits)
+    }
+
     /// What it is, and its unit, which is nothing where its name tells none.
     pub fn label(&self) -> (&str, &'static str) {
         let known = UNITS
@@ -241,7 +281,7 @@ impl Catalogue {
         let mut groups: Vec<Vec<Watched>> = Vec::new();
         let mut room = 0;
         for watched in &self.nets {
-            let words = watched.fields.len();
+            let words = words_of(&watched.fields);
             if words == 0 || words > MAX_VALUE_WORDS {
                 continue;
             }
@@ -337,14 +377,18 @@ impl Subscription {
                 t_us,
                 words,
             } if *number == self.number => {
-                let mut words = words.iter();
+                let mut words = words.iter().copied();
                 let values = (0_u32..).zip(&self.nets).map(|(place, watched)| {
                     let holds = has.checked_shr(place).is_some_and(|bits| bits & 1 != 0);
                     holds.then(|| {
-                        let fields = watched.fields.iter().zip(words.by_ref());
-                        fields
-                            .map(|(field, bits)| field.kind.value(*bits))
-                            .collect()
+                        let mut word = None;
+                        let value = |field: &Field| {
+                            if field.shift == 0 {
+                                word = words.next();
+                            }
+                            word.map(|word| field.value(word))
+                        };
+                        watched.fields.iter().map_while(value).collect()
                     })
                 });
                 Some(Told::Sample(Reading {
@@ -575,6 +619,26 @@ mod tests {
         let ended = |number| StreamEvent::ValuesEnded { number };
         assert_eq!(subscription.read(&ended(9)), Some(Told::Ended));
         assert_eq!(subscription.read(&ended(8)), None);
+    }
+
+    #[test]
+    fn rows_of_small_integers_share_words() {
+        let fields = fields("a:[u8;5]\nb:[i16;3]\nc:u8\n");
+        assert_eq!((fields.len(), words_of(&fields)), (9, 5));
+        let mut words = [0x0403_0201, 5, 0x0002_FFFF, 3, 7].into_iter();
+        let mut word = 0;
+        let values: Vec<Value> = (fields.iter())
+            .map(|field| {
+                if field.shift == 0 {
+                    word = words.next().unwrap();
+                }
+                field.value(word)
+            })
+            .collect();
+        let row = [1, 2, 3, 4, 5].map(Value::U32).into_iter();
+        let signed = [-1, 2, 3].map(Value::I32);
+        let expected: Vec<Value> = row.chain(signed).chain([Value::U32(7)]).collect();
+        assert_eq!(values, expected);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::nearest::nearest;
 use crate::reading::ReadError;
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
-use crate::values::{Catalogue, Reading, Subscription, Text, Told, ValuesError, Watched};
+use crate::values::{Catalogue, Reading, Subscription, Text, Told, ValuesError, Watched, words_of};
 
 /// How long a wait for the next sample may last before Ctrl-C is looked for.
 const LISTEN_TIME: Duration = Duration::from_millis(100);
@@ -284,7 +284,8 @@ fn begin(
             "the robot does not run its mission, so that nothing changes on its nets; `esm status` says why, `esm start` starts it"
         )));
     }
-    let numbers: usize = nets.iter().map(|(_, watched)| watched.fields.len()).sum();
+    let words = nets.iter().map(|(_, watched)| words_of(&watched.fields));
+    let numbers: usize = words.sum();
     if numbers > MAX_VALUE_WORDS {
         return Err(CommandError::Input(anyhow!(
             "these nets have {numbers} numbers, and a robot tells of {MAX_VALUE_WORDS} at a time: name fewer"

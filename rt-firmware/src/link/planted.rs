@@ -105,7 +105,7 @@ impl KeyStore for Wire {
 
 /// A robot without a mission, and its line.
 struct Robot<'a, 'q, 'm> {
-    real_time: &'a mut RealTime<'q, 'm, SLOTS>,
+    real_time: &'a mut RealTime<'q, 'm>,
     link: &'a mut LinkSide<'q, 'm>,
     wire: Wire,
     seq: u8,

@@ -55,7 +55,7 @@ struct Interrupts {
     /// Between the interrupt and the link.
     queue: RefCell<VecDeque<u8>>,
     room: Cell<usize>,
-    real_time: RefCell<RealTime<'static, 'static, SLOTS>>,
+    real_time: RefCell<RealTime<'static, 'static>>,
     /// The line's interrupt has called the slots.
     is_called: Cell<bool>,
     /// The last byte of the last stop has come.

@@ -2,8 +2,9 @@
 //!
 //! A board gives it each byte in the interrupt that takes bytes off the line. It knows the whole frame
 //! of a [`Stop`](Request::Stop) or an [`EmergencyStop`](Request::EmergencyStop), with the right
-//! checksum and any number, also one with a proof of who sent it: everybody may stop a robot, so that nobody looks at
-//! that here. The frame goes to the link all the same, which answers it.
+//! checksum and any number, also one with a proof of who sent it or with a deadline: everybody may stop a robot, and a
+//! stop that comes late is a stop, so that nobody looks at those here. The frame goes to the link all the same, which
+//! answers it.
 //!
 //! A byte costs a few instructions, one that ends a short frame the checksum of `LONGEST` bytes besides.
 
@@ -22,10 +23,16 @@ const EMERGENCY_STOP: u8 = 27;
 const PROVEN: u8 = 35;
 const LONGEST_NUMBER: usize = 5;
 const PROOF_BYTES: usize = 16;
+/// Of a request that brings the deadline of another: that, of at most 10 bytes, the length of the request that it
+/// holds, and that.
+const WITHIN: u8 = 30;
+const LONGEST_DEADLINE: usize = 10;
 
+/// Bytes of the longest request that is a stop with a deadline.
+const LONGEST_WITHIN: usize = 1 + LONGEST_DEADLINE + 1 + 1;
 /// Bytes of the longest frame that holds a stop, as COBS makes them, without delimiter: a number, what it is, number and proof,
-/// length, the stop, the checksum, and the first byte of COBS.
-const LONGEST: usize = 1 + 1 + LONGEST_NUMBER + PROOF_BYTES + 1 + 1 + CRC_BYTES + 1;
+/// length, the stop with its deadline, the checksum, and the first byte of COBS.
+const LONGEST: usize = 1 + 1 + LONGEST_NUMBER + PROOF_BYTES + 1 + LONGEST_WITHIN + CRC_BYTES + 1;
 
 /// Hears stops. A board has one for its line, from [`LinkSide::stop_listener`](crate::LinkSide::stop_listener).
 pub struct StopListener<'m> {
@@ -95,19 +102,40 @@ impl<'m> StopListener<'m> {
 fn stop_in(frame: &mut [u8]) -> Option<Heard> {
     let len = cobs::decode_in_place(frame).ok()?;
     let (message, crc) = frame.get(..len)?.split_last_chunk::<CRC_BYTES>()?;
-    let heard = match *message {
-        [_, request] => named(request),
-        [_, PROVEN, ref rest @ ..] => {
-            let number = rest.iter().position(|byte| byte & 0x80 == 0)? + 1;
-            match *rest.get(number..).filter(|_| number <= LONGEST_NUMBER)? {
-                [ref proof @ .., 1, request] if proof.len() == PROOF_BYTES => named(request),
-                _ => None,
-            }
+    let heard = match message {
+        [_, PROVEN, rest @ ..] => {
+            let proven = behind_varint(rest, LONGEST_NUMBER)?;
+            timely(held(proven.get(PROOF_BYTES..)?)?)
         }
-        _ => None,
+        [_, request @ ..] => timely(request),
+        [] => None,
     }?;
     let is_whole = checksum(message) == u32::from_le_bytes(*crc) || planted!(NoiseStops);
     is_whole.then_some(heard)
+}
+
+/// The stop that a request is, or that it brings a deadline for.
+fn timely(request: &[u8]) -> Option<Heard> {
+    match request {
+        [WITHIN, rest @ ..] => match held(behind_varint(rest, LONGEST_DEADLINE)?)? {
+            [request] => named(*request),
+            _ => None,
+        },
+        [request] => named(*request),
+        _ => None,
+    }
+}
+
+/// What is behind a number of at most so many bytes.
+fn behind_varint(bytes: &[u8], longest: usize) -> Option<&[u8]> {
+    let len = bytes.iter().position(|byte| byte & 0x80 == 0)? + 1;
+    bytes.get(len..).filter(|_| len <= longest)
+}
+
+/// The request that is held by another, behind its length.
+fn held(bytes: &[u8]) -> Option<&[u8]> {
+    let (len, request) = bytes.split_first()?;
+    (usize::from(*len) == request.len()).then_some(request)
 }
 
 fn named(request: u8) -> Option<Heard> {
@@ -146,6 +174,16 @@ mod tests {
         framed(&(seq, PROVEN, number, proof, request))
     }
 
+    fn within(by_us: u64, request: Request<'_>) -> Vec<u8> {
+        let mut room = [0; MAX_FRAME_BYTES];
+        let request: &[u8] = postcard::to_slice(&request, &mut room).expect("it fits");
+        let mut other = [0; MAX_FRAME_BYTES];
+        let within = Request::Within { by_us, request };
+        postcard::to_slice(&within, &mut other)
+            .expect("it fits")
+            .to_vec()
+    }
+
     /// How many stops are heard among these bytes.
     fn heard(bytes: &[u8]) -> (u32, bool) {
         let signs = Signs::new();
@@ -174,9 +212,35 @@ mod tests {
     }
 
     #[test]
+    fn a_stop_with_a_deadline_is_known_with_and_without_a_proof() {
+        for by_us in [0, 1, 127, 128, 6_000_000, 1 << 35, u64::MAX] {
+            for (request, is_emergency) in [(Request::Stop, false), (Request::EmergencyStop, true)]
+            {
+                let inner = within(by_us, request);
+                let Ok(held) = postcard::from_bytes::<Request<'_>>(&inner) else {
+                    panic!("{inner:?}");
+                };
+                assert_eq!(heard(&self::request(9, held)), (1, is_emergency));
+                let stop = proven(9, 300, [by_us as u8; PROOF_BYTES], held);
+                assert_eq!(heard(&stop), (1, is_emergency), "{stop:?}");
+            }
+            let other = within(by_us, Request::Start);
+            let Ok(held) = postcard::from_bytes::<Request<'_>>(&other) else {
+                panic!("{other:?}");
+            };
+            assert_eq!(heard(&request(9, held)).0, 0);
+        }
+    }
+
+    #[test]
     fn the_longest_stop_just_fits() {
-        let stop = proven(255, u32::MAX, [255; PROOF_BYTES], Request::Stop);
+        let inner = within(u64::MAX, Request::Stop);
+        let Ok(held) = postcard::from_bytes::<Request<'_>>(&inner) else {
+            panic!("{inner:?}");
+        };
+        let stop = proven(255, u32::MAX, [255; PROOF_BYTES], held);
         assert_eq!(stop.len(), LONGEST + 1);
+        assert_eq!(heard(&stop).0, 1);
     }
 
     #[test]

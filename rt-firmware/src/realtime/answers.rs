@@ -12,7 +12,7 @@ use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, TaskCounters};
 use esm_link::telemetry::Ask;
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Answers a question about the mission.
     pub(super) fn answer(&self, question: &Letter<'m>, ticks_per_us: u32) -> Letter<'m> {
         let Some(mission) = &self.mission else {

@@ -20,7 +20,7 @@ pub(super) fn lead_ticks<B: Board>() -> u64 {
     ticks::<B>(CHANGE_LEAD_US)
 }
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Whether a macro step at this time is the first of another mission, or of this one anew. A swap that is asked for when that step is due waits for the one after it, for which there is time to
     /// make it; where the step is late anyway, it comes with it.
     pub(super) fn changes_mission<B: Board>(&self, at: Origin) -> bool {

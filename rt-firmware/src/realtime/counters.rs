@@ -28,10 +28,18 @@ impl Default for Limits {
     }
 }
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
+    /// Counts how late an occurrence began.
+    #[inline(always)]
+    pub(super) fn count_delay<B: Board>(&mut self, delay_ticks: u32) {
+        if delay_ticks > self.max_delay_ticks {
+            self.note_delay(delay_ticks, B::TICKS_PER_US);
+        }
+    }
+
     #[cold]
     #[inline(never)]
-    pub(super) fn note_delay(&mut self, delay_ticks: u32, ticks_per_us: u32) {
+    fn note_delay(&mut self, delay_ticks: u32, ticks_per_us: u32) {
         self.max_delay_ticks = delay_ticks;
         self.health.max_delay_ns = nanoseconds(delay_ticks, ticks_per_us);
     }
@@ -43,22 +51,30 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         slot: usize,
         delay_ticks: u32,
         took_ticks: u32,
-        duration_ticks: u32,
+    ) {
+        if let Some(entry) = self.tasks.lists.slots.get_mut(slot)
+            && !entry.count(delay_ticks, took_ticks)
+        {
+            self.count_unusual(board, slot, delay_ticks, took_ticks);
+        }
+    }
+
+    /// Counts an execution that is not a usual one.
+    #[inline(never)]
+    fn count_unusual<B: Board>(
+        &mut self,
+        board: &mut B,
+        slot: usize,
+        delay_ticks: u32,
+        took_ticks: u32,
     ) {
         let Some(entry) = self.tasks.lists.slots.get_mut(slot) else {
             return;
         };
-        entry.began(delay_ticks);
-        if let Some(was_executed) = self.was_executed.get_mut(slot) {
-            *was_executed = true;
-        }
-        if entry.ended(took_ticks, duration_ticks) {
+        let duration_ticks = entry.duration_us().saturating_mul(B::TICKS_PER_US);
+        if entry.count_unusual(delay_ticks, took_ticks, duration_ticks) {
             let in_a_row = entry.overruns_in_a_row();
             self.count_overrun(board, in_a_row);
-        }
-        // After all tasks of the slot, so that none of them writes the motors any more.
-        if let Some(reason) = self.failure.take() {
-            self.fail_safe(board, reason);
         }
     }
 
@@ -66,6 +82,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     #[inline(never)]
     fn count_overrun(&mut self, board: &mut impl Board, in_a_row: u16) {
         self.health.overruns = self.health.overruns.saturating_add(1);
+        self.executor.inputs().overruns = self.health.overruns;
         if in_a_row > self.allowed_overruns_in_a_row() {
             self.fail_safe(board, SafeReason::Overruns);
         }
@@ -111,6 +128,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             return;
         }
         self.health.missed = self.health.missed.saturating_add(missed);
+        self.executor.inputs().missed = self.health.missed;
         self.note(Event::Missed {
             slot: u8::try_from(slot).unwrap_or(u8::MAX),
             count: missed,

@@ -1,4 +1,4 @@
-//! What is due, but was not ready: occurrences of the interpreter's slot and those that are late, missions that take over, and what is to be done while there is none.
+//! What is due, but was not looked up before: occurrences of the interpreter's slot and those that are late, missions that take over, and what is to be done while there is none.
 //!
 //! *Invariant:* each round of the loop takes an occurrence from the dispatcher, exchanges missions, or is the last. So it ends when nothing is due.
 
@@ -7,13 +7,12 @@ use core::sync::atomic::Ordering;
 use super::change::lead_ticks;
 use super::mission::Origin;
 use super::occurrence::Occurrence;
-use super::ready::Ready;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
 use esm_link::message::Mode;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
     /// for, unless that is the interpreter's.
     #[inline(never)]
@@ -31,12 +30,12 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 at_ticks = self.execute_due(board);
             }
         }
-        self.ready = Ready::NOTHING;
+        self.forget_next();
         let next = self.dispatcher.next();
         if let Some(mission) = &self.mission {
             let start_ticks = mission.origin.ticks + ticks::<B>(next.start_us);
             if start_ticks == at_ticks {
-                self.make_ready::<B>(next, start_ticks as u32);
+                self.look_up::<B>(next, start_ticks as u32);
             }
         }
         self.count_time::<B>(board.now_low_ticks().wrapping_sub(began_ticks));

@@ -1,6 +1,4 @@
-//! The execution of a slot's enabled tasks: what enters one, and what it leaves.
-//!
-//! *Invariant:* while a task is executed, nothing of what was needed to make it ready, or to take over what it did, is on the stack.
+//! The execution of a slot's enabled tasks: each reads its task instance's record, and nothing else that a mission says.
 
 use esm_core::tables::TaskPlaces;
 use esm_core::{BlobBuffer, Interpreter};
@@ -8,170 +6,177 @@ use esm_core::{BlobBuffer, Interpreter};
 use super::RealTime;
 use super::mission::Mission;
 use super::params::LiveParams;
-use super::tasks::NONE;
+use super::tasks::{Activation, NO_GROUP, NONE, TaskTable};
 use crate::board::Board;
 use crate::ports::{FlagChanges, Inputs, Said};
-use crate::task::{Declaration, Step};
+use crate::task::{MAX_PARAMS, Step};
 use esm_link::black_box::Event;
 use esm_link::trace::TraceRecord;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
-    /// Executes the enabled tasks of a slot, from this one on, in an occurrence that starts at `start_us`.
+/// Flags of a task's block that are no control flags: exit, timeout, busy.
+const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
+
+impl RealTime<'_, '_> {
+    /// Executes the enabled tasks of a slot, from the one on that was [prepared](Self::prepare_task), in an occurrence that
+    /// [began](crate::Executor::begin) at `began_ticks`.
+    #[inline(always)]
     pub(super) fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
-        first: Option<u16>,
-        start_us: u64,
-        period_us: u32,
-        duration_ticks: u32,
+        first: u16,
+        began_ticks: u32,
+        duration_us: u32,
     ) {
-        let mut next = first;
-        while let Some(instance) = next.and_then(|next| self.first_enabled(next)) {
-            let began_ticks = board.now_low_ticks();
-            let step = if self.make_task_ready(instance, start_us, period_us) {
-                self.execute_ready(instance)
-            } else {
-                None
-            };
-            self.end_task(board, instance, step, began_ticks, duration_ticks);
-            next = self.tasks.next_in_slot(instance);
+        let mut began_ticks = began_ticks;
+        let mut instance = first;
+        while instance != NONE {
+            let step = self.run_task(instance);
+            let now_ticks = board.now_low_ticks();
+            let took_ticks = now_ticks.wrapping_sub(began_ticks);
+            began_ticks = now_ticks;
+            let next = self.end_task::<B>(instance, step, took_ticks, duration_us);
+            instance = self.tasks.first_enabled(next);
+            if instance != NONE {
+                self.prepare_task(instance);
+            }
         }
     }
 
-    /// Executes the task that the executor has, and keeps which one that is for whoever ends the firmware meanwhile.
+    /// Executes the task that was prepared, and keeps which one that is for whoever ends the firmware meanwhile.
     #[inline(always)]
-    pub(super) fn execute_ready(&mut self, instance: u16) -> Option<Step> {
-        if let Some(kept) = self.kept {
-            kept.set_task((instance != NONE).then_some(instance));
-            let step = self.executor.execute_ready();
-            kept.set_task(None);
-            return step;
+    fn run_task(&mut self, instance: u16) -> Option<Step> {
+        let Some(kept) = self.kept else {
+            return self.executor.run();
+        };
+        kept.set_task(Some(instance));
+        let step = self.executor.run();
+        kept.set_task(None);
+        step
+    }
+
+    /// Gives an enabled task what its next execution needs. False if it cannot be executed: it is busy then.
+    #[inline(never)]
+    pub(super) fn prepare_task(&mut self, instance: u16) -> bool {
+        let (Some(record), Some(Mission { interpreter, .. })) = (
+            self.tasks.lists.tasks.get_mut(usize::from(instance)),
+            &self.mission,
+        ) else {
+            return false;
+        };
+        self.executor.forget();
+        if record.group != NO_GROUP
+            && TaskTable::is_held_from(self.tasks.groups, record.group, instance)
+        {
+            return false;
         }
-        self.executor.execute_ready()
+        let inputs = self.executor.inputs();
+        if record.places.flags > TASK_CONTROL_FLAGS {
+            inputs.flags = interpreter.control_flags_at(&record.places);
+        }
+        let count = record.binding.param_count();
+        if count > 0 {
+            find_params(interpreter, &self.params, &record.places, count, inputs);
+        }
+        let enter = record.activation == Activation::Fresh;
+        self.executor.prepare(&mut record.binding, enter)
     }
 
-    /// The first enabled task instance of a slot, from this one on.
-    #[inline(always)]
-    pub(super) fn first_enabled(&self, first: u16) -> Option<u16> {
-        let found = self.tasks.first_enabled(first);
-        // What the interpreter enables and disables is told to the table.
-        debug_assert!(found.is_none_or(|found| {
-            let mission = self.mission.as_ref();
-            mission.is_some_and(|mission| mission.interpreter.is_enabled(usize::from(found)))
-        }));
-        found
-    }
-
-    /// Gives an enabled task what it needs to be executed in an occurrence that starts at `start_us`, and finds where what belongs to it stands. False if
-    /// it cannot be executed.
-    // Not inlined: no task should run on top of what this needs of the stack.
+    /// Takes over what a task did, and returns the task instance that follows in its slot. It was not executed if it is busy.
     #[inline(never)]
-    pub(super) fn make_task_ready(&mut self, instance: u16, start_us: u64, period_us: u32) -> bool {
-        let Some(mission) = &self.mission else {
-            return false;
-        };
-        let Some((task, enter)) = self.tasks.to_run(instance) else {
-            return false;
-        };
-        let interpreter = &mission.interpreter;
-        let tables = interpreter.tables();
-        let Some(places) = tables.task_places(usize::from(instance)) else {
-            return false;
-        };
-        self.ready.places = places;
-        let health = &self.health;
-        let link_silent_us = self.link_silent_us;
-        let params = &self.params;
-        self.executor.make_ready(
-            task,
-            tables.nets_from(places.first_connection),
-            enter,
-            mission.robot_us(start_us),
-            |inputs, declared| {
-                inputs.now_us = mission.t_us(start_us);
-                inputs.period_us = period_us;
-                inputs.overruns = health.overruns;
-                inputs.missed = health.missed;
-                inputs.link_silent_us = link_silent_us;
-                find_inputs(interpreter, params, &places, declared, inputs);
-            },
-        )
-    }
-
-    /// Takes over what an enabled task did in its execution, which began at `began_ticks`; there was none if it could not be executed.
-    #[inline(never)]
-    pub(super) fn end_task<B: Board>(
+    fn end_task<B: Board>(
         &mut self,
-        board: &mut B,
         instance: u16,
         step: Option<Step>,
-        began_ticks: u32,
-        duration_ticks: u32,
-    ) {
-        let Some(Mission { interpreter, .. }) = &mut self.mission else {
-            return;
+        took_ticks: u32,
+        duration_us: u32,
+    ) -> u16 {
+        let (Some(record), Some(Mission { interpreter, .. })) = (
+            self.tasks.lists.tasks.get_mut(usize::from(instance)),
+            &mut self.mission,
+        ) else {
+            return NONE;
         };
-        let index = usize::from(instance);
-        let places = self.ready.places;
+        let next = record.next_in_slot;
         let Some(step) = step else {
-            interpreter.set_busy(index, true);
-            return;
+            record.is_busy = true;
+            interpreter.set_busy_at(&record.places, true);
+            return next;
         };
-        interpreter.set_busy_at(&places, false);
-        let tables = interpreter.tables();
-        let Said {
-            flags,
-            allowed_overruns,
-            failure,
-        } = self
-            .executor
-            .end_ready(tables.nets_from(places.first_connection))
-            .unwrap_or_default();
-        if let Some(allowed) = allowed_overruns {
+        if record.is_busy {
+            record.is_busy = false;
+            interpreter.set_busy_at(&record.places, false);
+        }
+        record.activation = Activation::UnderWay;
+        if let Some(said) = self.executor.end_step(&record.binding) {
+            apply_flags(interpreter, &record.places, said.flags);
+            self.take_over(instance, said);
+        }
+        if step == Step::Finished {
+            self.finish_task(instance);
+        }
+        if took_ticks > duration_us.saturating_mul(B::TICKS_PER_US) {
+            let end_us = self.executor.robot_us() + u64::from(duration_us);
+            self.note_overrun(instance, took_ticks / B::TICKS_PER_US.max(1), end_us);
+        }
+        next
+    }
+
+    /// Takes over what a task said beside its flags.
+    #[inline(always)]
+    fn take_over(&mut self, instance: u16, said: Said) {
+        if let Some(allowed) = said.allowed_overruns {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
         }
-        self.tasks.executed(instance);
-        apply_flags(interpreter, &places, flags);
-        self.failure = self.failure.or(failure);
-        if step == Step::Finished {
-            interpreter.report_exit(index);
-            self.tasks.disable(instance);
-            self.trace.write_next_in_full();
+        self.failure = self.failure.or(said.failure);
+    }
+
+    /// A task has done its work.
+    #[inline(never)]
+    fn finish_task(&mut self, instance: u16) {
+        if let Some(Mission { interpreter, .. }) = &mut self.mission {
+            interpreter.report_exit(usize::from(instance));
         }
-        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
-        if took_ticks > duration_ticks {
-            self.tasks.overrun(instance);
-            let took_us = took_ticks / B::TICKS_PER_US.max(1);
-            self.note(Event::Overrun {
+        self.tasks.disable(instance);
+        self.trace.write_next_in_full();
+    }
+
+    /// A task took longer than its slot.
+    #[cold]
+    #[inline(never)]
+    fn note_overrun(&mut self, instance: u16, took_us: u32, end_us: u64) {
+        self.tasks.overrun(instance);
+        self.note_at(
+            end_us,
+            Event::Overrun {
                 task_instance: instance,
                 took_us: u16::try_from(took_us).unwrap_or(u16::MAX),
-            });
-            self.trace.record(TraceRecord::Overrun {
-                task_instance: instance,
-                took_us,
-            });
-        }
+            },
+        );
+        self.trace.record(TraceRecord::Overrun {
+            task_instance: instance,
+            took_us,
+        });
     }
 }
 
-/// Finds what enters the execution of a task beside time and the values on nets: its parameters and flags.
-pub(super) fn find_inputs(
+/// Finds what a task's parameters are.
+#[inline(never)]
+pub(super) fn find_params(
     interpreter: &Interpreter<'_, BlobBuffer<'_>>,
     params: &LiveParams,
     places: &TaskPlaces,
-    declared: &Declaration,
+    count: usize,
     inputs: &mut Inputs,
 ) {
-    if !declared.params.is_empty() {
-        let values = interpreter.tables().params_from(places.first_param);
-        let wanted = inputs.params.get_mut(..declared.params.len());
-        let wanted = wanted.unwrap_or_default();
-        for (bits, value) in wanted.iter_mut().zip(values) {
-            *bits = value;
-        }
-        params.put_into(wanted, places.first_param);
+    let values = interpreter.tables().params_from(places.first_param);
+    let wanted = inputs
+        .params
+        .get_mut(..count.min(MAX_PARAMS))
+        .unwrap_or_default();
+    for (bits, value) in wanted.iter_mut().zip(values) {
+        *bits = value;
     }
-    inputs.flags = interpreter.control_flags_at(places);
+    params.put_into(wanted, places.first_param);
 }
 
 /// Writes the control flags that a task wrote.

@@ -7,7 +7,7 @@ use esm_link::black_box::Event;
 use esm_link::message::Mode;
 use esm_link::trial;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Counters and mode of a robot before its next mission.
     pub(super) fn begin_health(&mut self) {
         self.health = Health {
@@ -54,8 +54,14 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Writes into the flight recorder.
     #[inline(always)]
     pub(super) fn note(&self, event: Event) {
+        self.note_at(self.previous_end_us, event);
+    }
+
+    /// Writes into the flight recorder what happened at this robot time.
+    #[inline(always)]
+    pub(super) fn note_at(&self, robot_us: u64, event: Event) {
         if let Some(kept) = self.kept {
-            kept.black_box.record(self.previous_end_us, event);
+            kept.black_box.record(robot_us, event);
         }
     }
 }

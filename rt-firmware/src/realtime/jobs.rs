@@ -5,14 +5,14 @@
 use esm_core::tables::Tables;
 
 use super::RealTime;
-use super::execution::{apply_flags, find_inputs};
+use super::execution::{apply_flags, find_params};
 use super::occurrence::Occurrence;
 use super::tasks::TaskTable;
 use crate::ports::Harvest;
 use esm_link::message::Mode;
 use esm_link::trace::TraceRecord;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last. It has no macro step.
     #[inline(never)]
     pub(super) fn change_jobs(&mut self, slot: usize, start_us: u64) {
@@ -43,15 +43,12 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
         let running = self.running.take();
         let Some(job) = job else { return };
         let (Some(mission), Some(occurrence)) = (&mut self.mission, occurrence) else {
-            self.executor.harvest(job, 0, |_| None);
+            self.executor.harvest(job, 0);
             return;
         };
-        let tables = mission.interpreter.tables();
         let index = usize::from(running.unwrap_or(u16::MAX));
         let step_us = mission.noting_step_us(occurrence);
-        let harvest = self
-            .executor
-            .harvest(job, step_us, |port| net_of(&tables, index, port));
+        let harvest = self.executor.harvest(job, step_us);
         let (Some(instance), Harvest::Ended(outcome)) = (running, harvest) else {
             return;
         };
@@ -99,18 +96,15 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
                 interpreter.set_busy(index, false);
                 continue;
             }
-            let tables = interpreter.tables();
-            let places = tables.task_places(index).filter(|_| !blocked);
-            let job = places.and_then(|places| {
-                self.executor.lend(
-                    place,
-                    tables.nets_from(places.first_connection),
-                    step_us,
-                    |inputs, declared| {
+            let record = self.tasks.record(instance).filter(|_| !blocked);
+            let job = record.and_then(|record| {
+                let places = record.places;
+                self.executor
+                    .lend_bound(&record.binding, step_us, |inputs, declared| {
                         inputs.now_us = t_us;
-                        find_inputs(interpreter, params, &places, declared, inputs);
-                    },
-                )
+                        inputs.flags = interpreter.control_flags_at(&places);
+                        find_params(interpreter, params, &places, declared.params.len(), inputs);
+                    })
             });
             if job.is_none() && !blocked {
                 // Any execution may bring the value that it lacks.

@@ -12,7 +12,7 @@ use crate::features::{PARAMS, TELEMETRY, WARM};
 use crate::mail::{Letter, Posted};
 use esm_link::message::{LinkError, Mode};
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next occurrence.
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]

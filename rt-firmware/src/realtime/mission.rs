@@ -76,7 +76,7 @@ pub(super) struct Origin {
     pub(super) us: u64,
 }
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
     /// period, which the slots go on with if it is the new interpreter's, too. If there still is a mission, the new one takes over what they have in `common`. Answers how many regions go on
     /// as they were, and the mission before, if there was one.
@@ -92,7 +92,7 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         self.supervisor = None;
         self.failure = None;
         self.heard_us = at.us;
-        self.link_silent_us = 0;
+        self.executor.inputs().link_silent_us = 0;
         self.params = LiveParams::NONE;
         self.begin_health();
         let Prepared {
@@ -120,9 +120,11 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
             if let (Some(before), Some(pairing)) = (&before, common) {
                 carried = interpreter.take_over(&before.interpreter, pairing).regions;
                 tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
-                self.tasks.go_on(old.tasks, pairing.tasks(), |task| {
-                    interpreter.is_enabled(task)
-                });
+                let registry = self.executor.registry();
+                self.tasks
+                    .go_on(old.tasks, pairing.tasks(), registry, |task| {
+                        interpreter.is_enabled(task)
+                    });
                 for (net, other) in pairing.nets() {
                     self.executor.carry_net(net, other);
                 }
@@ -131,6 +133,8 @@ impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
         }
         let tables = interpreter.tables();
         let longest = tables.slots().map(|slot| slot.period_us).max();
+        let shortest = tables.slots().map(|slot| slot.period_us).min();
+        self.shortest_period_us = shortest.unwrap_or(0);
         self.supervision.begin_mission(longest.unwrap_or(0));
         let mission = interpreter.verified().hash();
         let saved = self.saved.of(mission);

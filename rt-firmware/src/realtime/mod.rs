@@ -1,6 +1,6 @@
 //! The real-time side: owned by the slot timer's interrupt, it executes what is due and says when it wants to be called again.
 //!
-//! What it does stands in modules of its own. The timer's interrupt enters at `ready`, which has the next occurrence ready, as a rule; `due` finds what else is due. An `occurrence` is a
+//! What it does stands in modules of its own. The timer's interrupt enters at `occurrence`, which has looked up the next one, as a rule; `due` finds what else is due. An `occurrence` is a
 //! macro step, where the slot is the interpreter's, the `execution` of the slot's enabled tasks, in the order of the instance tree, and the `jobs` in slot 0, which are taken back and started;
 //! `counters` says what was counted of it, and when that is too much. A `mission` starts and ends; `change` is when another one takes over, or the same one starts anew, and `trial` how the robot
 //! goes back to the one before. `letters` are what the link wants, and `answers` what it asks. `safe_state` is motors off. `health` is what the others see of all this, and `signs_of_life` what
@@ -22,7 +22,6 @@ mod letters;
 mod mission;
 mod occurrence;
 pub mod params;
-mod ready;
 mod safe_state;
 mod signs_of_life;
 pub(crate) mod slots;
@@ -33,7 +32,7 @@ pub(crate) mod upcoming;
 
 pub use counters::Limits;
 
-use esm_core::Dispatcher;
+use esm_core::dispatcher::SlotQueue;
 use heapless::spsc::{Consumer, Producer};
 
 use crate::kept::Kept;
@@ -45,8 +44,8 @@ use crate::supervision::{Signs, Supervision};
 use crate::telemetry::Sampler;
 use esm_link::message::{Mode, SafeReason};
 use mission::Mission;
+use occurrence::Next;
 use params::{LiveParams, SavedParams};
-use ready::Ready;
 use tasks::TaskTable;
 use trace::Trace;
 use trial::Trial;
@@ -55,12 +54,12 @@ use upcoming::OwnRoom;
 /// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
 pub const IDLE_POLL_US: u32 = 10_000;
 
-/// The real-time side of a runtime for missions with up to `SLOTS` slots.
-pub struct RealTime<'q, 'm, const SLOTS: usize> {
+/// The real-time side of a runtime.
+pub struct RealTime<'q, 'm> {
     executor: Executor<'m>,
     mission: Option<Mission<'m>>,
     /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
-    dispatcher: Dispatcher<SLOTS>,
+    dispatcher: &'m mut SlotQueue,
     /// Memory for the next mission, where the link has none.
     own: OwnRoom<'m>,
     tasks: TaskTable<'m>,
@@ -94,15 +93,11 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     kept: Option<&'m Kept>,
     signs: &'m Signs,
     supervision: Supervision,
-    /// Which slots were executed since the supervision asked last.
-    was_executed: [bool; SLOTS],
     /// Wishes that the robot stops, as many as were looked at.
     stops: u32,
     /// Requests that had come when that was looked at last, and robot time when another one had.
     requests: u32,
     heard_us: u64,
-    /// How long none has come.
-    link_silent_us: u32,
     /// What a slot-0 run that has ended found wrong.
     failure: Option<SafeReason>,
     record: Recorder<'m>,
@@ -115,12 +110,15 @@ pub struct RealTime<'q, 'm, const SLOTS: usize> {
     max_delay_ticks: u32,
     /// When the whole clock was looked at last, low half.
     looked_ticks: u32,
-    ready: Ready,
+    next: Next,
+    /// Shortest period of the mission's slots, in microseconds.
+    shortest_period_us: u32,
 }
 
 /// What a real-time side is made of.
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
+    pub(crate) dispatcher: &'m mut SlotQueue,
     pub(crate) own: OwnRoom<'m>,
     pub(crate) tasks: TaskTable<'m>,
     pub(crate) limits: Limits,
@@ -138,12 +136,12 @@ pub(crate) struct Parts<'q, 'm> {
     pub(crate) snapshot: SnapshotWriter<'m>,
 }
 
-impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
+impl<'q, 'm> RealTime<'q, 'm> {
     pub(crate) fn new(parts: Parts<'q, 'm>) -> Self {
         RealTime {
             executor: parts.executor,
             mission: None,
-            dispatcher: Dispatcher::idle(),
+            dispatcher: parts.dispatcher,
             own: parts.own,
             tasks: parts.tasks,
             mode: Mode::Empty,
@@ -167,11 +165,9 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             kept: parts.kept,
             signs: parts.signs,
             supervision: Supervision::new(),
-            was_executed: [false; SLOTS],
             stops: 0,
             requests: 0,
             heard_us: 0,
-            link_silent_us: 0,
             failure: None,
             record: parts.record,
             sampler: parts.sampler,
@@ -180,7 +176,8 @@ impl<'q, 'm, const SLOTS: usize> RealTime<'q, 'm, SLOTS> {
             previous_end_us: 0,
             max_delay_ticks: 0,
             looked_ticks: 0,
-            ready: Ready::NOTHING,
+            next: Next::NOTHING,
+            shortest_period_us: 0,
         }
     }
 

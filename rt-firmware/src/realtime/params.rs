@@ -23,6 +23,8 @@ pub(crate) struct LiveParams {
     params: [u16; MAX_CHANGED],
     /// Bits of their values, in the same order.
     values: [u32; MAX_CHANGED],
+    /// Whether there is one.
+    any: bool,
 }
 
 impl LiveParams {
@@ -30,6 +32,7 @@ impl LiveParams {
     pub(crate) const NONE: LiveParams = LiveParams {
         params: [FREE; MAX_CHANGED],
         values: [0; MAX_CHANGED],
+        any: false,
     };
 
     /// How many differ.
@@ -65,6 +68,7 @@ impl LiveParams {
             *param = kept;
             *bits = value;
         }
+        self.any = self.params.iter().any(|param| *param != FREE);
     }
 
     /// Where the value of this parameter is, or can be.
@@ -75,6 +79,9 @@ impl LiveParams {
 
     /// Puts the values that differ in the places of the mission's: `values` are those of a task, the first of which has the index `first`.
     pub(crate) fn put_into(&self, values: &mut [u32], first: u16) {
+        if !self.any {
+            return;
+        }
         for (param, value) in self.params.iter().zip(&self.values) {
             let place = param.checked_sub(first).map(usize::from);
             if let Some(bits) = place.and_then(|place| values.get_mut(place))
@@ -114,6 +121,7 @@ impl SavedParams {
         let (values, others) = (&mut self.values, &others.values);
         values.params.copy_from_slice(&others.params);
         values.values.copy_from_slice(&others.values);
+        values.any = others.any;
     }
 
     /// The values for the mission of this hash.

@@ -5,7 +5,6 @@
 use core::sync::atomic::Ordering;
 
 use super::RealTime;
-use super::ready::Ready;
 use super::trial::is_the_missions_fault;
 use crate::board::Board;
 use crate::mail::Letter;
@@ -13,10 +12,10 @@ use esm_link::black_box::Event;
 use esm_link::message::{LinkError, Mode, SafeReason};
 use esm_link::trace::{EMERGENCY, TraceRecord};
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
-        self.ready = Ready::NOTHING;
+        self.forget_next();
         if !self.mode.is_latched() {
             self.mode = Mode::Safe(reason);
             self.note(Event::Mode(self.mode));
@@ -36,7 +35,7 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
     /// Motors off, and so they stay.
     #[inline(never)]
     pub(super) fn set_stopped<B: Board>(&mut self, mode: Mode, board: &mut B) {
-        self.ready = Ready::NOTHING;
+        self.forget_next();
         self.mode = mode;
         self.note(Event::Mode(mode));
         let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);

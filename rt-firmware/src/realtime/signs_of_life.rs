@@ -6,19 +6,19 @@ use super::RealTime;
 use crate::board::Board;
 use esm_link::message::Mode;
 
-impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
+impl RealTime<'_, '_> {
     /// Feeds the watchdog if all have shown that they live who should have.
     #[inline(never)]
     pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
-        let was_executed = &mut self.was_executed;
+        let slots = &mut self.tasks.lists.slots;
         let count = self
             .mission
             .as_ref()
             .map_or(0, |mission| mission.interpreter.tables().slots().len());
         let first_silent_slot = || {
             let mut silent = None;
-            for (index, was_executed) in was_executed.iter_mut().enumerate().take(count) {
-                if !core::mem::take(was_executed) {
+            for (index, slot) in slots.iter_mut().enumerate().take(count) {
+                if !slot.take_executed() {
                     silent.get_or_insert(index);
                 }
             }
@@ -46,6 +46,6 @@ impl<const SLOTS: usize> RealTime<'_, '_, SLOTS> {
             self.heard_us = robot_us;
         }
         let silent_us = robot_us.saturating_sub(self.heard_us);
-        self.link_silent_us = u32::try_from(silent_us).unwrap_or(u32::MAX);
+        self.executor.inputs().link_silent_us = u32::try_from(silent_us).unwrap_or(u32::MAX);
     }
 }

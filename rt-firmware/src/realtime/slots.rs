@@ -11,13 +11,22 @@ const BUCKET_BITS: u32 = 2;
 
 /// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
 ///
-/// There is one of these for each slot that a mission may have, so it is narrow: 52 bytes. The mean is divided out when somebody asks. A bucket has 16
+/// Most executions begin and last within what was seen already. These cost a few additions and comparisons; what is out of the ordinary is worked out elsewhere.
+///
+/// There is one of these for each slot that a mission may have, so it is narrow. The mean is divided out when somebody asks. A bucket has 16
 /// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
+    /// The first task instance of the slot that is enabled, or [`NONE`].
+    first_enabled: u16,
+    /// The first task instance of the slot, or [`NONE`].
+    first_task: u16,
+    duration_us: u32,
     min_delay_ticks: u32,
     max_delay_ticks: u32,
     min_execution_ticks: u32,
+    /// What takes longer is an overrun, or took longer than any before, or follows an overrun.
+    usual_execution_ticks: u32,
     max_execution_ticks: u32,
     /// Executions that ended, overruns included.
     executed: u32,
@@ -26,19 +35,20 @@ pub struct SlotEntry {
     total_execution_high: u16,
     overruns: u16,
     overruns_in_a_row: u16,
-    duration_us: u32,
-    /// The first task instance of the slot, or [`NONE`].
-    first_task: u16,
     /// Executions by their start delay.
     delays: [u16; DELAY_BUCKETS],
+    /// Whether the slot was executed since the supervision asked last.
+    was_executed: bool,
 }
 
 impl SlotEntry {
     /// A slot of which nothing happened yet.
     pub const EMPTY: SlotEntry = SlotEntry {
+        first_enabled: NONE,
         min_delay_ticks: u32::MAX,
         max_delay_ticks: 0,
         min_execution_ticks: u32::MAX,
+        usual_execution_ticks: 0,
         max_execution_ticks: 0,
         executed: 0,
         total_execution_low: 0,
@@ -48,6 +58,7 @@ impl SlotEntry {
         duration_us: 0,
         first_task: NONE,
         delays: [0; DELAY_BUCKETS],
+        was_executed: false,
     };
 
     /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
@@ -55,10 +66,12 @@ impl SlotEntry {
         min_delay_ticks: 0,
         min_execution_ticks: 0,
         first_task: 0,
+        first_enabled: 0,
         ..Self::EMPTY
     };
 
     /// Duration of the slot in microseconds.
+    #[inline(always)]
     pub(crate) fn duration_us(&self) -> u32 {
         self.duration_us
     }
@@ -76,9 +89,19 @@ impl SlotEntry {
         };
     }
 
-    /// The first task instance of the slot.
-    pub(crate) fn first_task(&self) -> Option<u16> {
-        (self.first_task != NONE).then_some(self.first_task)
+    /// The first task instance of the slot, or [`NONE`].
+    pub(crate) fn first_task(&self) -> u16 {
+        self.first_task
+    }
+
+    /// The first task instance of the slot that is enabled, or [`NONE`].
+    #[inline(always)]
+    pub(crate) fn first_enabled(&self) -> u16 {
+        self.first_enabled
+    }
+
+    pub(crate) fn set_first_enabled(&mut self, instance: u16) {
+        self.first_enabled = instance;
     }
 
     /// Puts a task instance before the first one, and gives the one that was the first, or [`NONE`].
@@ -91,36 +114,71 @@ impl SlotEntry {
         self.overruns_in_a_row
     }
 
-    /// An execution began so long after its nominal start.
+    /// Counts an execution, if it is a usual one. False if it is not, and nothing was counted.
     #[inline(always)]
-    pub(crate) fn began(&mut self, delay_ticks: u32) {
+    pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
+        let (executed, is_full) = self.executed.overflowing_add(1);
+        let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
+        if delay_ticks < self.min_delay_ticks
+            || delay_ticks > self.max_delay_ticks
+            || took_ticks < self.min_execution_ticks
+            || took_ticks > self.usual_execution_ticks
+            || is_full
+            || carry
+        {
+            return false;
+        }
+        self.was_executed = true;
+        self.executed = executed;
+        self.total_execution_low = total;
+        self.count_delay(delay_ticks);
+        true
+    }
+
+    #[inline(always)]
+    fn count_delay(&mut self, delay_ticks: u32) {
         if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
             *count = count.saturating_add(1);
         }
-        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
-        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
     }
 
-    /// An execution ended. Returns whether it took longer than `duration_ticks`.
-    #[inline(always)]
-    pub(crate) fn ended(&mut self, execution_ticks: u32, duration_ticks: u32) -> bool {
-        self.min_execution_ticks = self.min_execution_ticks.min(execution_ticks);
-        self.max_execution_ticks = self.max_execution_ticks.max(execution_ticks);
-        let (low, carry) = self.total_execution_low.overflowing_add(execution_ticks);
+    /// Counts any execution. Returns whether it took longer than `duration_ticks`.
+    #[inline(never)]
+    pub(crate) fn count_unusual(
+        &mut self,
+        delay_ticks: u32,
+        took_ticks: u32,
+        duration_ticks: u32,
+    ) -> bool {
+        self.was_executed = true;
+        self.count_delay(delay_ticks);
+        self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
+        self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
+        self.min_execution_ticks = self.min_execution_ticks.min(took_ticks);
+        self.max_execution_ticks = self.max_execution_ticks.max(took_ticks);
+        let (low, carry) = self.total_execution_low.overflowing_add(took_ticks);
         let high = self.total_execution_high.checked_add(u16::from(carry));
         // The sum and the number of its terms stand still together, so that the mean stays one.
         if let (Some(executed), Some(high)) = (self.executed.checked_add(1), high) {
             self.executed = executed;
             (self.total_execution_low, self.total_execution_high) = (low, high);
         }
-        let overrun = execution_ticks > duration_ticks;
+        let overrun = took_ticks > duration_ticks;
         if overrun {
             self.overruns = self.overruns.saturating_add(1);
             self.overruns_in_a_row = self.overruns_in_a_row.saturating_add(1);
+            // So that the next one is looked at, too.
+            self.usual_execution_ticks = 0;
         } else {
             self.overruns_in_a_row = 0;
+            self.usual_execution_ticks = self.max_execution_ticks.min(duration_ticks);
         }
         overrun
+    }
+
+    /// Whether there was an execution since this was asked last.
+    pub(crate) fn take_executed(&mut self) -> bool {
+        core::mem::take(&mut self.was_executed)
     }
 
     /// What was counted, for the link; `missed` is the dispatcher's number.
@@ -147,10 +205,10 @@ impl SlotEntry {
 }
 
 /// The bucket that counts a start delay: the position of its highest bit says which, without a search.
+#[inline(always)]
 fn bucket(delay_ticks: u32) -> usize {
-    let bits = u32::BITS - delay_ticks.leading_zeros();
-    let beyond_first = bits.saturating_sub(FIRST_BUCKET_BITS);
-    (beyond_first.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
+    let bits = u32::BITS - (delay_ticks >> FIRST_BUCKET_BITS).leading_zeros();
+    (bits.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
 }
 
 /// Nanoseconds in a microsecond.
@@ -234,6 +292,53 @@ mod tests {
         assert_eq!(DELAY_BUCKETS, 8);
     }
 
+    /// Counts an execution as a slot does.
+    fn count(slot: &mut SlotEntry, delay: u32, took: u32, duration: u32) -> bool {
+        !slot.count(delay, took) && slot.count_unusual(delay, took, duration)
+    }
+
+    #[test]
+    fn usual_executions_are_counted_like_others() {
+        let mut slot = SlotEntry::EMPTY;
+        let (mut overruns, mut total, mut delays) = (0, 0, [0; DELAY_BUCKETS]);
+        let executions = [
+            (3, 50),
+            (3, 50),
+            (3, 50),
+            (20, 50),
+            (20, 50),
+            (3, 120),
+            (3, 120),
+            (3, 50),
+            (3, 50),
+        ];
+        for round in 0..20 {
+            for (delay, took) in executions {
+                let overrun = count(&mut slot, delay, took, 100);
+                assert_eq!(overrun, took > 100, "round {round}");
+                overruns += u32::from(overrun);
+                total += u64::from(took);
+                delays[bucket(delay)] += 1;
+                assert!(slot.take_executed());
+                assert!(!slot.take_executed());
+            }
+        }
+        let expected = SlotCounters {
+            number: 1,
+            overruns,
+            executed: 180,
+            total_execution_ns: total * 1_000,
+            min_execution_ns: 50_000,
+            max_execution_ns: 120_000,
+            min_delay_ns: 3_000,
+            max_delay_ns: 20_000,
+            first_bucket_ns: 16_000,
+            delays,
+            missed: 0,
+        };
+        assert_eq!(slot.counters(1, 0, 1), expected);
+    }
+
     #[test]
     fn a_slot_counts_what_happens() {
         let mut slot = SlotEntry::EMPTY;
@@ -249,8 +354,7 @@ mod tests {
             (90, 150, true, 2),
             (3, 100, false, 0),
         ] {
-            slot.began(delay);
-            assert_eq!(slot.ended(execution, 100), overrun);
+            assert_eq!(count(&mut slot, delay, execution, 100), overrun);
             assert_eq!(slot.overruns_in_a_row(), in_a_row);
         }
         let expected = SlotCounters {
@@ -281,8 +385,7 @@ mod tests {
             delays: [u16::MAX; DELAY_BUCKETS],
             ..SlotEntry::EMPTY
         };
-        slot.began(0);
-        assert!(slot.ended(5, 1));
+        assert!(count(&mut slot, 0, 5, 1));
         let counters = slot.counters(1, 0, 1);
         assert_eq!(counters.delays, [u16::MAX; DELAY_BUCKETS]);
         assert_eq!((counters.executed, counters.overruns), (70_001, 65_535));
@@ -290,7 +393,7 @@ mod tests {
         let total_ticks = (u64::from(u16::MAX) << u32::BITS) + 4;
         assert_eq!(counters.total_execution_ns, total_ticks * 1_000);
         // Whichever of sum and number is full, they stand still together.
-        slot.ended(u32::MAX, 1);
+        count(&mut slot, 0, u32::MAX, 1);
         assert_eq!(
             slot.counters(1, 0, 1),
             SlotCounters {
@@ -302,7 +405,7 @@ mod tests {
             executed: u32::MAX,
             ..SlotEntry::EMPTY
         };
-        slot.ended(5, 10);
+        count(&mut slot, 0, 5, 10);
         let counters = slot.counters(1, 0, 1);
         assert_eq!(
             (counters.executed, counters.total_execution_ns),
@@ -312,15 +415,15 @@ mod tests {
 
     #[test]
     fn what_is_kept_for_a_slot_stays_narrow() {
-        assert_eq!(size_of::<SlotEntry>(), 52);
+        assert_eq!(size_of::<SlotEntry>(), 60);
     }
 
     #[test]
     fn the_first_task_of_a_slot_is_the_one_put_there_last() {
         let mut slot = SlotEntry::EMPTY;
-        assert_eq!(slot.first_task(), None);
+        assert_eq!(slot.first_task(), NONE);
         assert_eq!(slot.put_first(4), NONE);
         assert_eq!(slot.put_first(2), 4);
-        assert_eq!(slot.first_task(), Some(2));
+        assert_eq!(slot.first_task(), 2);
     }
 }

@@ -1,11 +1,11 @@
-//! What the real-time side keeps for each task instance of a mission: who serves it, whether it waits to be entered, who holds its
-//! `exclusive` group.
+//! The record of each task instance of a mission: all that its executions need, bound when the mission is staged; whether it waits to be
+//! entered; and who holds its `exclusive` group.
 
-use esm_core::tables::Tables;
+use esm_core::tables::{Tables, TaskPlaces};
 
 use super::slots::SlotEntry;
 use super::upcoming::Lists;
-use crate::ports::{Registry, TaskPlace};
+use crate::ports::{Binding, Registry, TaskPlace};
 
 /// Stands for no task instance.
 pub(crate) const NONE: u16 = u16::MAX;
@@ -16,22 +16,30 @@ const NO_PLACE: u8 = u8::MAX;
 /// Stands for no group.
 pub(crate) const NO_GROUP: u8 = u8::MAX;
 
-/// What is kept for a task instance.
+/// What is kept for a task instance: its executions read this and nothing else.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskEntry {
+    /// Its task, and where the task's ports lead.
+    pub(super) binding: Binding,
+    /// Where its flags and parameters stand.
+    pub(super) places: TaskPlaces,
+    /// The next task instance of the same slot, in instance order.
+    pub(super) next_in_slot: u16,
+    /// Its slot, or [`NONE`] for slot 0.
+    slot: u16,
     /// When it was enabled: a number that grows with each task that becomes enabled.
     order: u32,
-    /// The next task instance of the same slot, in instance order.
-    next_in_slot: u16,
     overruns: u16,
     place: TaskPlace,
-    group: u8,
-    activation: Activation,
+    pub(super) group: u8,
+    pub(super) activation: Activation,
+    /// Its busy flag may be set.
+    pub(super) is_busy: bool,
 }
 
 /// Whether a task is enabled, and how far it has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Activation {
+pub(super) enum Activation {
     /// It is not enabled.
     Off,
     /// Entered, and not executed since.
@@ -45,8 +53,17 @@ enum Activation {
 impl TaskEntry {
     /// The entry of no task.
     pub const EMPTY: TaskEntry = TaskEntry {
-        order: 0,
+        binding: Binding::NONE,
+        places: TaskPlaces {
+            first_flag: 0,
+            flags: 0,
+            first_param: 0,
+            first_connection: 0,
+            region: 0,
+        },
         next_in_slot: NONE,
+        slot: NONE,
+        order: 0,
         overruns: 0,
         place: TaskPlace {
             bank: NO_BANK,
@@ -54,11 +71,13 @@ impl TaskEntry {
         },
         group: NO_GROUP,
         activation: Activation::Off,
+        is_busy: false,
     };
 
     /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
     pub(crate) const UNUSED: TaskEntry = TaskEntry {
         next_in_slot: 0,
+        slot: 0,
         group: 0,
         place: TaskPlace { bank: 0, place: 0 },
         ..Self::EMPTY
@@ -84,7 +103,7 @@ impl Group {
 pub(crate) struct TaskTable<'m> {
     /// Those of the mission, if there is one.
     pub(crate) lists: Lists<'m>,
-    groups: &'m mut [Group],
+    pub(super) groups: &'m mut [Group],
     next_order: u32,
     /// Whether something has changed since slot-0 tasks were looked at, so that one may start that could not.
     look_for_jobs: bool,
@@ -110,8 +129,11 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
         let task = state.and_then(|state| tables.task(state.task));
         let bank = task.and_then(|task| registry.find(task.signature_hash));
         let free = free_place(tasks, bank.unwrap_or(NO_BANK));
+        let places = tables.task_places(instance).unwrap_or_default();
         if let Some(entry) = tasks.get_mut(instance) {
             entry.place = free;
+            entry.places = places;
+            entry.binding = registry.bind(free, tables.nets_from(places.first_connection));
             entry.group = task
                 .and_then(|task| task.exclusive)
                 .map_or(NO_GROUP, |group| group as u8);
@@ -130,7 +152,20 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
             },
         };
         entry.next_in_slot = next;
+        entry.slot = state.slot.map_or(NONE, |slot| slot as u16);
     }
+}
+
+/// The first enabled task instance of a slot, from this one on, or [`NONE`].
+#[inline(always)]
+fn first_enabled(entries: &[TaskEntry], first: u16) -> u16 {
+    let mut instance = first;
+    while let Some(entry) = entries.get(usize::from(instance))
+        && entry.activation == Activation::Off
+    {
+        instance = entry.next_in_slot;
+    }
+    instance
 }
 
 /// Makes the lists of a mission that ran with them what they were before its first macro step.
@@ -138,6 +173,7 @@ pub(crate) fn prepare_again(lists: &mut Lists<'_>) {
     for entry in lists.tasks.iter_mut() {
         entry.activation = Activation::Off;
         entry.overruns = 0;
+        entry.is_busy = false;
     }
     for slot in lists.slots.iter_mut() {
         slot.begin_anew();
@@ -196,6 +232,7 @@ impl<'m> TaskTable<'m> {
         &mut self,
         before: &mut [TaskEntry],
         pairs: impl Iterator<Item = (usize, usize)> + Clone,
+        registry: Registry<'_>,
         is_enabled: impl Fn(usize) -> bool,
     ) {
         let place =
@@ -219,6 +256,8 @@ impl<'m> TaskTable<'m> {
             let was = core::mem::replace(&mut old.activation, Activation::GoneOn);
             let is_new = was == Activation::Off;
             entry.place = old.place;
+            // Flags were taken over, too.
+            entry.is_busy = true;
             entry.order = if is_new { now } else { old.order };
             entry.activation = match is_enabled(instance) {
                 false => Activation::Off,
@@ -233,6 +272,9 @@ impl<'m> TaskTable<'m> {
             if activation != Activation::Off && is_oldest {
                 self.hold_group(instance as u16);
             }
+        }
+        for entry in self.lists.slots.iter_mut() {
+            entry.set_first_enabled(first_enabled(self.lists.tasks, entry.first_task()));
         }
         let mut next = self.lists.first_in_slot_0;
         while let Some(instance) = next {
@@ -252,6 +294,9 @@ impl<'m> TaskTable<'m> {
                         entry.place = free;
                     }
                 }
+            }
+            for entry in self.lists.tasks.iter_mut() {
+                registry.bind_again(&mut entry.binding, entry.place);
             }
         }
     }
@@ -283,17 +328,16 @@ impl<'m> TaskTable<'m> {
         (next != NONE).then_some(next)
     }
 
-    /// The first enabled task instance of a slot, from this one on.
-    #[inline]
-    pub(crate) fn first_enabled(&self, first: u16) -> Option<u16> {
-        let mut instance = first;
-        loop {
-            // There is none at `NONE`.
-            let entry = self.lists.tasks.get(usize::from(instance))?;
-            if entry.activation != Activation::Off {
-                return Some(instance);
-            }
-            instance = entry.next_in_slot;
+    /// The first enabled task instance of a slot, from this one on, or [`NONE`].
+    #[inline(always)]
+    pub(crate) fn first_enabled(&self, first: u16) -> u16 {
+        first_enabled(self.lists.tasks, first)
+    }
+
+    /// A task instance of this slot has been enabled or disabled.
+    fn look_at_slot(&mut self, slot: u16) {
+        if let Some(entry) = self.lists.slots.get_mut(usize::from(slot)) {
+            entry.set_first_enabled(first_enabled(self.lists.tasks, entry.first_task()));
         }
     }
 
@@ -325,6 +369,7 @@ impl<'m> TaskTable<'m> {
         let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) else {
             return;
         };
+        let slot = entry.slot;
         let before = core::mem::replace(&mut entry.activation, Activation::Fresh);
         if before != Activation::Off {
             // A slot-0 run goes on under the next activation: enabled it has been all the time.
@@ -337,6 +382,7 @@ impl<'m> TaskTable<'m> {
         {
             group.holder = instance;
         }
+        self.look_at_slot(slot);
     }
 
     /// The task is enabled no more.
@@ -346,7 +392,8 @@ impl<'m> TaskTable<'m> {
             return;
         };
         entry.activation = Activation::Off;
-        let group = entry.group;
+        let (group, slot) = (entry.group, entry.slot);
+        self.look_at_slot(slot);
         let Some(held) = self
             .groups
             .get_mut(usize::from(group))
@@ -374,18 +421,6 @@ impl<'m> TaskTable<'m> {
         }
     }
 
-    /// The task that serves a task instance, and whether it was entered and not executed since; `None` if somebody else holds its group.
-    pub(crate) fn to_run(&self, instance: u16) -> Option<(TaskPlace, bool)> {
-        let entry = self.lists.tasks.get(usize::from(instance))?;
-        if entry.group != NO_GROUP
-            && let Some(group) = self.groups.get(usize::from(entry.group))
-            && group.holder != instance
-        {
-            return None;
-        }
-        Some((entry.place, entry.activation == Activation::Fresh))
-    }
-
     /// Whether nobody else holds the task's group.
     pub(crate) fn may_run(&self, instance: u16) -> bool {
         let group = self.entry(instance).group;
@@ -399,13 +434,26 @@ impl<'m> TaskTable<'m> {
         self.entry(instance).activation == Activation::Fresh
     }
 
-    /// The task is executed.
+    /// The run of a slot-0 task begins.
     pub(crate) fn executed(&mut self, instance: u16) {
         if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance))
             && entry.activation == Activation::Fresh
         {
             entry.activation = Activation::UnderWay;
         }
+    }
+
+    /// The record of a task instance.
+    #[inline(always)]
+    pub(super) fn record(&mut self, instance: u16) -> Option<&mut TaskEntry> {
+        self.lists.tasks.get_mut(usize::from(instance))
+    }
+
+    /// Whether a group is held by somebody else than this task instance.
+    #[inline(always)]
+    pub(super) fn is_held_from(groups: &[Group], group: u8, instance: u16) -> bool {
+        let held = groups.get(usize::from(group));
+        held.is_some_and(|group| group.holder != instance)
     }
 
     /// How long ago, counted in tasks that became enabled, this one did.

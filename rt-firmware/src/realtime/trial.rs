@@ -33,7 +33,7 @@ impl Trial<'_> {
     }
 }
 
-impl<'m, const SLOTS: usize> RealTime<'_, 'm, SLOTS> {
+impl<'m> RealTime<'_, 'm> {
     /// Whether the mission of this hash is on trial, and has not failed.
     pub(super) fn is_on_trial(&self, mission: u32) -> bool {
         let goes_on = (self.trial.as_ref()).is_some_and(|trial| trial.failed.is_none());

@@ -2,6 +2,11 @@
 //!
 //! What erases is paid for from an allowance, which fills up with time. There is one each for what wears other parts of the flash, or is asked for by others, so that none
 //! is used up by another. An emergency stop costs nothing: each release that is kept has paid for the stop that follows it.
+//!
+//! What is left survives a reset in retained RAM, so that nobody gets a full allowance by forcing resets. It is full
+//! when power comes.
+
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// How much may be kept at once, and how much in an hour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,14 +45,16 @@ const UNITS_PER_HOUR: u32 = 3_433;
 
 /// What is left of an allowance.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Budget {
+pub(super) struct Budget<'m> {
     /// In units of time.
     left: u32,
     full: u32,
     each: u32,
+    /// Where it survives a reset.
+    retained: Option<&'m AtomicU32>,
 }
 
-impl Budget {
+impl<'m> Budget<'m> {
     pub(super) const fn new(allowance: Allowance) -> Self {
         let each = UNITS_PER_HOUR.div_ceil(allowance.per_hour);
         let full = each * allowance.burst;
@@ -55,12 +62,26 @@ impl Budget {
             left: full,
             full,
             each,
+            retained: None,
+        }
+    }
+
+    /// Goes on with what was left before a reset, and keeps what is left there from now on.
+    pub(super) fn retain(&mut self, retained: &'m AtomicU32) {
+        self.retained = Some(retained);
+        self.set_left(retained.load(Relaxed).min(self.full));
+    }
+
+    fn set_left(&mut self, left: u32) {
+        self.left = left;
+        if let Some(retained) = self.retained {
+            retained.store(left, Relaxed);
         }
     }
 
     /// So much time has passed, in units.
     pub(super) fn fill(&mut self, units: u32) {
-        self.left = self.left.saturating_add(units).min(self.full);
+        self.set_left(self.left.saturating_add(units).min(self.full));
     }
 
     /// Takes so many out.
@@ -69,12 +90,9 @@ impl Budget {
     /// There are not so many: the seconds until there are.
     pub(super) fn take(&mut self, count: u32) -> Result<(), u32> {
         let cost = self.each * count;
-        if planted!(BudgetForgotten) {
-            return Ok(());
-        }
         match self.left.checked_sub(cost) {
             Some(left) => {
-                self.left = left;
+                self.set_left(left);
                 Ok(())
             }
             None => {

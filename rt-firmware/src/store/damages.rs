@@ -1,6 +1,6 @@
 //! What becomes of a robot's key and of its emergency stop, whatever is damaged of records and journal.
 //!
-//! The laws: a robot that had a key lets nobody in without it, one whose emergency stop was latched is stopped, and damage is told. The owner of the key gets in as long as the
+//! The invariants: a robot that had a key lets nobody in without it, one whose emergency stop was latched is stopped, and damage is told. The owner of the key gets in as long as the
 //! key is known for certain, and no key of an earlier owner is taken for it.
 //!
 //! What a start makes of a flash depends on each place of it (a block of an area, or a copy of an entry) by its kind alone: as written, blank, or neither. So all patterns of up to four
@@ -155,7 +155,7 @@ fn start(cells: &[u8]) -> Found {
     })
 }
 
-/// Holds the laws against what a start makes of the damaged flash of a robot with a key that was stopped.
+/// Holds the invariants against what a start makes of the damaged flash of a robot with a key that was stopped.
 fn judge(cells: &[u8], what: &dyn Fn() -> String) -> Result<(), Broken> {
     judge_any(cells, true, what)
 }
@@ -194,7 +194,7 @@ impl Random {
 
 /// How much is tried.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Size {
+struct Size {
     /// Histories of a robot: how often more was kept.
     histories: u32,
     /// Choices of so many places are tried one by one, and of more this many at random.
@@ -204,8 +204,8 @@ pub(super) struct Size {
 }
 
 impl Size {
-    /// With each run of the tests, for each planted defect.
-    pub(super) const SMALL: Size = Size {
+    /// With each mutant.
+    const SMALL: Size = Size {
         histories: 1,
         places: 1,
         samples: 300,
@@ -228,18 +228,10 @@ impl Size {
     fn asked() -> Size {
         match env::var("ESM_RECORD_DAMAGES").as_deref() {
             Ok("full") => Size::FULL,
+            Ok("small") => Size::SMALL,
             _ => Size::USUAL,
         }
     }
-}
-
-pub(super) fn laws(size: Size) -> Result<(), Broken> {
-    no_pattern_of_four_bits_makes_a_place_count()?;
-    flipped(size)?;
-    put_back()?;
-    random(size)?;
-    in_by_the_key()?;
-    new_chips(size)
 }
 
 /// Within a place: no change of up to four bits makes a whole header or copy of one, nor a word of another.
@@ -568,8 +560,8 @@ fn new_chips(size: Size) -> Result<(), Broken> {
     Ok(())
 }
 
-fn passes(law: impl FnOnce(Size) -> Result<(), Broken>) {
-    if let Err(broken) = law(Size::asked()) {
+fn passes(invariant: impl FnOnce(Size) -> Result<(), Broken>) {
+    if let Err(broken) = invariant(Size::asked()) {
         panic!("{broken}");
     }
 }

@@ -5,12 +5,13 @@ use std::string::String;
 
 use super::budget::{Allowance, KEYS, RECORDS, UPLOADS};
 use super::keep::Keep;
-use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep};
+use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep, with_keep_over_resets};
 use super::nor::{Chip, Rewrite};
+use crate::kept::Kept as RetainedRam;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
 use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord, WriteError};
-use esm_link::message::LinkError;
+use esm_link::message::{LinkError, ResetReason};
 
 type Broken = String;
 type Kept<'a> = Keep<'a, Chip<WRITE, ERASE>>;
@@ -31,36 +32,30 @@ fn chosen(keep: &mut Kept<'_>) {
     Keep::choose(keep, &mut room, |_| true);
 }
 
-pub(super) fn laws() -> Result<(), Broken> {
-    nobody_wears_it_out()?;
-    a_stop_is_kept_always()?;
-    a_release_is_kept_later()?;
-    ordinary_use_passes()
-}
-
 /// Asks for something, for the time of this number.
 type Attack<'a> = &'a dyn Fn(&mut Kept<'_>, u32);
+
+const ATTACKS: [(&str, Allowance, Attack<'static>); 4] = [
+    ("saves", RECORDS, &|keep, number| {
+        let _ = keep.save_params(&saved(number));
+    }),
+    ("stops and releases", RECORDS, &|keep, number| {
+        let _ = keep.set_emergency_stop(number % 2 == 0);
+    }),
+    ("keys", KEYS, &|keep, number| {
+        let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
+    }),
+    ("uploads", UPLOADS, &|keep, number| {
+        if keep.trial_begins(&number.to_le_bytes()).is_ok() {
+            let _ = keep.trial_confirmed(number);
+        }
+    }),
+];
 
 /// Each of these asks once a second for six hours.
 fn nobody_wears_it_out() -> Result<(), Broken> {
     const HOURS: u32 = 6;
-    let attacks: [(&str, Allowance, Attack<'_>); 4] = [
-        ("saves", RECORDS, &|keep, number| {
-            let _ = keep.save_params(&saved(number));
-        }),
-        ("stops and releases", RECORDS, &|keep, number| {
-            let _ = keep.set_emergency_stop(number % 2 == 0);
-        }),
-        ("keys", KEYS, &|keep, number| {
-            let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
-        }),
-        ("uploads", UPLOADS, &|keep, number| {
-            if keep.trial_begins(&number.to_le_bytes()).is_ok() {
-                let _ = keep.trial_confirmed(number);
-            }
-        }),
-    ];
-    for (what, budget, ask) in attacks {
+    for (what, budget, ask) in ATTACKS {
         let allowed = budget.burst + HOURS * budget.per_hour;
         let flash = blank(Rewrite::Refuse);
         let before = flash.borrow().erases;
@@ -97,6 +92,55 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
         let weeks = (LIFE - budget.burst) / budget.per_hour / (24 * 7);
         if weeks < 1 {
             return Err(format!("{what}: {weeks} weeks"));
+        }
+    }
+    Ok(())
+}
+
+/// Each of these asks as often as it can, forces a reset, and goes on: for as much time as the robot is on, it
+/// gets no more than without resets. When power comes, the allowance is full.
+fn resets_bring_nothing() -> Result<(), Broken> {
+    const RESETS: u32 = 50;
+    const SECONDS: u32 = 60;
+    for (what, budget, ask) in ATTACKS {
+        let retained = RetainedRam::new();
+        retained.begin(None);
+        let flash = blank(Rewrite::Refuse);
+        let asked = |reset: u32| {
+            with_keep_over_resets(&flash, None, Some(&retained), |keep| {
+                chosen(keep);
+                for number in 0..2 * budget.burst {
+                    ask(keep, reset * 2 * budget.burst + number);
+                }
+                keep.tick(u64::from(SECONDS) * SECOND_US);
+                let health = keep.flash_health();
+                health.record_erases / 2 + health.mission_erases
+            })
+        };
+        let mut kept = 0;
+        for reset in 0..RESETS {
+            kept = asked(reset);
+            retained.begin(Some(ResetReason::Watchdog));
+        }
+        let allowed = budget.burst + budget.per_hour * (RESETS * SECONDS).div_ceil(3_600);
+        if kept > allowed + 2 || kept < budget.burst {
+            return Err(format!(
+                "{what}: {kept} were kept over resets, {allowed} are allowed"
+            ));
+        }
+        // Power comes: the RAM has anything in it.
+        let retained = RetainedRam::new();
+        retained.begin(None);
+        let again = with_keep_over_resets(&flash, None, Some(&retained), |keep| {
+            chosen(keep);
+            for number in 0..2 * budget.burst {
+                ask(keep, u32::MAX / 2 + number);
+            }
+            let health = keep.flash_health();
+            health.record_erases / 2 + health.mission_erases
+        });
+        if again < kept + budget.burst - 2 {
+            return Err(format!("{what}: {kept}, and after power came {again}"));
         }
     }
     Ok(())
@@ -216,6 +260,11 @@ fn ordinary_use_passes() -> Result<(), Broken> {
 #[test]
 fn who_asks_without_an_end_does_not_wear_the_flash_out() {
     nobody_wears_it_out().unwrap();
+}
+
+#[test]
+fn who_forces_resets_wears_the_flash_no_more_than_others() {
+    resets_bring_nothing().unwrap();
 }
 
 #[test]

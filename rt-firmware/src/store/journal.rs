@@ -39,7 +39,9 @@ const KEY_AT: usize = 16;
 /// Bytes of one copy of an entry.
 pub(super) const COPY_BYTES: usize =
     (KEY_AT + KEY_RECORD_BYTES + size_of::<u32>()).next_multiple_of(BLOCK_BYTES);
-const PAIR_BYTES: u32 = 2 * COPY_BYTES as u32;
+const PAIR_BYTES: u32 = COPIES * COPY_BYTES as u32;
+/// How often an entry is there.
+const COPIES: u32 = 2;
 /// Bytes of a half, where the flash does not erase more at once.
 const HALF_BYTES: u32 = 1024;
 /// Stands for the length of a key that has no room.
@@ -118,7 +120,7 @@ impl Entry {
 
     fn decode(bytes: &CopyBytes) -> Option<Self> {
         let crc = u32::from_le_bytes(*bytes.last_chunk()?);
-        if crc != checksum(bytes) && !planted!(JournalChecksumForgotten) {
+        if crc != checksum(bytes) {
             return None;
         }
         let [magic, number, floor, rest] =
@@ -227,7 +229,7 @@ impl Journal {
             }
             let Some(entry) = first.whole().or(second.whole()) else {
                 // A second copy is begun only where the first was whole.
-                self.is_marked |= second.is_broken() && !planted!(DamagedEntryTakenForCut);
+                self.is_marked |= second.is_broken();
                 continue;
             };
             self.is_marked |= entry.floor.is_some();
@@ -279,7 +281,7 @@ impl Journal {
             if first.whole().or(second.whole()).is_some() {
                 break;
             }
-            if second.is_broken() && !planted!(KeyBeforeDamageTaken) {
+            if second.is_broken() {
                 return None;
             }
             if !first.is_broken() {
@@ -308,11 +310,7 @@ impl Journal {
             return true;
         }
         // The other half, in which nothing is needed any more.
-        let half = if planted!(NewestHalfErased) {
-            half
-        } else {
-            1 - half
-        };
+        let half = 1 - half;
         let from = self.start + half * self.half_bytes;
         if flash.erase(from, from + self.half_bytes).is_err() {
             return false;
@@ -326,8 +324,7 @@ impl Journal {
             return false;
         }
         let bytes = entry.encode();
-        let copies = if planted!(EntryOnce) { 1 } else { 2 };
-        for number in 0..copies {
+        for number in 0..COPIES {
             let at = self.address(place, number);
             let (blocks, _) = bytes.as_chunks::<BLOCK_BYTES>();
             let is_written = (at..)

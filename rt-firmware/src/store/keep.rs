@@ -8,6 +8,7 @@ use super::{
     AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, Store,
     TrialError, journal,
 };
+use crate::kept::Kept as RetainedRam;
 use crate::link::trial::MissionKeeper;
 use crate::realtime::params::SavedParams;
 use esm_link::key_store::{KeyRecord, NotKept, WriteError};
@@ -83,22 +84,22 @@ pub struct Keep<'m, F> {
     /// It was the one to start with.
     own_ran: bool,
     kept: Kept,
-    budgets: Budgets,
+    budgets: Budgets<'m>,
     /// An emergency stop was latched, or released, and the flash does not say so yet.
     stop_put_off: Option<bool>,
 }
 
 /// What may still be erased.
-struct Budgets {
-    uploads: Budget,
-    records: Budget,
-    keys: Budget,
+struct Budgets<'m> {
+    uploads: Budget<'m>,
+    records: Budget<'m>,
+    keys: Budget<'m>,
     /// When they were filled last.
     filled: u32,
 }
 
-impl Budgets {
-    const FULL: Budgets = Budgets {
+impl<'m> Budgets<'m> {
+    const FULL: Budgets<'m> = Budgets {
         uploads: Budget::new(budget::UPLOADS),
         records: Budget::new(budget::RECORDS),
         keys: Budget::new(budget::KEYS),
@@ -146,6 +147,17 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
             budgets: Budgets::FULL,
             stop_put_off: None,
         })
+    }
+
+    /// Lets a reset leave the allowances for erases as they were: a board with retained RAM calls this before
+    /// anything is kept.
+    #[must_use]
+    pub fn over_resets(mut self, retained: &'m RetainedRam) -> Self {
+        let [uploads, records, keys] = retained.allowances();
+        self.budgets.uploads.retain(uploads);
+        self.budgets.records.retain(records);
+        self.budgets.keys.retain(keys);
+        self
     }
 
     /// The records. What is kept there is not paid for.
@@ -336,17 +348,10 @@ impl<F: NorFlash> Keep<'_, F> {
         };
         let value: &[u8] = if latched { &[1] } else { &[] };
         if !self.records.is_kept(Key::EMERGENCY_STOP, value) {
-            let is_paid = if latched {
-                // The release before it has paid, and there is no other way to come to a stop that is not kept.
-                !planted!(StopsPaid) || self.budgets.records.take(budget::ONE).is_ok()
-            } else {
-                planted!(ReleasesUnpaid)
-                    || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok()
-            };
+            // The release before a stop has paid for it, and there is no other way to come to a
+            // stop that is not kept.
+            let is_paid = latched || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok();
             if !is_paid {
-                if planted!(StopNotPutOff) {
-                    self.stop_put_off = None;
-                }
                 return Err(LinkError::StopNotKept);
             }
         }

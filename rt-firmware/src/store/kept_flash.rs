@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use super::keep::{Keep, RECORD_BYTES, flash_bytes};
 use super::nor::{Chip, Geometry, Nor, Rewrite};
+use crate::kept::Kept as RetainedRam;
 
 pub(super) const WRITE: usize = 8;
 pub(super) const ERASE: usize = 1024;
@@ -27,9 +28,22 @@ pub(super) fn with_keep<T>(
     own: Option<&'static [u8]>,
     act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T,
 ) -> T {
+    with_keep_over_resets(flash, own, None, act)
+}
+
+/// The same for a robot with retained RAM.
+pub(super) fn with_keep_over_resets<T>(
+    flash: &Flash,
+    own: Option<&'static [u8]>,
+    retained: Option<&RetainedRam>,
+    act: impl FnOnce(&mut Keep<'_, Chip<WRITE, ERASE>>) -> T,
+) -> T {
     flash.borrow_mut().power_on();
     let mut room = [0; RECORD_BYTES];
     let chip = Chip::<WRITE, ERASE>(flash.clone());
     let mut keep = Keep::open(chip, BLOB_BYTES, own, &mut room).unwrap();
+    if let Some(retained) = retained {
+        keep = keep.over_resets(retained);
+    }
     act(&mut keep)
 }

@@ -59,12 +59,6 @@ pub(super) const UPLOAD_LEAD: u32 = 3;
 
 /// Whether place `a` in the order is after place `b`, where they are less than 2^31 apart: also when numbers start anew in between.
 pub(super) fn is_newer(a: u32, b: u32) -> bool {
-    if planted!(OlderWins) {
-        return b.wrapping_sub(a).cast_signed() > 0;
-    }
-    if planted!(WrapForgotten) {
-        return a > b;
-    }
     a.wrapping_sub(b).cast_signed() > 0
 }
 
@@ -237,7 +231,7 @@ impl Header {
             Err(SlotState::BrokenHeader)
         } else if format != FORMAT {
             Err(SlotState::OtherFormat)
-        } else if (len == 0 || len > capacity) && !planted!(LengthAtBootUnchecked) {
+        } else if len == 0 || len > capacity {
             Err(SlotState::TooLong)
         } else {
             // An earlier firmware left it erased.
@@ -254,10 +248,6 @@ impl Header {
 
 /// Checksum of all bytes of a header but those of the checksum.
 fn checksum(block: &Block) -> u32 {
-    let covered = if planted!(HeaderChecksumTooShort) {
-        8
-    } else {
-        BLOCK_BYTES - size_of::<u32>()
-    };
+    let covered = BLOCK_BYTES - size_of::<u32>();
     block.get(..covered).map_or(0, esm_core::format::crc32)
 }

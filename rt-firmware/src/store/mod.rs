@@ -63,20 +63,6 @@ use core::ops::Range;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use esm_link::message::SlotState;
 
-/// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
-#[cfg(test)]
-macro_rules! planted {
-    ($bug:ident) => {
-        crate::store::planted::is_planted(crate::store::planted::Bug::$bug)
-    };
-}
-#[cfg(not(test))]
-macro_rules! planted {
-    ($bug:ident) => {
-        false
-    };
-}
-
 pub mod budget;
 #[cfg(test)]
 mod damaged;
@@ -93,8 +79,6 @@ mod layout;
 mod nor;
 #[cfg(test)]
 mod own_mission;
-#[cfg(test)]
-pub(crate) mod planted;
 #[cfg(test)]
 mod power_cuts;
 pub mod records;
@@ -263,7 +247,7 @@ impl Head {
 
     /// The same, if it was confirmed.
     fn confirmed_rank(&self) -> Option<u32> {
-        let is_confirmed = self.confirmations > 0 && !planted!(ConfirmedErased);
+        let is_confirmed = self.confirmations > 0;
         self.rank().filter(|_| is_confirmed)
     }
 
@@ -322,13 +306,6 @@ impl<F: NorFlash> Store<F> {
     ///
     /// An upload that has not ended is over.
     pub fn choose(&mut self, room: &mut [u8], mut accepts: impl FnMut(&[u8]) -> bool) -> Choice {
-        if planted!(AcknowledgedEarly)
-            && let Some(upload) = self
-                .upload
-                .take_if(|upload| upload.received == upload.header.len)
-        {
-            let _ = self.seal(&upload);
-        }
         self.upload = None;
         self.ended = None;
         self.running = None;
@@ -371,11 +348,11 @@ impl<F: NorFlash> Store<F> {
         if !head.is_sealed {
             return SlotState::Unsealed;
         }
-        if on_trial && head.is_tried && !planted!(TrialRepeated) {
+        if on_trial && head.is_tried {
             return SlotState::TrialFailed;
         }
         // A mission that never ran and is not the newest was given up; parts of it may be erased.
-        if on_trial && !is_first && !planted!(GivenUpRuns) {
+        if on_trial && !is_first {
             return SlotState::GivenUp;
         }
         if chosen.is_some() {
@@ -386,7 +363,7 @@ impl<F: NorFlash> Store<F> {
         };
         match self.payload_crc(slot, len, room) {
             None => return SlotState::Unreadable,
-            Some(found) if found != crc && !planted!(PayloadUncheckedAtBoot) => {
+            Some(found) if found != crc => {
                 return SlotState::BrokenPayload;
             }
             Some(_) => {}
@@ -395,7 +372,7 @@ impl<F: NorFlash> Store<F> {
             return SlotState::Refused;
         }
         // What is not on record cannot be fallen back from.
-        if on_trial && !self.record(slot, TRIED_AT, &TRIED) && !planted!(TrialOffTheRecord) {
+        if on_trial && !self.record(slot, TRIED_AT, &TRIED) {
             return SlotState::TrialNotRecorded;
         }
         *chosen = Some(Mission {
@@ -418,7 +395,7 @@ impl<F: NorFlash> Store<F> {
     /// Why it may not run.
     pub fn begin_trial(&mut self) -> Result<(), TrialError> {
         let slot = self.ended.take().ok_or(TrialError::NoUpload)?;
-        if !planted!(LiveTrialOffTheRecord) && !self.record(slot, TRIED_AT, &TRIED) {
+        if !self.record(slot, TRIED_AT, &TRIED) {
             // A promotion says that there was a trial, too: so the next start does not run what was refused now.
             self.note(slot, CONFIRMATIONS..FIRST_ADVANCE);
             return Err(TrialError::NotRecorded);
@@ -438,9 +415,7 @@ impl<F: NorFlash> Store<F> {
         let Some(before) = self.before.take() else {
             return false;
         };
-        if !planted!(FallbackForgotten) {
-            self.running = before;
-        }
+        self.running = before;
         true
     }
 
@@ -450,15 +425,11 @@ impl<F: NorFlash> Store<F> {
     /// Why it is not. It may be tried again.
     pub fn confirm(&mut self) -> Result<(), ConfirmError> {
         let running = self.running.ok_or(ConfirmError::NoMission)?;
-        let mut is_there = running.is_certain || planted!(ConfirmedInMemoryOnly);
-        if planted!(ConfirmedByReading) {
-            is_there |= !running.on_trial;
-        }
         // What was read is not certain, but that all of so many confirmations are torn.
-        is_there = is_there || self.head(running.slot).confirmations >= CERTAIN_CONFIRMATIONS;
+        let mut is_there =
+            running.is_certain || self.head(running.slot).confirmations >= CERTAIN_CONFIRMATIONS;
         if !is_there {
             let is_promoted = !running.on_trial
-                || planted!(PromotionForgotten)
                 || self
                     .note(running.slot, CONFIRMATIONS..FIRST_ADVANCE)
                     .is_some();
@@ -510,9 +481,7 @@ impl<F: NorFlash> Store<F> {
         }
         upload.to_erase.start = from + F::ERASE_SIZE as u32;
         let goes_on = !upload.to_erase.is_empty();
-        if !planted!(Unerased)
-            && let Err(error) = self.flash.erase(from, from + F::ERASE_SIZE as u32)
-        {
+        if let Err(error) = self.flash.erase(from, from + F::ERASE_SIZE as u32) {
             self.upload = None;
             return Err(BeginError::Flash(error.kind()));
         }
@@ -531,18 +500,18 @@ impl<F: NorFlash> Store<F> {
             return Ok(upload.received);
         }
         let capacity = self.layout.payload_capacity();
-        if (len == 0 || len > capacity) && !planted!(LengthUnchecked) {
+        if len == 0 || len > capacity {
             return Err(BeginError::Length { capacity });
         }
         let running = self.running;
-        if running.is_some_and(|running| running.on_trial) && !planted!(FallbackErased) {
+        if running.is_some_and(|running| running.on_trial) {
             return Err(BeginError::OnTrial);
         }
         self.upload = None;
         self.ended = None;
         // What is erased may be all that there is beside the mission that runs: that it is confirmed must be certain. If the flash does not even
         // take a word more, so be it: new missions must find a way in.
-        if running.is_some() && !planted!(ConfirmationTaken) {
+        if running.is_some() {
             let _ = self.confirm();
         }
         let heads = [Slot::A, Slot::B].map(|slot| self.head(slot));
@@ -555,7 +524,6 @@ impl<F: NorFlash> Store<F> {
             newest_rank = floor;
         }
         let slot = match running {
-            Some(running) if planted!(RunningErased) => running.slot,
             Some(running) => running.slot.other(),
             // Nothing runs. What stays is what was confirmed, the whole before the damaged, or else what is newest for certain.
             None => newest([self.whole_rank(Slot::A, a), self.whole_rank(Slot::B, b)])
@@ -568,15 +536,9 @@ impl<F: NorFlash> Store<F> {
         let (erased, kept) = (slot.of([a, b]), slot.of([b, a]));
         if let Ok(header) = kept.header
             && kept.is_sealed
-            && !planted!(ErasedUnnoted)
         {
             let rank = |note| header.seq.wrapping_add(lead(note));
             let first = (FIRST_ADVANCE..NOTES).find(|note| is_newer(rank(*note), newest_rank));
-            let first = if planted!(AdvanceForgotten) {
-                Some(0)
-            } else {
-                first
-            };
             if let Some(first) = first {
                 // From here on what stays is over what is erased, whatever an erase that is cut leaves of it.
                 let noted = match erased.headed_rank() {
@@ -588,7 +550,6 @@ impl<F: NorFlash> Store<F> {
             // If its promotion was cut and reads as blank today, a note that was to be over it may have been cut, too.
             if let Ok(header) = erased.header
                 && erased.is_tried
-                && !planted!(CutPromotionForgotten)
             {
                 let promoted = header.seq.wrapping_add(lead(FIRST_ADVANCE));
                 if is_newer(promoted, newest_rank) {
@@ -598,11 +559,7 @@ impl<F: NorFlash> Store<F> {
         }
         let (from, to) = self.layout.bounds(slot);
         // Over the next note, too: there may be one whose writing was cut and that reads as blank today.
-        let seq = newest_rank.wrapping_add(if planted!(CutNoteForgotten) {
-            1
-        } else {
-            UPLOAD_LEAD
-        });
+        let seq = newest_rank.wrapping_add(UPLOAD_LEAD);
         self.erases = self.erases.saturating_add(1);
         let header = Header {
             seq,
@@ -610,11 +567,6 @@ impl<F: NorFlash> Store<F> {
             crc,
             erases: self.erases,
         };
-        if planted!(HeaderFirst) {
-            let _ = self.record(slot, HEADER_AT, &header.encode())
-                && self.record(slot, HEADED_AT, &HEADED)
-                && self.record(slot, SEALED_AT, &SEALED);
-        }
         self.upload = Some(Upload {
             slot,
             header,
@@ -636,7 +588,7 @@ impl<F: NorFlash> Store<F> {
         if !upload.to_erase.is_empty() {
             return Err(AppendError::NotErased);
         }
-        if offset != upload.received && !planted!(OffsetUnchecked) {
+        if offset != upload.received {
             return Err(AppendError::Offset {
                 expected: upload.received,
             });
@@ -680,14 +632,10 @@ impl<F: NorFlash> Store<F> {
             self.upload = Some(upload);
             return Err(FinishError::Incomplete { received });
         }
-        if !(received as usize).is_multiple_of(BLOCK_BYTES) && !planted!(TailForgotten) {
+        if !(received as usize).is_multiple_of(BLOCK_BYTES) {
             upload
                 .write_block(&mut self.flash, &self.layout)
                 .map_err(FinishError::Flash)?;
-        }
-        if planted!(AcknowledgedEarly) {
-            self.upload = Some(upload);
-            return Ok(seq);
         }
         self.seal(&upload)?;
         self.ended = Some(upload.slot);
@@ -699,29 +647,19 @@ impl<F: NorFlash> Store<F> {
     fn seal(&mut self, upload: &Upload) -> Result<(), FinishError> {
         let Upload { slot, header, .. } = *upload;
         let found = self.payload_crc(slot, header.len, &mut []);
-        if found != Some(header.crc) && !planted!(PayloadNotReadBack) {
+        if found != Some(header.crc) {
             return Err(FinishError::ReadBack);
         }
-        let words: &[(u32, Block)] = if planted!(SealBeforeHeader) {
-            &[
-                (HEADED_AT, HEADED),
-                (SEALED_AT, SEALED),
-                (HEADER_AT, header.encode()),
-            ]
-        } else {
-            &[
-                (HEADER_AT, header.encode()),
-                (HEADED_AT, HEADED),
-                (SEALED_AT, SEALED),
-            ]
-        };
-        if !planted!(HeaderFirst) {
-            for (offset, block) in words {
-                let address = self.layout.address(slot, *offset);
-                self.flash
-                    .write(address, block)
-                    .map_err(|error| FinishError::Flash(error.kind()))?;
-            }
+        let words = [
+            (HEADER_AT, header.encode()),
+            (HEADED_AT, HEADED),
+            (SEALED_AT, SEALED),
+        ];
+        for (offset, block) in words {
+            let address = self.layout.address(slot, offset);
+            self.flash
+                .write(address, &block)
+                .map_err(|error| FinishError::Flash(error.kind()))?;
         }
         let head = self.head(slot);
         let is_new = head.header == Ok(header)
@@ -729,7 +667,7 @@ impl<F: NorFlash> Store<F> {
             && !head.is_tried
             && head.confirmations == 0
             && head.lead == 0;
-        if is_new || planted!(HeadNotReadBack) {
+        if is_new {
             Ok(())
         } else {
             Err(FinishError::ReadBack)
@@ -821,29 +759,27 @@ impl<F: NorFlash> Store<F> {
             Some(block) => Header::decode(&block, capacity),
             None => Err(SlotState::Unreadable),
         };
-        let is_headed = self.read(slot, HEADED_AT) == Some(HEADED) && !planted!(HeadedForgotten);
-        let is_sealed = self.read(slot, SEALED_AT) == Some(SEALED) || planted!(SealForgotten);
+        let is_headed = self.read(slot, HEADED_AT) == Some(HEADED);
+        let is_sealed = self.read(slot, SEALED_AT) == Some(SEALED);
         let is_tried = match self.read(slot, TRIED_AT) {
             // The word is there if any of it is: also where the flash can tell no more than that something is wrong with it.
-            Some(block) if !planted!(TornTriedAsUnset) => block != BLANK,
-            Some(block) => block == TRIED,
+            Some(block) => block != BLANK,
             None => true,
         };
         let (mut confirmations, mut ahead, mut is_promoted) = (0, 0, false);
         for note in 0..NOTES {
             let block = self.read(slot, note_at(note));
-            if (CONFIRMATIONS..FIRST_ADVANCE).contains(&note) && !planted!(PromotedUntried) {
+            if (CONFIRMATIONS..FIRST_ADVANCE).contains(&note) {
                 is_promoted |= block != Some(BLANK);
             }
-            let is_torn = block != Some(BLANK) && planted!(TornConfirmedAsSet);
-            if block == Some(NOTE) || is_torn {
+            if block == Some(NOTE) {
                 ahead = ahead.max(lead(note));
                 confirmations += u32::from(note < CONFIRMATIONS);
             }
         }
         let is_tried = is_tried || is_promoted;
         // Each word says that those before it were there, also where they were torn and read now so, now so.
-        let is_sealed = is_sealed || ((is_tried || confirmations > 0) && !planted!(SealAlone));
+        let is_sealed = is_sealed || is_tried || confirmations > 0;
         Head {
             header,
             is_headed: is_headed || is_sealed,
@@ -858,7 +794,7 @@ impl<F: NorFlash> Store<F> {
     fn note(&mut self, slot: Slot, mut notes: Range<u32>) -> Option<u32> {
         notes.find(|note| {
             let is_blank = self.read(slot, note_at(*note)) == Some(BLANK);
-            (is_blank || planted!(NotesShareABlock)) && self.record(slot, note_at(*note), &NOTE)
+            is_blank && self.record(slot, note_at(*note), &NOTE)
         })
     }
 
@@ -917,8 +853,5 @@ impl Upload {
 
 /// Where a note is in its slot.
 fn note_at(note: u32) -> u32 {
-    if planted!(NotesShareABlock) {
-        return TRIED_AT;
-    }
     NOTES_AT + note * BLOCK_BYTES as u32
 }

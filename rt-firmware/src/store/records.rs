@@ -175,12 +175,12 @@ impl<'m, F: NorFlash> Records<'m, F> {
             is_old: false,
             is_twice: false,
             is_entered: false,
-            flaws: if planted!(FlawsUntold) { 0 } else { flaws },
+            flaws,
         };
         let erases = records.erases();
         records.load();
         // An area that is another than the other is told, too.
-        if records.erases() != erases && !planted!(FlawsUntold) {
+        if records.erases() != erases {
             records.flaws = records.flaws.max(1);
         }
         Ok(records)
@@ -277,7 +277,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
             return Err(PutError::Flash);
         }
         // Then a table without records, so that it is known what was before where the writing of the next is cut.
-        if self.store.running_slot().is_none() && !planted!(RecordsUnformatted) {
+        if self.store.running_slot().is_none() {
             self.write().ok_or(PutError::Flash)?;
         }
         self.remove(key);
@@ -286,9 +286,6 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if self.is_twice && self.enter() {
             self.found = Found::Table;
             return Ok(());
-        }
-        if planted!(RecordKeptInMemoryOnly) {
-            return Err(PutError::Flash);
         }
         let had_table = self.found == Found::Table;
         self.load();
@@ -317,9 +314,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
         self.len = 0;
         self.append(Key::OWNER, key);
-        if !planted!(RenewedWithoutStop) {
-            self.append(Key::EMERGENCY_STOP, &[1]);
-        }
+        self.append(Key::EMERGENCY_STOP, &[1]);
         // What is there does not count, and what comes is newer than all that was acknowledged.
         self.store.stay_beyond(self.journal.floor());
         let room = &mut [];
@@ -362,7 +357,6 @@ impl<'m, F: NorFlash> Records<'m, F> {
     /// Lets the journal say that what comes is the first table of all.
     fn begin_journal(&mut self) -> bool {
         self.journal.says(None, &KeyCopy::NONE)
-            || planted!(JournalBegunLate)
             || (self.journal).append(&mut self.store.flash, None, KeyCopy::NONE)
     }
 
@@ -387,9 +381,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         let (floor, key) = (Some(floor), self.key());
         // The table before the first record may be there by words that were cut, in both areas: should it go again, nothing was lost.
         let is_before_first = self.len == 0 && self.journal.floor().is_none();
-        let is_too_early = is_before_first && !planted!(JournalEager);
-        let is_left_out = is_too_early || planted!(JournalForgotten);
-        self.is_entered = is_left_out
+        self.is_entered = is_before_first
             || self.journal.says(floor, &key)
             || self.journal.append(&mut self.store.flash, floor, key);
         self.is_entered
@@ -430,9 +422,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
             at = place.end;
             (found == key).then_some(place)
         });
-        if let Some(place) = found
-            && !planted!(RecordTwice)
-        {
+        if let Some(place) = found {
             // Byte by byte: the library's routine for what overlaps takes a kilobyte and a half of flash.
             for (to, from) in (place.start..).zip(place.end..self.len) {
                 let byte = self.room.get(from).copied();
@@ -459,7 +449,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
 
     /// Writes the table to one area and then to the other.
     fn write_twice(&mut self) -> bool {
-        self.write().is_some() && (planted!(RecordOnce) || self.write().is_some())
+        self.write().is_some() && self.write().is_some()
     }
 
     /// Writes the table, and makes it the one that counts.
@@ -472,9 +462,6 @@ impl<'m, F: NorFlash> Records<'m, F> {
         self.store.append(0, bytes).ok()?;
         self.store.finish().ok()?;
         self.store.begin_trial().ok()?;
-        if planted!(RecordUnconfirmed) {
-            return Some(());
-        }
         if self.store.confirm().is_err() {
             // So that the next table can go the same way.
             self.store.fall_back();
@@ -507,7 +494,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
                 if look < LOOKS - 1 {
                     continue;
                 }
-                if self.is_new(slots) {
+                if self.is_new() {
                     self.found = Found::Nothing;
                 }
                 return;
@@ -516,10 +503,10 @@ impl<'m, F: NorFlash> Records<'m, F> {
             let bytes = self.room.get(..len).unwrap_or_default();
             let table_len = if *bytes == NO_RECORDS { 0 } else { len };
             // Before the first table there is an entry. So one without is no beginning.
-            let is_proven = self.journal.has_entry() || planted!(JournalMissing);
+            let is_proven = self.journal.has_entry();
             let is_old = !is_proven
                 || (self.journal.floor()).is_some_and(|floor| is_newer(floor, chosen.seq));
-            if is_old && !planted!(RolledBack) {
+            if is_old {
                 self.is_old = look == LOOKS - 1;
                 continue;
             }
@@ -547,7 +534,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
                 }
                 _ => false,
             };
-            if is_newer_damaged && !planted!(DamageGivesWay) {
+            if is_newer_damaged {
                 return;
             }
             self.len = table_len;
@@ -555,8 +542,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
             if self.is_twice && !chosen.on_trial {
                 return;
             }
-            if planted!(RecordUnsettled) || self.store.confirm().is_ok() {
-                if !self.is_twice && !planted!(CutRecordUnsettled) {
+            if self.store.confirm().is_ok() {
+                if !self.is_twice {
                     self.is_twice = self.write().is_some();
                 }
                 return;
@@ -565,17 +552,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
     }
 
     /// Whether a flash without a table never had one: it is blank, or the journal says that the first of all was about to be written.
-    fn is_new(&mut self, slots: [SlotState; 2]) -> bool {
-        let is_empty = slots.contains(&SlotState::Empty);
-        let mut is_taken_for_new = is_empty && planted!(EmptyTakenForNew);
-        is_taken_for_new |= planted!(JournalUnread);
-        if is_taken_for_new {
-            return true;
-        }
-        !self.journal.is_marked()
-            && (self.journal.has_entry()
-                || planted!(AnythingTakenForNew)
-                || self.store.zeros() <= WORN_BITS)
+    fn is_new(&mut self) -> bool {
+        !self.journal.is_marked() && (self.journal.has_entry() || self.store.zeros() <= WORN_BITS)
     }
 }
 

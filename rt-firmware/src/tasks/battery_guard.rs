@@ -23,6 +23,7 @@ task! {
         slot 3;
         wcet 100 us;
         endless;
+        monitor;
         data {
             /// The battery, at any load.
             in battery: Battery optional within 200 ms;
@@ -51,6 +52,7 @@ impl Task for BatteryGuard {
                 self.unknown_us > UNKNOWN_US
             }
         };
+        io.beat();
         if low {
             io.fail_safe(SafeReason::LowBattery);
         }

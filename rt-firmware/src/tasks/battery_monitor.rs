@@ -22,6 +22,7 @@ task! {
         slot 3;
         wcet 200 us;
         endless;
+        monitor;
         data {
             /// Its voltage, smoothed.
             out battery: Battery;

@@ -3,20 +3,34 @@
 use super::values::{Chassis, Pose, Twist, WheelSpeeds};
 use crate::odometry::{sine_and_cosine, wrapped_rad};
 
-/// How fast to go towards a goal that is so far away: slower as it comes near, never slower than what
-/// friction lets move, never faster than wanted. All are for one dimension, in metres or in radians.
+/// How to come to a goal and stand there: slower as it comes near, never slower than what friction lets
+/// move, never faster than wanted. All are for one dimension, in metres or in radians.
 #[derive(Clone, Copy, Debug)]
 pub struct Approach {
     /// Speed for each unit that is still to go, per second.
     pub per_s: f32,
     /// The slowest speed.
     pub slowest_per_s: f32,
+    /// Nearer than this is at the goal.
+    pub tolerance: f32,
+    /// Who has moved less than this since the last step stands.
+    pub standing: f32,
 }
 
 impl Approach {
-    /// The speed for the way that is left, `most_per_s` at most.
+    /// The speed for the way that is left, `most_per_s` at most: back where the goal is behind, none at the goal.
     pub fn speed(self, left: f32, most_per_s: f32) -> f32 {
-        (left * self.per_s).max(self.slowest_per_s).min(most_per_s)
+        if left.abs() < self.tolerance {
+            return 0.0;
+        }
+        let speed_per_s = (left.abs() * self.per_s).max(self.slowest_per_s);
+        speed_per_s.min(most_per_s).copysign(left)
+    }
+
+    /// Whether the goal is reached: near enough, and since the last step, which moved `moved`, nothing rolls any more that
+    /// would carry it away again.
+    pub fn is_reached(self, left: f32, moved: f32) -> bool {
+        left.abs() < self.tolerance && moved.abs() < self.standing
     }
 }
 
@@ -119,18 +133,34 @@ mod tests {
         let approach = Approach {
             per_s: 2.0,
             slowest_per_s: 0.05,
+            tolerance: 0.004,
+            standing: 0.001,
         };
         for (left, speed) in [
             (10.0, 0.3),
             (0.15, 0.3),
             (0.1, 0.2),
             (0.01, 0.05),
-            (-1.0, 0.05),
+            (0.003, 0.0),
+            (0.0, 0.0),
+            (-0.003, 0.0),
+            (-0.01, -0.05),
+            (-1.0, -0.3),
         ] {
             assert!((approach.speed(left, 0.3) - speed).abs() < 1e-6, "{left}");
         }
         // A mission may want less than what is slowest.
         assert_eq!(approach.speed(1.0, 0.0), 0.0);
+        for (left, moved, is_reached) in [
+            (0.003, 0.0005, true),
+            (-0.003, -0.0005, true),
+            (0.003, 0.002, false),
+            (-0.003, -0.002, false),
+            (0.005, 0.0, false),
+        ] {
+            let reached = approach.is_reached(left, moved);
+            assert_eq!(reached, is_reached, "{left} {moved}");
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@ task! {
         slot 2;
         wcet 100 us;
         endless;
+        monitor;
         data {
             /// Where the line is.
             in line: Line optional within 100 ms;

@@ -23,6 +23,7 @@ task! {
         slot 3;
         wcet 100 us;
         endless;
+        monitor;
         flags {
             /// There was no request for `warn_ms`.
             out warn;

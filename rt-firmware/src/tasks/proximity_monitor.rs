@@ -16,6 +16,7 @@ task! {
         slot 3;
         wcet 200 us;
         endless;
+        monitor;
         data {
             /// What is around the robot.
             in ranges: Ranges optional within 200 ms;

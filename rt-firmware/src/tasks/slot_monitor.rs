@@ -25,6 +25,7 @@ task! {
         slot 3;
         wcet 100 us;
         endless;
+        monitor;
         flags {
             /// A slot has lasted too long since the state was entered.
             out overrun;
@@ -56,6 +57,7 @@ impl Task for SlotMonitor {
             io.set(Self::MISSED, true);
         }
         io.allow_overruns(io.param(Self::LIMIT));
+        io.beat();
         Step::Run
     }
 }

@@ -41,8 +41,21 @@ pub const DEAF_AFTER: u8 = 3;
 /// What is nearer than this any sonar hears that looks at it, in metres.
 const CERTAIN_M: f32 = 1.0;
 
+/// What is nearer than this stands at the sonar's nose, in metres: a receiver that hears its own burst says so, always.
+const NOSE_M: f32 = 0.05;
+
+/// Farther than this is certainly not at the nose of a sonar that looks there from the same place, in metres.
+const CLEAR_M: f32 = 0.3;
+
+/// Whether sonars are found out that see something where others see none. A small robot does without: such a sonar keeps it from
+/// moving, and from nothing worse.
+const FINDS_BLIND: bool = cfg!(feature = "all-tasks");
+
 /// Directions that the robot tells apart where it looks for deaf sonars: 15° each, a sonar's beam to one side.
 const DIRECTIONS: usize = 24;
+
+/// How many maps a robot has of where nothing is near.
+const CLEAR_MAPS: usize = FINDS_BLIND as usize;
 
 /// What was heard counts at a place, and for a time: who drives on or waits looks at something else.
 const PLACE_M: f32 = 0.05;
@@ -55,8 +68,9 @@ const REMEMBERED_US: u32 = 3_000_000;
 /// that does not answer has no range ([`Ranges`]). An echo that is missed once changes nothing but the age.
 ///
 /// `faulty` is set while a sonar is dead (it does not answer) or deaf (it answers that nothing is there, where others heard
-/// something); which one, the ranges say. A deaf sonar is found only where the robot turns on the spot with its `pose`
-/// connected, so that one sonar comes to look where another one has just looked.
+/// something, or that something is at its nose, where others heard none); which one, the ranges say. A deaf sonar is found
+/// only where the robot turns on the spot with its `pose` connected, so that one sonar comes to look where another one has
+/// just looked.
 #[derive(Debug)]
 pub struct SonarRing<T, E, const N: usize = MAX_SONARS> {
     channels: [Channel<T, E>; N],
@@ -123,7 +137,9 @@ struct Channel<T, E> {
     empty: u8,
     /// Pings in a row without an answer.
     silent: u8,
-    /// How often it heard nothing where others did, and in which direction the last time.
+    /// The last answer was something at its nose.
+    at_nose: bool,
+    /// How often others contradicted it, and in which direction the last time.
     contradicted: u8,
     contradicted_at: usize,
 }
@@ -133,6 +149,16 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
         self.range_m = 0.0;
         self.age_us = u32::MAX;
         self.empty = 0;
+    }
+
+    /// Others contradict it, in this direction if they do. Again in the same one counts once.
+    fn contradict(&mut self, direction: Option<usize>) {
+        if let Some(direction) = direction
+            && (self.contradicted == 0 || self.contradicted_at != direction)
+        {
+            self.contradicted = self.contradicted.saturating_add(1);
+            self.contradicted_at = direction;
+        }
     }
 
     fn is_dead(&self) -> bool {
@@ -150,25 +176,37 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
             Answer::Echo { range_m } => {
                 self.range_m = range_m.min(Ranges::FAR_M);
                 self.age_us = age_us;
-                (self.silent, self.empty, self.contradicted) = (0, 0, 0);
-                if let Some(heard) = heard.filter(|_| range_m < CERTAIN_M) {
+                (self.silent, self.empty) = (0, 0);
+                let at_nose = FINDS_BLIND && range_m < NOSE_M;
+                if at_nose != self.at_nose || !at_nose {
+                    self.contradicted = 0;
+                }
+                self.at_nose = at_nose;
+                let Some(heard) = heard else {
+                    return;
+                };
+                if at_nose {
+                    let contradiction = heard.clear_to_others(self.bearing, bit);
+                    self.contradict(contradiction);
+                } else if range_m < CERTAIN_M {
                     heard.note(self.bearing, bit);
+                }
+                if FINDS_BLIND && range_m > CLEAR_M {
+                    heard.note_clear(self.bearing, bit);
                 }
             }
             Answer::NothingInRange => {
                 self.silent = 0;
+                if self.at_nose {
+                    (self.at_nose, self.contradicted) = (false, 0);
+                }
                 self.empty = self.empty.saturating_add(1);
                 if self.empty >= EMPTY_BELIEVED_AFTER {
                     self.range_m = Ranges::FAR_M;
                     self.age_us = age_us;
                 }
                 let contradiction = heard.and_then(|heard| heard.by_others(self.bearing, bit));
-                if let Some(direction) = contradiction
-                    && (self.contradicted == 0 || self.contradicted_at != direction)
-                {
-                    self.contradicted = self.contradicted.saturating_add(1);
-                    self.contradicted_at = direction;
-                }
+                self.contradict(contradiction);
             }
             Answer::None => {
                 self.silent = self.silent.saturating_add(1);
@@ -185,6 +223,8 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
 struct Heard {
     /// Counter-clockwise from the x axis of the pose. Bit *i* is sonar *i*.
     by: [u8; DIRECTIONS],
+    /// The same for those that have heard that nothing is near.
+    clear: [[u8; DIRECTIONS]; CLEAR_MAPS],
     place: Pose,
     /// Where the robot looks now, in directions.
     heading: usize,
@@ -194,6 +234,7 @@ struct Heard {
 impl Heard {
     const NOTHING: Self = Self {
         by: [0; DIRECTIONS],
+        clear: [[0; DIRECTIONS]; CLEAR_MAPS],
         place: Pose::START,
         heading: 0,
         age_us: u32::MAX,
@@ -225,14 +266,32 @@ impl Heard {
         self.by[self.direction(bearing)] |= bit;
     }
 
+    fn note_clear(&mut self, bearing: Bearing, bit: u8) {
+        let direction = self.direction(bearing);
+        for clear in &mut self.clear {
+            clear[direction] |= bit;
+        }
+    }
+
+    /// The direction, if others than this sonar have heard that nothing is near there, nor to both sides of it.
+    fn clear_to_others(&self, bearing: Bearing, bit: u8) -> Option<usize> {
+        let direction = self.direction(bearing);
+        let known = |clear| known_to_others(clear, direction, bit);
+        self.clear.iter().any(known).then_some(direction)
+    }
+
     /// The direction, if others than this sonar have heard something there and to both sides of it: not only an edge.
     fn by_others(&self, bearing: Bearing, bit: u8) -> Option<usize> {
         let direction = self.direction(bearing);
-        [DIRECTIONS - 1, 0, 1]
-            .into_iter()
-            .all(|side| self.by[(direction + side) % DIRECTIONS] & !bit != 0)
-            .then_some(direction)
+        known_to_others(&self.by, direction, bit).then_some(direction)
     }
+}
+
+/// Whether others than the sonar of this bit know something of a direction, and of those to both sides of it.
+fn known_to_others(known: &[u8; DIRECTIONS], direction: usize, bit: u8) -> bool {
+    [DIRECTIONS - 1, 0, 1]
+        .into_iter()
+        .all(|side| known[(direction + side) % DIRECTIONS] & !bit != 0)
 }
 
 impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
@@ -253,6 +312,7 @@ impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
                 age_us: u32::MAX,
                 empty: 0,
                 silent: 0,
+                at_nose: false,
                 contradicted: 0,
                 contradicted_at: 0,
             }
@@ -549,6 +609,41 @@ mod tests {
     }
 
     /// A robot that stands, or drives past things, has no reason to doubt a sonar that sees nothing.
+    #[test]
+    fn a_sonar_that_sees_something_at_its_nose_where_others_see_none_is_told() {
+        /// From 3 cm: its own burst.
+        const BLIND_US: u16 = 175;
+        let pins = PinImage::new();
+        // What the others see, half a metre away or at their noses too; whether it is told.
+        for (others_us, told) in [(2_914, FINDS_BLIND), (BLIND_US, false), (EMPTY_US, false)] {
+            let mut rig = Rig::new(&pins);
+            let mut turned = Vec::new();
+            for step in 0..20 {
+                let heading_rad = step as f32 * 0.1;
+                rig.look_from(heading_rad).round(ahead(BLIND_US, others_us));
+                if rig.bench.flag(Ring::FAULTY) {
+                    turned.push(heading_rad);
+                }
+            }
+            assert_eq!(!turned.is_empty(), told, "{others_us}: {turned:?}");
+            assert_eq!(rig.ranges().deaf, u8::from(told));
+            if told {
+                assert!(turned[0] < 2.0, "{turned:?}");
+                assert_eq!(rig.ranges().ahead_m(), 0.0);
+                // One range that is another, and it sees.
+                let ranges = rig.round([2_914; SONARS]).ranges();
+                assert!((ranges.ahead_m() - 0.5).abs() < 1e-3);
+                assert!(!rig.bench.flag(Ring::FAULTY));
+            }
+        }
+        // A robot that stands turns nobody's eyes to where it looks.
+        let mut rig = Rig::new(&pins);
+        for _ in 0..200 {
+            rig.look_from(0.0).round(ahead(BLIND_US, 2_914));
+            assert!(!rig.bench.flag(Ring::FAULTY));
+        }
+    }
+
     #[test]
     fn a_free_way_is_not_taken_for_a_deaf_sonar() {
         let pins = PinImage::new();

@@ -7,17 +7,18 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Close enough to the angle, in radians.
-const TOLERANCE_RAD: f32 = 0.03;
-
-/// It slows down over the last radians, and never so far that friction would end the turn early.
+/// It slows down at the end, and never so far that friction would end the turn early: the wheels roll by 1 cm/s then, and
+/// 0.8 mm, 0.008 rad, more when they are to stand: as much as the tolerance, so that it ends at the goal. An encoder count
+/// is 0.0007 rad.
 const APPROACH: Approach = Approach {
-    per_s: 3.0,
-    slowest_per_s: 0.25,
+    per_s: 5.0,
+    slowest_per_s: 0.1,
+    tolerance: 0.008,
+    standing: 0.001,
 };
 
-/// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right. As long as it has no
-/// pose, it stands.
+/// Turns on the spot by `angle_rad` and finishes when it stands there: to the left if `left` is set, else to the right.
+/// Where it has turned too far, it turns back. As long as it has no pose, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Turn {
     /// Heading at the last step, none before the first.
@@ -26,8 +27,8 @@ pub struct Turn {
 }
 
 task! {
-    /// Turns on the spot by `angle_rad` and finishes: to the left if `left` is set, else to the right. Without a
-    /// pose it stands.
+    /// Turns on the spot by `angle_rad`, to half a degree, and finishes when it stands: to the left if `left`
+    /// is set, else to the right. Without a pose it stands.
     impl Turn {
         slot 2;
         wcet 300 us;
@@ -63,19 +64,24 @@ impl Task for Turn {
         };
         let heading_rad = pose.heading_rad;
         let last_heading_rad = self.last_heading_rad.replace(heading_rad);
-        self.turned_rad += wrapped_rad(heading_rad - last_heading_rad.unwrap_or(heading_rad));
-        let direction = if io.flag(Self::LEFT) { 1.0 } else { -1.0 };
-        let left_rad = io.param(Self::ANGLE_RAD) - direction * self.turned_rad;
-        if left_rad < TOLERANCE_RAD {
-            *io.write(Self::TWIST) = Twist::STILL;
-            return Step::Finished;
-        }
-        let rate_rad_per_s = APPROACH.speed(left_rad, io.param(Self::RATE_RAD_PER_S));
+        let moved_rad = wrapped_rad(heading_rad - last_heading_rad.unwrap_or(heading_rad));
+        self.turned_rad += moved_rad;
+        let angle_rad = io.param(Self::ANGLE_RAD);
+        let goal_rad = if io.flag(Self::LEFT) {
+            angle_rad
+        } else {
+            -angle_rad
+        };
+        let left_rad = goal_rad - self.turned_rad;
         *io.write(Self::TWIST) = Twist {
             forward_m_per_s: 0.0,
-            turn_rad_per_s: direction * rate_rad_per_s,
+            turn_rad_per_s: APPROACH.speed(left_rad, io.param(Self::RATE_RAD_PER_S)),
         };
-        Step::Run
+        if APPROACH.is_reached(left_rad, moved_rad) {
+            Step::Finished
+        } else {
+            Step::Run
+        }
     }
 }
 

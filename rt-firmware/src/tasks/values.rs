@@ -1,6 +1,7 @@
 //! What travels over the nets between the shipped tasks, and the robot's measures that several of them need.
 
 use crate::body::LINE_SENSORS;
+use crate::show::{Field, Show};
 use crate::task::PortType;
 
 pub use crate::odometry::Pose;
@@ -112,7 +113,7 @@ pub struct Reading {
     pub age_ms: u16,
     /// It answers no ping.
     pub dead: bool,
-    /// It answers, but hears nothing where other sonars do.
+    /// It answers, but hears nothing where other sonars do, or something at its nose where they hear none.
     pub deaf: bool,
 }
 
@@ -130,7 +131,8 @@ pub struct Ranges {
     pub age_ms: [u16; MAX_SONARS],
     /// Bit *i* is set while sonar *i* answers no ping.
     pub dead: u8,
-    /// Bit *i* is set while sonar *i* answers, but hears nothing where other sonars do.
+    /// Bit *i* is set while sonar *i* answers, but hears nothing where other sonars do, or something at its nose
+    /// where they hear none.
     pub deaf: u8,
     /// Where each sonar looks. It never changes while a robot runs, so it is not shown among the values.
     pub bearings: [Bearing; MAX_SONARS],
@@ -163,6 +165,18 @@ impl Ranges {
         age_ms: [0; MAX_SONARS],
         ..Self::NONE
     };
+
+    /// Age of a range that was never measured, in [`ages_cs`](Self::ages_cs).
+    pub const NEVER_CS: u8 = u8::MAX;
+
+    /// Age of each range in hundredths of a second, one below [`NEVER_CS`](Self::NEVER_CS) at most where there is one.
+    pub fn ages_cs(&self) -> [u8; MAX_SONARS] {
+        const MS_PER_CS: u16 = 10;
+        self.age_ms.map(|age_ms| match age_ms {
+            Self::NEVER_MS => Self::NEVER_CS,
+            age_ms => (age_ms / MS_PER_CS).min(u16::from(Self::NEVER_CS) - 1) as u8,
+        })
+    }
 
     /// What each sonar says.
     pub fn readings(&self) -> impl Iterator<Item = Reading> {
@@ -239,8 +253,15 @@ impl PortType for Ranges {
     const NAME: &'static str = "Ranges";
     const INIT: Self = Self::NONE;
 
-    // Ages are for tasks: with them, all values of a mission would no longer fit into one sample.
-    fields! { range_m: [f32; 8], dead: u8, deaf: u8 }
+    const FIELDS: &'static str = "range_m:[f32;8]\nage_cs:[u8;8]\ndead:u8\ndeaf:u8\n";
+
+    // Ages in hundredths of a second: four in a word, with which all values of a mission fit into one sample.
+    fn show(&self, show: &mut Show<'_>) {
+        self.range_m.show(show);
+        self.ages_cs().show(show);
+        self.dead.show(show);
+        self.deaf.show(show);
+    }
 }
 
 /// State of the battery.
@@ -328,6 +349,16 @@ mod tests {
         }
         assert_eq!(Ranges::NONE.nearest_m(), 0.0);
         assert_eq!(Ranges::NONE.ahead_m(), 0.0);
+    }
+
+    #[test]
+    fn ages_are_shown_in_hundredths_of_a_second() {
+        let mut ranges = Ranges::FREE;
+        ranges.age_ms = [0, 9, 10, 80, 2_549, 60_000, Ranges::NEVER_MS, 255];
+        assert_eq!(
+            ranges.ages_cs(),
+            [0, 0, 1, 8, 254, 254, Ranges::NEVER_CS, 25]
+        );
     }
 
     #[test]

@@ -223,7 +223,7 @@ fn framed(message: &impl Serialize) -> Vec<u8> {
 
 /// The robot, its line, and a good client.
 struct Subject<'q, 'm, 'k> {
-    real_time: RealTime<'q, 'm, SLOTS>,
+    real_time: RealTime<'q, 'm>,
     link: LinkSide<'q, 'm>,
     timer: Timer,
     wire: Wire<'k>,
@@ -258,6 +258,7 @@ fn life<R>(
     let Ok(keep) = Keep::open(flash.clone(), BLOB_BYTES as u32, None, &mut records) else {
         panic!("the flash is large enough");
     };
+    let keep = keep.over_resets(kept);
     let about = About {
         reset: kept.begin(reason),
         kept: Some(kept),

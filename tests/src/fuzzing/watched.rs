@@ -11,7 +11,6 @@
 //! - A second machine, whose reads are checked, does the same.
 //! - So does [`Plain`], which looks at everything each time: nothing that mattered was skipped.
 
-use esm_core::Compiled;
 use esm_core::format::{FLAG_BUSY, FLAG_EXIT, PULSE, TASK_CONTROL_FLAGS};
 use esm_core::reads::{Checked, Reads};
 use esm_core::tables::{StateKind, Tables};
@@ -100,7 +99,7 @@ fn compare<R: Reads<Vec<u8>>>(
 }
 
 /// One macro step, and the watcher's account held against the machine.
-fn step<R: Reads<Vec<u8>> + Compiled>(
+fn step<R: Reads<Vec<u8>>>(
     machine: &mut Interpreter<'_, Vec<u8>, R>,
     watch: &mut Watch<'_>,
 ) -> Result<StepSummary, Fault> {
@@ -176,7 +175,7 @@ impl Change {
         }
     }
 
-    fn make<R: Reads<Vec<u8>> + Compiled>(
+    fn make<R: Reads<Vec<u8>>>(
         self,
         machine: &mut Interpreter<'_, Vec<u8>, R>,
         watch: &mut Watch<'_>,

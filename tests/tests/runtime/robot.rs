@@ -444,7 +444,7 @@ pub const BLOB_BYTES: usize = 4096;
 pub struct Bench<'q, 'm, 'w> {
     pub world: &'w World,
     pub board: ToyBoard<'w>,
-    pub real_time: RealTime<'q, 'm, SLOTS>,
+    pub real_time: RealTime<'q, 'm>,
     pub background: Background<'q, 'm>,
     pub link: LinkSide<'q, 'm>,
     pub wire: Wire,

@@ -39,7 +39,7 @@ const SLOTS: usize = 64;
 /// Tasks with two data ports, and tasks with four.
 const PORTED: usize = 8;
 /// Room for their mission.
-const BLOB_BYTES: usize = 11 * 1024;
+const BLOB_BYTES: usize = 10 * 1024;
 
 /// Nets of tasks with ports, and one more.
 const NETS: usize = 4 * PORTED;
@@ -519,6 +519,6 @@ lm3s6965::app! {
     firmware: concat!("bench ", env!("CARGO_PKG_VERSION")),
     robot: Bench = Bench::new,
     board: WithStopButton<BenchBoard, StopPin<'static>> = |board| WithStopButton::new(BenchBoard(board), PINS.stop_button()),
-    memory: Memory<'static, BLOB_BYTES, 512, SLOTS, { SLOTS_WITH_TASKS as usize + 3 }, NETS, 1, { settings::TRACE_BYTES }>,
+    memory: Memory<'static, BLOB_BYTES, 144, SLOTS, { SLOTS_WITH_TASKS as usize + 3 }, NETS, 1, { settings::TRACE_BYTES }>,
     slots: SLOTS,
 }

@@ -264,6 +264,7 @@ fn run(
     let mut records = [0; keep::RECORD_BYTES];
     // A flash of another size is none of this board.
     let keep = Keep::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
+    let keep = keep.map(|keep| keep.over_resets(&shared.kept));
     let mut port = Port::new(line, keep, link.stop_listener(), &shared.stop);
     link.start(&mut port);
     let mut body = Body::new(pins, plant, background, ends);

@@ -342,6 +342,7 @@ pub fn safe_reason(reason: SafeReason) -> &'static str {
         SafeReason::LowBattery => "the battery is low",
         SafeReason::LinkLost => "the host has not called for too long",
         SafeReason::Board => "the board found something wrong",
+        SafeReason::MonitorSilent => "a task that watches something says nothing any more",
     }
 }
 

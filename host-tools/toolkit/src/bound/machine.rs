@@ -137,7 +137,7 @@ pub(super) struct Channel {
 }
 
 /// Region instances in a word of the interpreter.
-const WORD_BITS: usize = 32;
+pub(super) const WORD_BITS: usize = 32;
 /// Flags that are reset at once.
 const RESET_BITS: usize = 25;
 /// Bits of [`State::events`].

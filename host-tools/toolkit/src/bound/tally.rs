@@ -10,7 +10,7 @@ use esm_core::reads::Reads;
 use esm_core::{Fault, Interpreter, MAX_MICRO_STEPS, Observer, TransitionTaken, format};
 
 use super::costs::{Construct, Counts, Ledger};
-use super::machine::{Action, Kind, Machine, State, Transition, Trigger, words};
+use super::machine::{Action, Kind, Machine, State, Transition, Trigger, WORD_BITS, words};
 
 /// What an interpreter told of one macro step.
 #[derive(Clone, Debug, Default)]
@@ -139,7 +139,9 @@ impl Machine {
                 }
             }
         }
-        if walk.awake.contains(&true) {
+        // The interpreter looks at its first word alone before it begins to walk.
+        let is_far = self.regions.len() > WORD_BITS;
+        if before.looks_at_timers || is_far || walk.awake.contains(&true) {
             walk.pulse();
         }
         while let Some(channel) = walk.queue.pop_front() {
@@ -291,8 +293,8 @@ impl Walk<'_> {
             *since_us = self.t_us;
         }
         let entered = self.machine.states.get(state);
-        if entered.is_some_and(State::wakes_itself) {
-            self.wake(at..at + 1);
+        if let Some(awake) = self.awake.get_mut(at) {
+            *awake = entered.is_some_and(State::wakes_itself);
         }
     }
 

@@ -191,6 +191,144 @@ pub(super) fn remove_action(text: &str, name: Span, word: &str) -> Option<Edit> 
     }
 }
 
+/// How the guard of a transition is written.
+struct WrittenGuard<'t> {
+    /// What holds it: what is between the brackets, or `on *`, which is a guard too.
+    span: Span,
+    /// Its words; none where it is `on *`.
+    words: Option<&'t str>,
+    has_and: bool,
+    has_or: bool,
+}
+
+impl<'t> WrittenGuard<'t> {
+    /// The guard of the transition at a span, if it has one that is written on one line and without a comment.
+    fn find(text: &'t str, transition: Span) -> Option<Self> {
+        let mut lexer = Lexer::new_at(text, transition.start);
+        let mut guard = WrittenGuard {
+            span: transition,
+            words: None,
+            has_and: false,
+            has_or: false,
+        };
+        let mut open = None;
+        let mut on = None;
+        loop {
+            let token = lexer.next_token();
+            if token.start >= transition.end {
+                return None;
+            }
+            match token.kind {
+                T::EndOfFile | T::Semicolon => return None,
+                T::On => on = Some(token.start),
+                T::Star if open.is_none() => {
+                    let (start, end) = (on?, token.end);
+                    guard.span = Span {
+                        start,
+                        end,
+                        ..transition
+                    };
+                    return Some(guard);
+                }
+                T::BracketOpen => open = Some(token.end),
+                T::And => guard.has_and = true,
+                T::Or => guard.has_or = true,
+                T::BracketClose => {
+                    let (start, end) = (open?, token.start);
+                    guard.span = Span {
+                        start,
+                        end,
+                        ..transition
+                    };
+                    let words = text.get(start as usize..end as usize)?;
+                    guard.words = Some(words);
+                    let is_plain = !words.is_empty() && !words.contains(['/', '\n', '\r']);
+                    return is_plain.then_some(guard);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// What holds where it does not.
+    fn negated(&self) -> String {
+        let words = self.words.unwrap_or("exit").trim();
+        if self.has_and || self.has_or {
+            return format!("not ({words})");
+        }
+        match words.strip_prefix("not ") {
+            Some(words) => words.trim_start().to_owned(),
+            None => format!("not {words}"),
+        }
+    }
+}
+
+/// Excludes from the guard of a transition what others are taken at.
+pub(super) fn exclude_guards(text: &str, transition: Span, others: &[Span]) -> Option<Fix> {
+    let guard = WrittenGuard::find(text, transition)?;
+    let mut excluded = String::new();
+    for other in others {
+        excluded += " and ";
+        excluded += &WrittenGuard::find(text, *other)?.negated();
+    }
+    let edits = match guard.words {
+        None => vec![Edit::replace(guard.span, format!("[exit{excluded}]"))],
+        Some(_) if guard.has_or => vec![
+            Edit::before(guard.span, "("),
+            Edit::behind(guard.span, format!("){excluded}")),
+        ],
+        Some(_) => vec![Edit::behind(guard.span, &*excluded)],
+    };
+    Some(Fix::new(format!("add `{}`", excluded.trim_start()), edits))
+}
+
+/// Makes a transition that is taken at `[timeout]`, and at nothing else, one that is taken at the next macro step.
+pub(super) fn without_timeout(text: &str, transition: Span) -> Option<Edit> {
+    let guard = WrittenGuard::find(text, transition)?;
+    if guard.words?.trim() != "timeout" {
+        return None;
+    }
+    let (start, end) = (guard.span.start.checked_sub(1)?, guard.span.end + 1);
+    let before = text.get(..start as usize)?;
+    let blanks = before.len() - before.trim_end_matches(' ').len();
+    let start = start - blanks as u32;
+    Some(Edit::remove(Span {
+        start,
+        end,
+        ..transition
+    }))
+}
+
+/// Removes the limit of time from the declaration of a state.
+pub(super) fn remove_limit(text: &str, declaration: Span) -> Option<Edit> {
+    let mut lexer = Lexer::new_at(text, declaration.start);
+    let mut limit = None;
+    let mut before = declaration.start;
+    loop {
+        let token = lexer.next_token();
+        if token.start >= declaration.end {
+            return None;
+        }
+        match (token.kind, limit) {
+            (T::EndOfFile | T::Semicolon, _) => return None,
+            (T::Timeout, None) => limit = Some(before),
+            // The unit behind the number.
+            (T::Identifier, Some(start)) => {
+                let end = token.end;
+                let words = text.get(start as usize..end as usize)?;
+                let span = Span {
+                    start,
+                    end,
+                    ..declaration
+                };
+                return (!words.contains('/')).then(|| Edit::remove(span));
+            }
+            _ => {}
+        }
+        before = token.end;
+    }
+}
+
 /// The text before a span, and that behind it.
 fn around(text: &str, span: Span) -> (&str, &str) {
     (
@@ -244,6 +382,89 @@ mod tests {
         ] {
             let found = edited(text, |text, span| Some(insert_behind(text, span, "b;")));
             assert_eq!(found.as_deref(), Some(expected), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn guards_are_excluded_from_later_ones() {
+        for (earlier, later, expected) in [
+            (
+                "A -> B [.a];",
+                "A -> C [.b];",
+                Some("A -> C [.b and not .a];"),
+            ),
+            (
+                "A -> B [not .a];",
+                "A -> C [.b];",
+                Some("A -> C [.b and .a];"),
+            ),
+            (
+                "A -> B [.a or .c];",
+                "A -> C [ .b or .d ] / send E;",
+                Some("A -> C [( .b or .d ) and not (.a or .c)] / send E;"),
+            ),
+            (
+                "A -> B on *;",
+                "A -> C [.b];",
+                Some("A -> C [.b and not exit];"),
+            ),
+            (
+                "A -> B [.a];",
+                "A -> C on *;",
+                Some("A -> C [exit and not .a];"),
+            ),
+            ("A -> B;", "A -> C [.b];", None),
+            ("A -> B [.a /* why */];", "A -> C [.b];", None),
+        ] {
+            let text = format!("{earlier} {later}");
+            let (split, end) = (earlier.len() as u32, text.len() as u32);
+            let file = 0;
+            let (first, second) = (
+                Span {
+                    file,
+                    start: 0,
+                    end: split,
+                },
+                Span {
+                    file,
+                    start: split + 1,
+                    end,
+                },
+            );
+            let fix = exclude_guards(&text, second, &[first]);
+            let changed = fix.map(|fix| {
+                let mut changed = text.clone();
+                for edit in fix.edits.iter().rev() {
+                    let place = edit.span.start as usize..edit.span.end as usize;
+                    changed.replace_range(place, &edit.text);
+                }
+                changed.split_off(split as usize + 1)
+            });
+            assert_eq!(changed.as_deref(), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn limits_go_with_what_reads_them() {
+        for (text, expected) in [
+            ("<state A timeout 5 ms;>", Some("state A;")),
+            (
+                "<task A: T timeout 5ms with { p = 1 };>",
+                Some("task A: T with { p = 1 };"),
+            ),
+            ("<state timeouts;>", None),
+        ] {
+            assert_eq!(edited(text, remove_limit).as_deref(), expected, "{text}");
+        }
+        for (text, expected) in [
+            ("<A -> B [timeout];>", Some("A -> B;")),
+            (
+                "<A -> B on pulse [timeout] / send E;>",
+                Some("A -> B on pulse / send E;"),
+            ),
+            ("<A -> B [timeout and .a];>", None),
+        ] {
+            assert_eq!(edited(text, without_timeout).as_deref(), expected, "{text}");
         }
     }
 

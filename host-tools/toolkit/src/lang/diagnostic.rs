@@ -225,6 +225,17 @@ impl Fix {
         }
     }
 
+    /// The text of a file with its edits made. They must not reach into another file.
+    pub fn apply(&self, text: &str) -> Option<String> {
+        let mut text = text.to_owned();
+        for edit in self.edits.iter().rev() {
+            let place = edit.span.start as usize..edit.span.end as usize;
+            text.get(place.clone())?;
+            text.replace_range(place, &edit.text);
+        }
+        Some(text)
+    }
+
     /// A fix that is one edit.
     pub fn one(title: impl Into<String>, edit: Edit) -> Self {
         Fix::new(title, vec![edit])

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::clean::clean;
 use crate::model::{SourceFile, Span};
 
-use super::diagnostic::{Diagnostic, Severity};
+use super::diagnostic::{Diagnostic, Fix, Severity};
 use super::source::Positions;
 
 /// The most of a line that is shown before and behind a place, in bytes.
@@ -94,7 +94,49 @@ fn group<'d>(
     if let Some(hint) = &diagnostic.hint {
         group = group.element(Level::HELP.message(clean(hint)));
     }
+    for fix in &diagnostic.fixes {
+        // What is said already is not said twice.
+        let title = Some(&fix.title).filter(|title| diagnostic.hint.as_ref() != Some(title));
+        let line = mended_line(files, fix);
+        let text = match (title, line) {
+            (Some(title), Some(line)) => format!("{title}: `{line}`"),
+            (Some(title), None) => title.clone(),
+            (None, Some(line)) => format!("`{line}`"),
+            (None, None) => continue,
+        };
+        group = group.element(Level::HELP.with_name("fix").message(clean(&text)));
+    }
     group
+}
+
+/// The line that a fix changes, as it is afterwards: none where it changes several or leaves nothing of it, or the line is long.
+fn mended_line(files: &[SourceFile], fix: &Fix) -> Option<String> {
+    let (first, last) = (fix.edits.first()?.span, fix.edits.last()?.span);
+    let text = files.get(first.file as usize)?.text.as_str();
+    let (from, to) = (first.start as usize, last.end as usize);
+    if last.file != first.file || to.checked_sub(from)? > MAX_CONTEXT_BYTES {
+        return None;
+    }
+    let near_start = floor_boundary(text, from.saturating_sub(MAX_CONTEXT_BYTES));
+    let before = text.get(near_start..from)?;
+    let start = match before.rfind('\n') {
+        Some(at) => near_start + at + 1,
+        None => Some(0).filter(|_| near_start == 0)?,
+    };
+    let near_end = floor_boundary(text, (to + MAX_CONTEXT_BYTES).min(text.len()));
+    let behind = text.get(to..near_end)?;
+    let end = match behind.find('\n') {
+        Some(length) => to + length,
+        None => Some(text.len()).filter(|_| near_end == text.len())?,
+    };
+    let mut line = text.get(start..end)?.to_owned();
+    for edit in fix.edits.iter().rev() {
+        let place = edit.span.start as usize - start..edit.span.end as usize - start;
+        line.get(place.clone())?;
+        line.replace_range(place, &edit.text);
+    }
+    let line = line.trim();
+    (!line.is_empty() && !line.contains('\n')).then(|| line.to_owned())
 }
 
 /// The first line of a span with the place marked. Of a long line only what is near is shown.

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use crate::lang::cure::{insert_behind, remove_item};
+use crate::lang::cure::{exclude_guards, insert_behind, remove_item};
 use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
 use crate::model::{
     Model, PathEnd, Region, Source, Span, State, StateKind, Target, Transition, Trigger,
@@ -321,10 +321,19 @@ impl Warnings<'_> {
             ),
         )
         .hint("exclude the earlier guard in the later one (`… and not …`), or, for all that is left, write the later one last and without a guard");
-        for &earlier in &later.earlier {
-            if let Some(earlier) = region.transitions.get(earlier) {
-                diagnostic = diagnostic.related(earlier.span, "this one comes first");
-            }
+        let earlier: Vec<Span> = (later.earlier.iter())
+            .filter_map(|&earlier| Some(region.transitions.get(earlier)?.span))
+            .collect();
+        for span in &earlier {
+            diagnostic = diagnostic.related(*span, "this one comes first");
+        }
+        // It changes nothing: the first one is taken as before.
+        let file = self.model.files.get(transition.span.file as usize);
+        if later.has_rest
+            && let Some(fix) =
+                file.and_then(|file| exclude_guards(&file.text, transition.span, &earlier))
+        {
+            diagnostic = diagnostic.fix(fix);
         }
         sink.push(diagnostic);
     }
@@ -375,6 +384,8 @@ struct Later {
     earlier: Vec<usize>,
     /// Flags with which it and the first of them both hold.
     example: Vec<(Atom, bool)>,
+    /// These are all of them, and it can be true where none of them is.
+    has_rest: bool,
 }
 
 /// The transitions of one state on one event.
@@ -429,6 +440,7 @@ impl<'r> Competition<'r> {
             transition: index,
             earlier: Vec::new(),
             example: Vec::new(),
+            has_rest: false,
         };
         if !is_default && diagrams.and(*any, guard)?.can_be_true() {
             for &(earlier, formula) in &self.before {
@@ -443,6 +455,9 @@ impl<'r> Competition<'r> {
                     }
                 }
             }
+            let none = diagrams.not(*any)?;
+            later.has_rest =
+                later.earlier.len() < MAX_SHOWN && diagrams.and(none, guard)?.can_be_true();
         }
         *any = diagrams.or(*any, guard)?;
         if guard.can_be_true() {

@@ -1,8 +1,9 @@
 //! W106: limits of time that are over before the interpreter looks a second time.
 
 use crate::lang::analysis::holes::Holes;
-use crate::lang::diagnostic::{Code, Diagnostic, Sink};
-use crate::model::Model;
+use crate::lang::cure::{remove_limit, without_timeout};
+use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix, Sink};
+use crate::model::{Guard, Model, Region, Source, Trigger};
 
 /// Reports states whose timeout is not above the interpreter's period.
 pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
@@ -12,12 +13,15 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
     let Some(slot) = slot.filter(|_| !holes.slots) else {
         return;
     };
-    let states = model
+    let regions = model
         .containers
         .iter()
-        .flat_map(|container| &container.regions)
-        .flat_map(|region| &region.states);
-    for state in states {
+        .flat_map(|container| &container.regions);
+    let states = regions.flat_map(|region| {
+        let states = region.states.iter().enumerate();
+        states.map(move |(index, state)| (region, index, state))
+    });
+    for (region, index, state) in states {
         let Some(timeout_us) = state.timeout_us.filter(|&limit| limit <= slot.period_us) else {
             continue;
         };
@@ -31,13 +35,47 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
         } else {
             "second"
         };
-        sink.push(
-            Diagnostic::new(Code::W106, state.declaration, message)
-                .hint(format!(
-                    "it is over at the {after} macro step after the state is entered, whatever the limit says: lengthen it, or shorten the period of slot {}",
-                    slot.number
-                ))
-                .related(slot.span, "the slot that runs the interpreter"),
-        );
+        let mut diagnostic = Diagnostic::new(Code::W106, state.declaration, message)
+            .hint(format!(
+                "it is over at the {after} macro step after the state is entered, whatever the limit says: lengthen it, or shorten the period of slot {}",
+                slot.number
+            ))
+            .related(slot.span, "the slot that runs the interpreter");
+        if timeout_us < slot.period_us {
+            diagnostic.fixes.extend(without_limit(model, region, index));
+        }
+        sink.push(diagnostic);
+    }
+}
+
+/// Removes the limit of a state that is over at the first macro step after the state is entered, and `[timeout]` from its
+/// transitions: these are taken at that step as before. None where the limit is read in another way.
+fn without_limit(model: &Model, region: &Region, state: usize) -> Option<Fix> {
+    let declared = region.states.get(state)?;
+    let text_of = |file: u32| Some(model.files.get(file as usize)?.text.as_str());
+    let text = text_of(declared.declaration.file)?;
+    let mut edits = vec![remove_limit(text, declared.declaration)?];
+    for transition in &region.transitions {
+        let reads = transition.guard.as_ref().is_some_and(reads_timeout);
+        if transition.source == Source::State(state) && reads {
+            let is_pulse = transition.trigger == Trigger::Pulse;
+            let edit: Option<Edit> =
+                without_timeout(text_of(transition.span.file)?, transition.span);
+            edits.push(edit.filter(|_| is_pulse)?);
+        }
+    }
+    let title = format!(
+        "leave `{}` at the next macro step, as it is now",
+        declared.name
+    );
+    Some(Fix::new(title, edits))
+}
+
+fn reads_timeout(guard: &Guard) -> bool {
+    match guard {
+        Guard::Timeout => true,
+        Guard::Not(inner) => reads_timeout(inner),
+        Guard::And(terms) | Guard::Or(terms) => terms.iter().any(reads_timeout),
+        _ => false,
     }
 }
