@@ -124,7 +124,7 @@ fn no_file_imports_what_imports_it() {
         "host-tools/client",
         "host-tools/toolkit",
     ] {
-        let found = circles(&of_package(&sources(&root(), package)));
+        let found = circles(&of_package(&sources(root(), package)));
         let found: Vec<String> = found.iter().map(|circle| circle.join(" ")).collect();
         let known = KNOWN.iter().find(|(of, _)| *of == package);
         let known = known.map_or(&[][..], |it| it.1);
@@ -151,7 +151,7 @@ fn no_file_imports_what_imports_it() {
 fn arrows_between_the_parts_of_the_firmware_run_downwards() {
     let mut wrong = Vec::new();
     for package in REBUILT {
-        let tops = between_tops(&of_package(&sources(&root(), package)));
+        let tops = between_tops(&of_package(&sources(root(), package)));
         let found = circles(&tops);
         wrong.extend(
             found
