@@ -63,6 +63,10 @@ impl Package {
         while let Some((before, is_test, name, behind)) = next_module(rest) {
             own += before;
             let child = [path.clone(), vec![name.to_owned()]].concat();
+            if is_test {
+                // Its attribute would take what comes next.
+                own.truncate(own.rfind("#[cfg(test)]").unwrap_or(own.len()));
+            }
             if let Some(behind) = behind.strip_prefix(';') {
                 rest = behind;
                 if is_test {
@@ -359,16 +363,25 @@ fn expand(tree: &str, prefix: &[String], uses: &mut Vec<(String, Vec<String>)>) 
 /// The paths in a text that lead from the root, the parent or the module itself. One that begins with a child's name goes down, and
 /// is how a parent calls what is inside of it.
 fn paths(code: &str) -> Vec<Vec<String>> {
-    let is_part = |it: char| it.is_alphanumeric() || it == '_' || it == ':';
-    let words = code.split(|it: char| !is_part(it));
     let starts = ["crate::", "super::", "self::"];
-    let paths = words.filter(|word| starts.iter().any(|start| word.starts_with(start)));
+    let is_part = |it: char| it.is_alphanumeric() || it == '_' || it == ':';
+    // Of a visibility nothing is imported, and trees of `use` are read elsewhere.
+    let code = code.replace("pub(in ", "pub(");
+    let words = code.split_inclusive(|it: char| !is_part(it));
+    let mut paths = Vec::new();
+    let mut before = "";
+    for word in words {
+        let is_tree = word.ends_with("::{") || word.ends_with("::*");
+        let is_visibility = before.ends_with("pub(");
+        before = word;
+        let path = word.trim_end_matches(|it: char| !is_part(it));
+        if is_tree || is_visibility || !starts.iter().any(|start| path.starts_with(start)) {
+            continue;
+        }
+        let words = path.split("::").filter(|it| !it.is_empty());
+        paths.push(words.map(str::to_owned).collect());
+    }
     paths
-        .map(|path| {
-            let words = path.split("::").filter(|it| !it.is_empty());
-            words.map(str::to_owned).collect()
-        })
-        .collect()
 }
 
 /// The sources of a package below the checkout.

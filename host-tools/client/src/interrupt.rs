@@ -61,7 +61,7 @@ pub fn is_overdue() -> bool {
     requested_at().is_some_and(|requested| requested.elapsed() >= FAREWELL)
 }
 
-/// Ends the command that runs as Ctrl-C does, or lets the next one run: for a program that has [commands run within it](crate::cli::execute).
+/// Ends the command that runs as Ctrl-C does, or lets the next one run: for a program that has commands run within it, by `host_tools::cli::execute`.
 pub fn request(is_requested: bool) {
     let mut requested = REQUESTED.lock().unwrap_or_else(PoisonError::into_inner);
     // The first counts.

@@ -31,6 +31,7 @@ pub mod pictures;
 pub mod plant;
 pub mod recording;
 #[cfg(any(test, feature = "samples"))]
+#[allow(clippy::unwrap_used, reason = "it is for tests alone")]
 pub mod samples;
 pub mod scenario;
 pub mod schedule;

@@ -23,10 +23,11 @@ mod text;
 mod transport;
 mod uri;
 mod use_index;
+mod workspace;
 
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
@@ -43,6 +44,7 @@ use sets::{Document, Documents, Set, uri_of};
 use text::{Encoding, Text};
 pub use transport::{Incoming, read as read_message};
 use use_index::UseIndex;
+pub use workspace::Workspace;
 
 /// How many diagnostics a file is shown with.
 const MAX_SHOWN_DIAGNOSTICS: usize = 1_000;
@@ -57,15 +59,6 @@ pub enum Ended {
     InOrder,
     /// With `exit` alone, or by closing the stream.
     Abruptly,
-}
-
-/// Where an editor's files lie.
-pub trait Workspace: Store {
-    /// Whether there is a file of that name.
-    fn is_file(&self, path: &Path) -> bool;
-    /// The `.esm` files in some folders and those in them, in order, and whether these are all: at most `most` files and folders of all
-    /// kinds are looked at.
-    fn sources(&self, folders: &BTreeSet<PathBuf>, most: usize) -> (Vec<PathBuf>, bool);
 }
 
 /// A conversation with an editor.

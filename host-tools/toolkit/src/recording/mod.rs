@@ -13,6 +13,11 @@ pub mod writer;
 
 mod condense;
 #[cfg(any(test, feature = "samples"))]
+#[allow(
+    clippy::unwrap_used,
+    clippy::new_without_default,
+    reason = "it is for tests alone"
+)]
 pub mod planted;
 mod retold;
 mod stretch;

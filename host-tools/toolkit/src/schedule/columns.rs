@@ -16,8 +16,8 @@
 //! nothing. But all of harmonic periods are, and all that are made by cutting time up, in x or by handing out turns.
 
 use super::clock::Clock;
+use super::luby::luby;
 use super::random::Random;
-use super::search::luby;
 use super::{SlotSpec, gcd};
 
 /// The most slots that are joined: sums are worked out for each of them.

@@ -19,6 +19,7 @@ use super::clock::Clock;
 use super::columns::Columns;
 use super::construct::{Fit, Placed, Taste, construct, first_fit, fit};
 use super::ejection::Ejection;
+use super::luby::luby;
 use super::proof::{self, Ordered};
 use super::random::Random;
 use super::{Infeasibility, Outcome, Schedule, SlotSpec, check, gcd, spread};
@@ -209,17 +210,6 @@ fn try_orders(
 
 /// Attempts at a chain in one turn.
 const CHAIN_ATTEMPTS: u64 = 16;
-
-/// 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8, …: the sequence of Luby, Sinclair and Zuckerman, from 1.
-pub(super) fn luby(mut index: u64) -> u64 {
-    loop {
-        let power = (index + 1).next_power_of_two();
-        if power == index + 1 {
-            return power / 2;
-        }
-        index -= power / 2 - 1;
-    }
-}
 
 /// The starts of all slots, turned so that the slot with a given start has it.
 fn turned(slots: &[SlotSpec], members: &[Member], starts_us: &[u64]) -> Schedule {

@@ -1,5 +1,11 @@
 //! Lines as they are written, and the column that the comments behind neighbouring lines share.
 
+/// The most columns of a line, its trailing comment not counted. A word that is longer stands alone in its line.
+pub const MAX_COLUMNS: usize = 100;
+
+/// Columns by which what is inside stands further right.
+pub(super) const INDENT: usize = 4;
+
 /// Where comments stand behind statements of the file, if these are short enough.
 const FILE_COLUMN: usize = 40;
 

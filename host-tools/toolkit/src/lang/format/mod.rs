@@ -17,14 +17,9 @@ use super::diagnostic::{Code, Diagnostic, Sink};
 use super::lexer::{Comments, Lexer, TokenKind as T};
 use super::loader::Set;
 use super::render;
-use lines::Lines;
+pub use lines::MAX_COLUMNS;
+use lines::{INDENT, Lines};
 use statement::Statement;
-
-/// The most columns of a line, its trailing comment not counted. A word that is longer stands alone in its line.
-pub const MAX_COLUMNS: usize = 100;
-
-/// Columns by which what is inside stands further right.
-const INDENT: usize = 4;
 
 /// Why a text was not laid out: it has syntax errors.
 #[derive(Clone, Debug)]
