@@ -35,11 +35,11 @@ use crate::ports::Bank;
 use crate::registry;
 use crate::tasks::{
     Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowWall, LineSensor,
-    LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SlotMonitor, SonarRing, Stop,
-    Turn, WheelSpeed,
+    LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
+    WheelSpeed,
 };
 #[cfg(feature = "all-tasks")]
-use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor};
+use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 
 /// Radius of the wheels, in metres, as they roll: a caliper says 0.033, but a way of ten metres by the tape is 2 % less
 /// than the encoders say with that, for a wheel slips a little on any floor. The book's chapter on a robot of one's own says
@@ -240,7 +240,7 @@ registry! {
         line_sensor: LineSensor<A>[1] if "all-tasks",
         line_monitor: LineMonitor[4] if "all-tasks",
         follow_line: FollowLine[2] if "all-tasks",
-        slot_monitor: SlotMonitor[1],
+        slot_monitor: SlotMonitor[1] if "all-tasks",
         link_monitor: LinkMonitor[1],
         battery_guard: BatteryGuard[1],
     }
@@ -288,6 +288,7 @@ where
             line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
             #[cfg(feature = "all-tasks")]
             follow_line: Bank::new(array::from_fn(|_| FollowLine)),
+            #[cfg(feature = "all-tasks")]
             slot_monitor: Bank::new([SlotMonitor::default()]),
             link_monitor: Bank::new([LinkMonitor::default()]),
             battery_guard: Bank::new([BatteryGuard::default()]),
