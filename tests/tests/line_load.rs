@@ -12,7 +12,9 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use esm_link::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES};
+use esm_link::access::{
+    KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
+};
 use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
 use esm_link::message::{
     FromDevice, LinkError, Mode, Request, ResetReason, Response, Status, ToDevice,
