@@ -45,9 +45,9 @@ const LONGEST: Duration = Duration::from_secs(35);
 /// How long a command may go on behind Ctrl-C.
 const LONGEST_FAREWELL: Duration = Duration::from_secs(1);
 
-/// What an upload may take longer for each byte of the mission that the robot takes: 40 bytes of a line of 115,200 bits
+/// What an upload may take longer for each byte of the mission that the robot takes: 100 bytes of a line of 115,200 bits
 /// a second.
-const SLOWEST_BYTE: Duration = Duration::from_micros(40 * 87);
+const SLOWEST_BYTE: Duration = Duration::from_micros(100 * 87);
 /// What it may take longer for its trial of a second, where the robot says that it runs.
 const LONGEST_TRIAL: Duration = Duration::from_secs(11);
 

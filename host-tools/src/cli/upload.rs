@@ -176,7 +176,7 @@ struct Compared<'p> {
 
 /// How many bytes a line of so many bits a second carries for each byte of a mission at most: where it spoils one byte
 /// in ten.
-const LINE_BYTES_A_BYTE: u32 = 40;
+const LINE_BYTES_A_BYTE: u32 = 100;
 
 /// Bits that a byte takes on a serial line.
 const BITS_A_BYTE: u32 = 10;
