@@ -6,7 +6,7 @@
 //! table is as long as the hyperperiod.
 //!
 //! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less than eight seconds, and the slot's index. So the occurrence that
-//! is taken on time costs no arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by [`take`](Dispatcher::take).
+//! is taken on time costs no arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by [`take`](crate::Dispatcher::take).
 
 use core::ops::{Deref, DerefMut};
 

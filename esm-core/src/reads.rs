@@ -9,7 +9,7 @@
 //!    that region, and an event in the queue is the channel of an action.
 //! 3. *The arena is as long as the blob asks for*, which is compared when the interpreter is made. An index that comes from outside is compared before it is used.
 //!
-//! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`] cannot change them until the reader is back.
+//! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`](crate::BlobBuffer) cannot change them until the reader is back.
 //!
 //! This is the only file of the crate with `unsafe`, and without the feature `unchecked`, which is a
 //! default, it has none. Tests run every input through both versions.
@@ -39,7 +39,7 @@ pub trait Reads<B: ?Sized>: access::Access {}
 
 impl<B: Deref<Target = [u8]>> Reads<B> for Checked {}
 
-/// Bytes that stay the same, wherever their owner is moved to: slices, [`BlobBuffer`], and on hosts `Vec`, `Box`, `Rc` and `Arc`. Others can be read by [`Checked`].
+/// Bytes that stay the same, wherever their owner is moved to: slices, [`BlobBuffer`](crate::BlobBuffer), and on hosts `Vec`, `Box`, `Rc` and `Arc`. Others can be read by [`Checked`].
 pub trait StableBytes: Deref<Target = [u8]> + stable::Sealed {}
 
 impl<B: Deref<Target = [u8]> + stable::Sealed> StableBytes for B {}

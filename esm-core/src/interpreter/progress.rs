@@ -14,7 +14,7 @@ use crate::tables::Tables;
 /// What a machine is between two macro steps, beside the words of its arena.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Macro steps that began, or were skipped. At most [`MAX_STEPS`].
+    /// Macro steps that began, or were skipped. At most `MAX_STEPS`.
     pub steps: u64,
     /// Macro steps until the timers are looked at, that one included; 0 stands for 1.
     pub steps_left: u32,
@@ -37,7 +37,7 @@ pub enum ResumeError {
         /// Its words.
         expected_words: usize,
     },
-    /// More than [`MAX_STEPS`].
+    /// More than `MAX_STEPS`.
     TooManySteps,
     /// The current state of this region instance is none of its region.
     NoSuchState {
